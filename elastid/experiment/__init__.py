@@ -1,0 +1,1 @@
+"""Where, how often and on what the excitation runs: the plan, and the rigs that carry it out."""

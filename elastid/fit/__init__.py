@@ -1,0 +1,1 @@
+"""The fit of elastic parameters to frequency responses."""

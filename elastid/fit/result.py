@@ -1,0 +1,102 @@
+"""FitResult: what a fit found, how sure it is, and a status that says why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.arrays import BoolArray, FloatArray, frozen
+from elastid.parameters import ParameterSet
+
+Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_conditioned"]
+
+
+@dataclass(frozen=True)
+class Start:
+    """One start of the multistart: where it began and ended in x, its V, and how its solver ended."""
+
+    x_start: FloatArray
+    x: FloatArray
+    cost: float
+    iterations: int
+    converged: bool
+    message: str
+
+    def __post_init__(self) -> None:
+        """Freeze the vectors."""
+        object.__setattr__(self, "x_start", frozen(self.x_start))
+        object.__setattr__(self, "x", frozen(self.x))
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
+
+    parameters: names, units, scale, bounds and starts.  covariance: of x, sandwich or inverse information, already
+    widened by model_error where V exceeds what the noise explains; entries are inf for directions that no data reach.
+    model_error: sqrt of V over its expected value, at least 1.  singular_values: of the Jacobian with columns scaled
+    to unit length, largest first.  starts: sorted by V.
+    """
+
+    parameters: ParameterSet
+    x: FloatArray
+    covariance: FloatArray
+    cost: float
+    dof: int
+    model_error: float
+    status: Status
+    message: str
+    starts: tuple[Start, ...]
+    hits: int
+    at_bound: BoolArray
+    singular_values: FloatArray
+    criterion: str
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check shapes."""
+        n_x = len(self.parameters.free)
+        for name in ("x", "covariance", "singular_values"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        object.__setattr__(self, "at_bound", frozen(self.at_bound, np.bool_))
+        if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
+            raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
+
+    @property
+    def theta(self) -> FloatArray:
+        """The estimate (n_theta,) of all parameters in SI, fixed and tied ones included."""
+        return self.parameters.expand(self.x)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The estimate by name, in SI."""
+        return self.parameters.as_dict(self.x)
+
+    @property
+    def std(self) -> dict[str, float]:
+        """Standard deviations of the free parameters in SI (first order for logarithmic ones)."""
+        std_x = np.sqrt(np.diag(self.covariance))
+        return {
+            p.name: float(s * (np.exp(xi) if p.log else 1.0))
+            for p, xi, s in zip(self.parameters.free, self.x, std_x, strict=True)
+        }
+
+    def interval(self, name: str, sigmas: float = 1.959964) -> tuple[float, float]:
+        """The 95 % interval of a free parameter in SI: symmetric in x, so positive for a logarithmic one."""
+        i = self.parameters.free_names.index(name)
+        parameter = self.parameters.free[i]
+        reach = sigmas * float(np.sqrt(self.covariance[i, i]))
+        low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
+        with np.errstate(over="ignore"):
+            return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlation matrix (n_x, n_x); rows of unreachable parameters are NaN off the diagonal."""
+        std = np.sqrt(np.diag(self.covariance))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            correlation: FloatArray = self.covariance / np.outer(std, std)
+        np.fill_diagonal(correlation, 1.0)
+        return correlation

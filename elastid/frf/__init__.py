@@ -1,0 +1,1 @@
+"""From records to frequency responses with their covariance."""

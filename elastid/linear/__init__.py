@@ -1,0 +1,1 @@
+"""The linear model in one configuration: equilibrium, linearisation, frequency response, modes."""

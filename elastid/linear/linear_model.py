@@ -1,0 +1,80 @@
+r"""LinearModel: the elastic robot about one operating point, constraints eliminated.
+
+.. math:: M(\theta) \ddot q + D(\theta) \dot q + K(\theta) q = B u, \qquad y = C q, \qquad u(t) = u_{ref}(t - T_d)
+
+M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
+centres of mass. The operating point is frozen; the fit linearises again at its result until nothing moves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.arrays import FloatArray, frozen
+from elastid.record import Configuration, Motion
+
+DELAY = "delay"
+
+
+@dataclass(frozen=True)
+class Slope:
+    """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter."""
+
+    M: FloatArray | None = None
+    D: FloatArray | None = None
+    K: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the matrices."""
+        for name in ("M", "D", "K"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C (n_y, n).
+
+    quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
+    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d).  Link side, SI.
+    """
+
+    configuration: Configuration
+    parameters: tuple[str, ...]
+    theta_ref: FloatArray
+    M: FloatArray
+    D: FloatArray
+    K: FloatArray
+    slopes: dict[str, Slope]
+    B: FloatArray
+    C: FloatArray
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    quantity: Motion
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check shapes."""
+        for name in ("theta_ref", "M", "D", "K", "B", "C"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        n = self.M.shape[0]
+        expected = {"M": (n, n), "D": (n, n), "K": (n, n), "B": (n, len(self.inputs)), "C": (len(self.outputs), n)}
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {shape}")
+
+    @property
+    def n(self) -> int:
+        """Number of independent coordinates."""
+        return int(self.M.shape[0])
+
+    def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """M, D, K (n, n) at theta (n_theta,) in SI."""
+        change = dict(zip(self.parameters, np.asarray(theta) - self.theta_ref, strict=True))
+        M, D, K = self.M.copy(), self.D.copy(), self.K.copy()
+        for name, slope in self.slopes.items():
+            for matrix, gradient in ((M, slope.M), (D, slope.D), (K, slope.K)):
+                if gradient is not None:
+                    matrix += change[name] * gradient
+        return M, D, K

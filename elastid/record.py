@@ -1,0 +1,97 @@
+"""Record: the sampled signals r, u, y of one experiment in one configuration, in SI and on the link side.
+
+A signal is named by where it acts, the same text in a study, a record, a response and a model:
+`motor 1` (torque or angle of the motor that drives joint 1, referred to the link), `joint 1` (relative angle of a
+joint), `body arm z` (absolute rotation of a body about one of its own axes).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.arrays import FloatArray, frozen
+
+Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
+MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
+MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name."""
+
+    name: str
+    angles: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the angles; refuse what is not finite."""
+        object.__setattr__(self, "angles", frozen(np.atleast_1d(self.angles)))
+        if not np.all(np.isfinite(self.angles)):
+            raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
+
+
+@dataclass(frozen=True)
+class Record:
+    """One experiment, sampled at rate_hz, periodic with period_samples.
+
+    u (n_samples, n_u): torque that acts, Nm.  y (n_samples, n_y): motion, each output of its own quantity.
+    r (n_samples, n_u) or None: torque that was injected.  rate_is_known is False where frequencies are in units of
+    the sampling rate (rate_hz = 1).  All on the link side.
+
+    Raises ValueError where shapes disagree or less than two whole periods are there.
+    """
+
+    name: str
+    configuration: Configuration
+    realisation: int
+    experiment: int
+    rate_hz: float
+    period_samples: int
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    quantities: tuple[Motion, ...]
+    u: FloatArray
+    y: FloatArray
+    r: FloatArray | None = None
+    rate_is_known: bool = True
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check shapes, names and length."""
+        for name in ("u", "y"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        if self.r is not None:
+            object.__setattr__(self, "r", frozen(self.r))
+        n = self.u.shape[0]
+        expected = {"u": (n, len(self.inputs)), "y": (n, len(self.outputs)), "r": (n, len(self.inputs))}
+        for name, shape in expected.items():
+            array = getattr(self, name)
+            if array is not None and array.shape != shape:
+                raise ValueError(f"record {self.name}: {name} has shape {array.shape}, expected {shape}")
+        if len(self.quantities) != len(self.outputs):
+            raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.quantities)} quantities")
+        if not self.rate_hz > 0 or self.period_samples < 2:
+            raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
+        if n < 2 * self.period_samples:
+            raise ValueError(
+                f"record {self.name}: {n} samples are {n / self.period_samples:.2f} periods of {self.period_samples}; "
+                "at least two periods are needed"
+            )
+
+    @property
+    def n_samples(self) -> int:
+        """How many samples each signal has."""
+        return int(self.u.shape[0])
+
+    @property
+    def n_periods(self) -> int:
+        """How many whole periods the record holds."""
+        return self.n_samples // self.period_samples
+
+    @property
+    def period_s(self) -> float:
+        """Length of a period in s."""
+        return self.period_samples / self.rate_hz

@@ -1,0 +1,1 @@
+"""Figures and the page that answer the user's questions."""

@@ -1,0 +1,139 @@
+"""FrequencyResponse: G(j omega) of one configuration with its covariance, measured and modelled alike.
+
+    Y(k) = G(k) U(k),   G (F, n_y, n_u)
+
+Both wings end in this value. All on the link side, outputs of one quantity (acceleration unless said otherwise).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.record import MOTION_UNIT, Configuration, Motion
+
+CovarianceForm: TypeAlias = Literal["none", "diagonal", "kronecker"]
+
+
+@dataclass(frozen=True)
+class Covariance:
+    """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
+
+    kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
+    diagonal:   right and left are None; variance (F, n_y, n_u) only.
+    variance is E|dG|^2 of the complex number: each real component carries half of it.
+    """
+
+    variance: FloatArray
+    dof: float
+    left: ComplexArray | None = None
+    right: ComplexArray | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays; refuse negative or non-finite variances."""
+        object.__setattr__(self, "variance", frozen(self.variance))
+        for name in ("left", "right"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen(getattr(self, name), np.complex128))
+        if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
+            raise ValueError("a variance is negative or not finite")
+
+    @property
+    def form(self) -> CovarianceForm:
+        """Whether correlations between the elements are known."""
+        return "diagonal" if self.left is None else "kronecker"
+
+    def full(self) -> ComplexArray:
+        """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
+        F, n_y, n_u = self.variance.shape
+        if self.left is not None and self.right is not None:
+            blocks: ComplexArray = np.einsum("fab,fcd->facbd", self.left, self.right)
+            return blocks.reshape(F, n_u * n_y, n_u * n_y)
+        diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
+        return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
+
+
+@dataclass(frozen=True)
+class FrequencyResponse:
+    """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
+
+    noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
+    distortion together (from realisations), or None.  distortion is not stored: it is total less noise.
+    rate_is_known is False where freq_hz is in units of the sampling rate.
+
+    Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
+    """
+
+    freq_hz: FloatArray
+    G: ComplexArray
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    quantity: Motion
+    configuration: Configuration
+    noise: Covariance | None = None
+    total: Covariance | None = None
+    rate_is_known: bool = True
+    notes: tuple[str, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays and check them."""
+        object.__setattr__(self, "freq_hz", frozen(self.freq_hz))
+        object.__setattr__(self, "G", frozen(self.G, np.complex128))
+        shape = (len(self.freq_hz), len(self.outputs), len(self.inputs))
+        where = f"response of {self.configuration.name}"
+        if self.G.shape != shape:
+            raise ValueError(f"{where}: G has shape {self.G.shape}, expected (F, n_y, n_u) = {shape}")
+        if np.any(np.diff(self.freq_hz) <= 0):
+            raise ValueError(f"{where}: the frequencies do not increase")
+        bad = np.flatnonzero(~np.isfinite(self.G).all(axis=(1, 2)))
+        if bad.size:
+            raise ValueError(f"{where}: G is not finite at {bad.size} lines, first {self.freq_hz[bad[0]]:g} Hz")
+        for name in ("noise", "total"):
+            covariance = getattr(self, name)
+            if covariance is not None and covariance.variance.shape != shape:
+                raise ValueError(f"{where}: {name} variance has shape {covariance.variance.shape}, expected {shape}")
+
+    @property
+    def n_lines(self) -> int:
+        """F, the number of lines."""
+        return len(self.freq_hz)
+
+    @property
+    def unit(self) -> str:
+        """Unit of G."""
+        return f"({MOTION_UNIT[self.quantity]})/(N*m)"
+
+    @property
+    def uncertainty(self) -> Covariance | None:
+        """The covariance to weigh with: total where realisations gave one, else noise."""
+        return self.total if self.total is not None else self.noise
+
+    def lines(self, keep: BoolArray) -> FrequencyResponse:
+        """The same response on some of its lines; keep (F,) is True where a line stays."""
+
+        def cut(covariance: Covariance | None) -> Covariance | None:
+            if covariance is None:
+                return None
+            left, right = covariance.left, covariance.right
+            return Covariance(
+                covariance.variance[keep],
+                covariance.dof,
+                None if left is None else left[keep],
+                None if right is None else right[keep],
+            )
+
+        return FrequencyResponse(
+            self.freq_hz[keep],
+            self.G[keep],
+            self.inputs,
+            self.outputs,
+            self.quantity,
+            self.configuration,
+            cut(self.noise),
+            cut(self.total),
+            self.rate_is_known,
+            self.notes,
+        )

@@ -1,0 +1,1 @@
+"""Time simulation of the nonlinear elastic model in closed loop."""
