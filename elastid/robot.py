@@ -174,7 +174,7 @@ class Body:
             moments = ", ".join(f"{p:.4g}" for p in principal)
             raise ValueError(
                 f"body {self.name}: no body has the principal inertias {moments} kg*m^2; each must be positive and at "
-                "most the sum of the other two (for a body whose inertia is known about one axis only, give that one number)"
+                "most the sum of the other two (where it is known about one axis only, give that one number)"
             )
 
     @property

@@ -1,0 +1,96 @@
+"""The `fit` section of a study."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.parameters import Tie
+from elastid.section import section
+from elastid.units import Frequency, Quantity
+
+
+@section
+class PriorSpec:
+    """Normal distribution known beforehand: mean with unit, std relative (0.1 = 10 %) for a positive parameter."""
+
+    mean: Quantity
+    std: float
+
+
+@section
+class TieSpec:
+    """This parameter is factor times the parameter `to`."""
+
+    to: str
+    factor: float = 1.0
+
+    @property
+    def tie(self) -> Tie:
+        """As the parameter set wants it."""
+        return Tie(self.to, self.factor)
+
+
+@section
+class ParameterSpec:
+    """What to do with one parameter: identify it (the default), fix it, or tie it to another.
+
+    start: default the robot's number.  bounds: [lower, upper]; default start / 100 to start * 100 for a positive one.
+    """
+
+    start: Quantity | None = None
+    bounds: tuple[Quantity, Quantity] | None = None
+    fixed: bool = False
+    tie: TieSpec | None = None
+    prior: PriorSpec | None = None
+
+
+@section
+class MaskSpec:
+    """Leaves out what matches all that is given: some configurations, an output, an input, a band."""
+
+    configurations: tuple[str, ...] = ()
+    output: str = ""
+    input: str = ""
+    band_hz: tuple[Frequency, Frequency] | None = None
+
+
+@section
+class WeightSpec:
+    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2.
+
+    floor: model error that is expected anyway, relative to |G|.  smooth: lines over which a variance that few periods
+    or realisations gave is averaged; 0 chooses it from the degrees of freedom.
+    """
+
+    floor: float = 0.01
+    smooth: int = 0
+
+    def __post_init__(self) -> None:
+        """Refuse negative settings."""
+        if self.floor < 0 or self.smooth < 0:
+            raise ValueError("floor and smooth must not be negative")
+
+
+@section
+class FitSpec:
+    """How the parameters are found.
+
+    criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
+    parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
+    starts: of the multistart; start_factor: how far, as a factor, the starts spread around the given one.
+    band_hz: lines used.  mask: what is left out.
+    """
+
+    criterion: Literal["complex", "log"] = "complex"
+    log_first: bool = True
+    parameters: dict[str, ParameterSpec] = {}  # noqa: RUF012  (a section's default, never changed)
+    starts: int = 20
+    start_factor: float = 3.0
+    band_hz: tuple[Frequency, Frequency] | None = None
+    mask: tuple[MaskSpec, ...] = ()
+    weights: WeightSpec = WeightSpec()
+
+    def __post_init__(self) -> None:
+        """Refuse a multistart without starts."""
+        if self.starts < 1 or self.start_factor < 1:
+            raise ValueError("starts must be at least 1 and start_factor at least 1")

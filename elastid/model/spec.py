@@ -1,0 +1,14 @@
+"""The `model` section of a study."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.section import section
+
+
+@section
+class ModelSpec:
+    """formulation: how the robot becomes equations; `serial` for a tree of bodies."""
+
+    formulation: Literal["serial"] = "serial"

@@ -1,0 +1,14 @@
+"""The `report` section of a study."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.section import section
+
+
+@section
+class ReportSpec:
+    """formats: of the figures beside the page."""
+
+    formats: tuple[Literal["png", "pdf"], ...] = ("png", "pdf")
