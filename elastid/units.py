@@ -129,3 +129,7 @@ Mass: TypeAlias = Annotated[float, InUnit("kg")]
 Stiffness: TypeAlias = Annotated[float, InUnit("N*m/rad")]
 Time: TypeAlias = Annotated[float, InUnit("s")]
 Torque: TypeAlias = Annotated[float, InUnit("N*m")]
+TorqueConstant: TypeAlias = Annotated[float, InUnit("N*m/A")]
+
+# A quantity whose dimension only its name tells (a parameter of the robot); `study` reads it into SI.
+Quantity: TypeAlias = float | str

@@ -15,7 +15,7 @@ class MultisineSpec:
     rate_hz: sampling rate of the controller and the log.  period: of the multisine; the lines are 1/period apart.
     band_hz: lowest and highest excited frequency.  grid: `full` (every line) or `odd` (odd multiples of 1/period: even
     nonlinearities then fall between the lines).  torque_rms: link-side, one number for all motors or one for each.
-    spectrum: relative amplitude as (frequency, amplitude) points, joined by straight lines on log-log axes; empty = flat.
+    spectrum: relative amplitude as (frequency, amplitude) points, straight lines on log-log axes; default flat.
     """
 
     rate_hz: Frequency

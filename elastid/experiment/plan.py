@@ -66,10 +66,8 @@ class Plan:
         q = [c.name for c in self.configurations].index(experiment.configuration.name)
         spectrum = np.zeros((self.period_samples // 2 + 1, len(self.inputs)), dtype=np.complex128)
         spectrum[self.lines] = self.R[q, experiment.realisation, experiment.experiment]
-        torque: FloatArray = np.asarray(
-            np.fft.irfft(spectrum * (self.period_samples / 2), n=self.period_samples, axis=0)
-        )
-        return torque
+        torque: FloatArray = np.fft.irfft(spectrum, n=self.period_samples, axis=0).astype(np.float64)
+        return torque * (self.period_samples / 2)
 
     @property
     def robot_time_s(self) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import Literal
 
 from elastid.section import section
@@ -68,7 +69,7 @@ class SimulatedSpec:
     substeps: integration steps per sample of the controller.
     """
 
-    truth: dict[str, Quantity] = {}  # noqa: RUF012  (a section's default, never changed)
+    truth: dict[str, Quantity] = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
     controller: ControllerSpec = ControllerSpec()
     carrier: CarrierSpec | None = None
@@ -85,8 +86,8 @@ class SimulatedSpec:
 class ChannelSpec:
     """One signal of the log files: where it is in the file, and what it is on the robot.
 
-    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path of
-    an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
+    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
+    of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`).  unit: of the file after `scale`; default SI.
     Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
     side: motor.

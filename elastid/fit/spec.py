@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import field
 from typing import Literal
 
 from elastid.parameters import Tie
@@ -83,7 +84,7 @@ class FitSpec:
 
     criterion: Literal["complex", "log"] = "complex"
     log_first: bool = True
-    parameters: dict[str, ParameterSpec] = {}  # noqa: RUF012  (a section's default, never changed)
+    parameters: dict[str, ParameterSpec] = field(default_factory=dict)
     starts: int = 20
     start_factor: float = 3.0
     band_hz: tuple[Frequency, Frequency] | None = None

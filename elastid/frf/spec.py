@@ -13,9 +13,9 @@ from elastid.units import Frequency
 class EstimatorSpec:
     """How records become frequency responses.
 
-    method: arithmetic mean of the realisations' responses.  quantity: what the outputs are turned into, exactly, in the
-    frequency domain.  lines: which DFT lines are analysed: `planned` or, for recorded data, those found `excited` in the
-    inputs, or `full` or `odd` within band_hz.  transient_periods: left out at the start of a record, or `auto`: those
+    method: arithmetic mean of the realisations' responses.  quantity: what the outputs are turned into, exactly, in
+    the frequency domain.  lines: which DFT lines are analysed: those planned (`auto`, or for
+    recorded data those found `excited` in the inputs), or `full` or `odd` within band_hz.  transient_periods: left out at the start of a record, or `auto`: those
     that differ from the rest.  outlier_sigma: a period further from the median than so many robust standard deviations
     is left out with a word.
     """
