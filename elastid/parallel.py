@@ -5,9 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context, parent_process
 from signal import SIG_IGN, SIGINT, signal
+from threading import Thread
 from typing import TypeAlias, TypeVar
+
+from elastid.errors import ElastidError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
@@ -24,6 +28,7 @@ def unordered(
     """(index, function(item)) as they finish; in this process for one job or one item.
 
     function and items must pickle. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
+    Raises ElastidError where a worker was killed.
     """
     progress(0, len(items))
     if min(jobs, len(items)) <= 1:
@@ -32,14 +37,14 @@ def unordered(
             progress(index + 1, len(items))
         return
     # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
-    pool = ProcessPoolExecutor(
-        min(jobs, len(items)), mp_context=get_context("forkserver"), initializer=_ignore_interrupt
-    )
+    pool = ProcessPoolExecutor(min(jobs, len(items)), mp_context=get_context("forkserver"), initializer=_start_worker)
     try:
         futures = {pool.submit(function, item): index for index, item in enumerate(items)}
         for done, future in enumerate(as_completed(futures), start=1):
             yield futures[future], future.result()
             progress(done, len(items))
+    except BrokenProcessPool as error:
+        raise ElastidError("a worker process died, perhaps for lack of memory; try again with fewer --jobs") from error
     except BaseException:
         for process in list((pool._processes or {}).values()):
             process.terminate()
@@ -56,11 +61,14 @@ def ordered(
     return [results[index] for index in range(len(items))]
 
 
-def _ignore_interrupt() -> None:
+def _start_worker() -> None:
     signal(SIGINT, SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
 
 
-def one_blas_thread() -> None:
-    """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
-        os.environ.setdefault(name, "1")
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -64,12 +65,12 @@ class Parameter:
             raise ValueError(f"{self.name}: value {self.value} is not finite")
         if self.lower >= self.upper:
             raise ValueError(f"{self.name}: the lower bound {self.lower:g} is not below the upper bound {self.upper:g}")
-        if self.free and self.tie is None and not self.lower <= self.value <= self.upper:
+        if self.is_free and not self.lower <= self.value <= self.upper:
             raise ValueError(
                 f"{self.name}: the start {self.value:g} {self.unit} is outside its bounds "
                 f"[{self.lower:g}, {self.upper:g}]; widen the bounds or move the start"
             )
-        if self.log and self.free and not self.value > 0:
+        if self.log and self.is_free and not self.value > 0:
             raise ValueError(f"{self.name}: the start {self.value:g} {self.unit} must be positive")
 
     @property
@@ -123,12 +124,12 @@ class ParameterSet:
         except ValueError:
             raise KeyError(f"no parameter {name}; there are {', '.join(self.names)}") from None
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names in the order of theta."""
         return tuple(parameter.name for parameter in self.parameters)
 
-    @property
+    @cached_property
     def free(self) -> tuple[Parameter, ...]:
         """Those with a variable in x, in the order of x."""
         return tuple(parameter for parameter in self.parameters if parameter.is_free)
@@ -137,6 +138,12 @@ class ParameterSet:
     def free_names(self) -> tuple[str, ...]:
         """Names in the order of x."""
         return tuple(parameter.name for parameter in self.free)
+
+    @cached_property
+    def moved_names(self) -> tuple[str, ...]:
+        """Names of those that x moves, in the order of theta: the free ones and those tied to them."""
+        free = self.free_names
+        return tuple(p.name for p in self.parameters if (p.name if p.tie is None else p.tie.to) in free)
 
     @property
     def theta(self) -> FloatArray:
@@ -157,23 +164,33 @@ class ParameterSet:
 
     def expand(self, x: FloatArray) -> FloatArray:
         """theta (n_theta,) in SI of a solver's vector x (n_x,): exponentials and ties applied."""
-        values = {p.name: p.value for p in self.parameters}
-        values |= {p.name: math.exp(xi) if p.log else float(xi) for p, xi in zip(self.free, x, strict=True)}
-        values |= {p.name: p.tie.factor * values[p.tie.to] for p in self.parameters if p.tie is not None}
-        return np.array([values[name] for name in self.names], dtype=float)
+        constant, gain, _ = self._chain
+        return constant + gain @ self._natural(x)
 
     def jacobian(self, x: FloatArray) -> FloatArray:
         """d theta / d x (n_theta, n_x): theta_p itself for a logarithmic parameter, ties carried along."""
-        theta = self.expand(x)
+        _, gain, log = self._chain
+        return gain * np.where(log, self._natural(x), 1.0)
+
+    def _natural(self, x: FloatArray) -> FloatArray:
+        """The free parameters (n_x,) in SI; infinite, not an error, where a solver tries an absurd step."""
+        with np.errstate(over="ignore"):
+            natural: FloatArray = np.where(self._chain[2], np.exp(x), x)
+        return natural
+
+    @cached_property
+    def _chain(self) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """constant (n_theta,), gain (n_theta, n_x), log (n_x,): theta = constant + gain @ natural(x)."""
         columns = {name: i for i, name in enumerate(self.free_names)}
-        J = np.zeros((len(self), len(columns)))
+        constant, gain = np.zeros(len(self)), np.zeros((len(self), len(columns)))
         for row, parameter in enumerate(self.parameters):
             source = parameter if parameter.tie is None else self[parameter.tie.to]
-            gain = 1.0 if parameter.tie is None else parameter.tie.factor
+            factor = 1.0 if parameter.tie is None else parameter.tie.factor
             if source.name in columns:
-                slope = theta[self.index(source.name)] if source.log else 1.0
-                J[row, columns[source.name]] = gain * slope
-        return J
+                gain[row, columns[source.name]] = factor
+            else:
+                constant[row] = factor * source.value
+        return constant, gain, np.array([p.log for p in self.free], dtype=np.bool_)
 
     def with_values(self, values: Mapping[str, float]) -> ParameterSet:
         """The same set starting from other SI values."""

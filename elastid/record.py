@@ -12,8 +12,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import FloatArray, frozen
+from elastid.arrays import ComplexArray, FloatArray, frozen
 
+Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
 MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
@@ -39,9 +40,11 @@ class Record:
 
     u (n_samples, n_u): torque that acts, Nm.  y (n_samples, n_y): motion, each output of its own quantity.
     r (n_samples, n_u) or None: torque that was injected.  rate_is_known is False where frequencies are in units of
-    the sampling rate (rate_hz = 1).  All on the link side.
+    the sampling rate (rate_hz = 1).  All on the link side.  hold: what the torque does between its samples;
+    `zero-order` where u is the controller's command, constant from each sample to the next.  half_wave: odd lines
+    only, so that the second half of a period is minus the first and each half counts as a repetition.
 
-    Raises ValueError where shapes disagree or less than two whole periods are there.
+    Raises ValueError where shapes disagree or the period is not there twice (once where half_wave).
     """
 
     name: str
@@ -58,6 +61,8 @@ class Record:
     r: FloatArray | None = None
     rate_is_known: bool = True
     notes: tuple[str, ...] = field(default=())
+    hold: Hold = "band-limited"
+    half_wave: bool = False
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes, names and length."""
@@ -75,16 +80,23 @@ class Record:
             raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.quantities)} quantities")
         if not self.rate_hz > 0 or self.period_samples < 2:
             raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
-        if n < 2 * self.period_samples:
+        if self.half_wave and self.period_samples % 2:
+            raise ValueError(f"record {self.name}: half_wave needs an even period, not {self.period_samples} samples")
+        if n < 2 * self.repeat_samples:
             raise ValueError(
                 f"record {self.name}: {n} samples are {n / self.period_samples:.2f} periods of {self.period_samples}; "
-                "at least two periods are needed"
+                f"at least {'one period is' if self.half_wave else 'two periods are'} needed"
             )
 
     @property
     def n_samples(self) -> int:
         """How many samples each signal has."""
         return int(self.u.shape[0])
+
+    @property
+    def repeat_samples(self) -> int:
+        """After how many samples the signals repeat: a period, or half of one (then with opposite sign)."""
+        return self.period_samples // 2 if self.half_wave else self.period_samples
 
     @property
     def n_periods(self) -> int:
@@ -95,3 +107,15 @@ class Record:
     def period_s(self) -> float:
         """Length of a period in s."""
         return self.period_samples / self.rate_hz
+
+    def hold_response(self, freq_hz: FloatArray) -> ComplexArray:
+        r"""H (F,), with H(f) times the DFT of u the spectrum of the torque that acts: Y = G H U.
+
+        .. math:: H = e^{-j \pi f T_s} \frac{\sin \pi f T_s}{\pi f T_s}, \quad T_s = 1 / rate\_hz \quad (zero-order)
+
+        1 for a band-limited torque. Half a sample of delay and, at a tenth of the rate, 1.6 % of amplitude; a FRF that
+        leaves it out has them as a delay and a wrong inertia.
+        """
+        phase = np.asarray(freq_hz) / self.rate_hz
+        H = np.exp(-1j * np.pi * phase) * np.sinc(phase) if self.hold == "zero-order" else np.ones(phase.shape)
+        return H.astype(np.complex128)

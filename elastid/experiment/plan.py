@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.errors import StudyError
+from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.excitation.multisine import amplitudes, orthogonal_set, synthesise
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.record import Configuration
+from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -53,7 +60,7 @@ class Plan:
     @property
     def freq_hz(self) -> FloatArray:
         """Excited frequencies (F,)."""
-        return self.lines * (self.rate_hz / self.period_samples)
+        return line_frequencies(self.lines, self.rate_hz, self.period_samples)
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:
@@ -64,12 +71,69 @@ class Plan:
     def torque(self, experiment: Experiment) -> FloatArray:
         """One period of the torque to inject (period_samples, n_u), link-side Nm."""
         q = [c.name for c in self.configurations].index(experiment.configuration.name)
-        spectrum = np.zeros((self.period_samples // 2 + 1, len(self.inputs)), dtype=np.complex128)
-        spectrum[self.lines] = self.R[q, experiment.realisation, experiment.experiment]
-        torque: FloatArray = np.fft.irfft(spectrum, n=self.period_samples, axis=0).astype(np.float64)
-        return torque * (self.period_samples / 2)
+        return synthesise(self.lines, self.R[q, experiment.realisation, experiment.experiment], self.period_samples)
 
     @property
     def robot_time_s(self) -> float:
         """How long the robot runs, transients included, movements between configurations not."""
         return len(self.experiments) * (self.periods + self.transient_periods) * self.period_samples / self.rate_hz
+
+
+def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Configuration, ...]:
+    """The configurations of a study; StudyError for a wrong number of angles or a joint outside its limits."""
+    for name, angles in experiment.configurations.items():
+        if len(angles) != len(robot.driven):
+            raise StudyError(
+                f"configuration {name} has {len(angles)} angles; robot {robot.name} has {len(robot.driven)} driven "
+                f"joints ({', '.join(joint.name for joint in robot.driven)}), one angle each"
+            )
+        for joint, angle in zip(robot.driven, angles, strict=True):
+            low, high = joint.limits.angle
+            if not low <= angle <= high:
+                raise StudyError(
+                    f"configuration {name}: joint {joint.name} at {math.degrees(angle):.4g} deg is outside its limits "
+                    f"[{math.degrees(low):.4g}, {math.degrees(high):.4g}] deg; move it inside, or correct limits.angle"
+                )
+    return tuple(Configuration(name, np.array(angles)) for name, angles in experiment.configurations.items())
+
+
+def make_plan(excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int) -> Plan:
+    """The plan of a study: n_u experiments of an orthogonal multisine per realisation and configuration.
+
+    The phases of a set hang on seed, configuration index and realisation alone, so that a further configuration or
+    realisation leaves the others as they were.  Raises StudyError for what the robot cannot do.
+    """
+    configurations = checked_configurations(experiment, robot)
+    inputs = robot.motor_locations
+    lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, excitation.period_samples)
+    freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
+    amplitude = amplitudes(freq_hz, excitation.spectrum, _torque_rms(excitation, inputs))
+    R = [
+        [
+            orthogonal_set(amplitude, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(q, m))))
+            for m in range(experiment.realisations)
+        ]
+        for q in range(len(configurations))
+    ]
+    return Plan(
+        configurations=configurations,
+        inputs=inputs,
+        rate_hz=excitation.rate_hz,
+        period_samples=excitation.period_samples,
+        periods=experiment.periods,
+        transient_periods=experiment.transient_periods,
+        lines=lines,
+        R=np.array(R),
+    )
+
+
+def _torque_rms(excitation: MultisineSpec, inputs: tuple[str, ...]) -> FloatArray:
+    rms = excitation.torque_rms
+    if not isinstance(rms, tuple):
+        return np.full(len(inputs), rms)
+    if len(rms) != len(inputs):
+        raise StudyError(
+            f"excitation.torque_rms has {len(rms)} numbers for {len(inputs)} motors ({', '.join(inputs)}); "
+            "give one for each, or a single one for all"
+        )
+    return np.array(rms)

@@ -123,7 +123,11 @@ class ChannelSpec:
 
 @section
 class TextFormatSpec:
-    """How CSV and text logs are written. decimal: `,` for numbers such as 1,5."""
+    """How CSV and text logs are written.
+
+    delimiter: a character, `tab`, or `whitespace` (any run of blanks and tabs).  decimal: `,` for numbers such as 1,5.
+    header_lines: lines to skip; headings are the last of them or the first line after them that holds no numbers.
+    """
 
     delimiter: str = ","
     decimal: Literal[".", ","] = "."
@@ -147,7 +151,8 @@ class RecordedSpec:
     """A rig that is a folder of lab logs.
 
     rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  period: of the excitation in s, or
-    period_samples.  text: format of CSV files.
+    period_samples.  text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
+    of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
     """
 
     rate_hz: Frequency | Literal["unknown"]
@@ -156,6 +161,7 @@ class RecordedSpec:
     period: Time | None = None
     period_samples: int | None = None
     text: TextFormatSpec = TextFormatSpec()
+    half_wave: bool = False
 
     def __post_init__(self) -> None:
         """Exactly one period; at least one input and one output; a whole number of samples per period."""

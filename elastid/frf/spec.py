@@ -14,10 +14,10 @@ class EstimatorSpec:
     """How records become frequency responses.
 
     method: arithmetic mean of the realisations' responses.  quantity: what the outputs are turned into, exactly, in
-    the frequency domain.  lines: which DFT lines are analysed: those planned (`auto`, or for
-    recorded data those found `excited` in the inputs), or `full` or `odd` within band_hz.  transient_periods: left out at the start of a record, or `auto`: those
-    that differ from the rest.  outlier_sigma: a period further from the median than so many robust standard deviations
-    is left out with a word.
+    the frequency domain.  lines: which DFT lines are analysed, within band_hz: those planned (`auto`; for recorded
+    data those found `excited` in the inputs), or `full` or `odd`.  transient_periods: left out at the start of a
+    record, or `auto`: those that differ from the rest.  outlier_sigma: a period further from the median than so many
+    robust standard deviations is left out with a word.
     """
 
     method: Literal["arithmetic"] = "arithmetic"
@@ -26,3 +26,12 @@ class EstimatorSpec:
     band_hz: tuple[Frequency, Frequency] | None = None
     transient_periods: int | Literal["auto"] = "auto"
     outlier_sigma: float = 6.0
+
+    def __post_init__(self) -> None:
+        """Check band, counts and threshold."""
+        if self.band_hz is not None and not 0 <= self.band_hz[0] < self.band_hz[1]:
+            raise ValueError(f"band_hz is [{self.band_hz[0]:g}, {self.band_hz[1]:g}]; give [lowest, highest]")
+        if self.transient_periods != "auto" and self.transient_periods < 0:
+            raise ValueError(f"transient_periods is {self.transient_periods}; it must not be negative")
+        if not self.outlier_sigma > 0:
+            raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")

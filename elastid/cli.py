@@ -1,0 +1,219 @@
+"""The command line: a word for each stage, each calling one function. Heavy imports stay inside the bodies."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import click
+
+from elastid import __version__
+from elastid.threads import one_blas_thread
+
+if TYPE_CHECKING:
+    from elastid.run import Run
+
+Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+INTERRUPTED = 130
+
+
+def main() -> None:
+    """The program `elastid`."""
+    sys.exit(run_command(sys.argv[1:]))
+
+
+def run_command(arguments: Sequence[str]) -> int:
+    """Every way in which a command can end, as a message and an exit code.
+
+    0 done; 1 the data or the fit are at fault; 2 usage or study; 130 interrupted.
+    """
+    from elastid.errors import ElastidError
+
+    try:
+        cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
+    except ElastidError as error:
+        return _ended(str(error), error.exit_code)
+    except click.exceptions.Exit as end:
+        return end.exit_code
+    except click.ClickException as error:
+        error.show()
+        return error.exit_code
+    except (KeyboardInterrupt, click.Abort):
+        again = " ".join(["elastid", *arguments])
+        return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _ended(f"{where}{error.strerror or error}", 1)
+    return 0
+
+
+def _ended(message: str, code: int) -> int:
+    click.echo(message, err=True)
+    return code
+
+
+def _options(*names: str) -> Decorator:
+    """The options of the given names, each the same in every command that takes it."""
+    known = {
+        "run": click.option("--run", "folder", type=click.Path(path_type=Path), metavar="DIR", help=_RUN_HELP),
+        "set": click.option("--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE", help=_SET_HELP),
+        "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
+        "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
+        "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
+    }
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for name in reversed(names):
+            function = known[name](function)
+        return function
+
+    return decorate
+
+
+_RUN_HELP = "Where the results go (default: runs/<name of the study>)."
+_SET_HELP = "Overrides a key of the study, for example fit.starts=5."
+_study = click.argument("study", type=click.Path(path_type=Path))
+_stage_options = _options("run", "set", "jobs", "verbose", "quiet")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="elastid")
+def cli() -> None:
+    """Identify the elasticity of industrial robots from frequency responses, with honest intervals."""
+
+
+def _run(study: Path, options: dict[str, Any]) -> Run:
+    """The study loaded, with its folder and its ways of working."""
+    one_blas_thread()
+    from elastid.console import Console
+    from elastid.run import Run, all_cores
+    from elastid.study import load
+
+    loaded = load(study, options.get("overrides", ()))
+    folder = options["folder"] or Path("runs") / loaded.study.name
+    console = Console(options["verbose"] - options["quiet"])
+    return Run(loaded, folder, options["jobs"] or all_cores(), console)
+
+
+def _only(stage: str, study: Path, options: dict[str, Any]) -> None:
+    run = _run(study, options)
+    from elastid import stages
+
+    stages.only(run, stage)
+
+
+@cli.command()
+@_options("run", "jobs", "verbose", "quiet")
+def demo(**options: Any) -> None:
+    """A whole identification of a simulated three-axis arm, from excitation to report."""
+    from elastid import scaffold
+
+    folder = options["folder"] or Path("runs") / "demo"
+    run = _run(scaffold.demo(folder), {**options, "folder": folder})
+    from elastid import stages
+
+    stages.run_all(run)
+
+
+@cli.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option("--template", type=click.Choice(["serial", "recorded"]), default="serial", show_default=True)
+def new(folder: Path, template: str) -> None:
+    """Write a study to edit, its robot and the schema for editors into a new folder."""
+    from elastid import scaffold
+
+    study = scaffold.new(folder, template)
+    click.echo(f"{study} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
+
+
+@cli.command()
+@_study
+@_options("set")
+def check(study: Path, overrides: tuple[str, ...]) -> None:
+    """All errors of a study with file, line and column; else what will be run."""
+    one_blas_thread()
+    from elastid.overview import overview
+    from elastid.study import load
+
+    click.echo(overview(load(study, overrides).study))
+
+
+@cli.command()
+@_study
+@_stage_options
+def design(study: Path, **options: Any) -> None:
+    """Design the excitation: plan.h5 and references/*.csv."""
+    _only("design", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def measure(study: Path, **options: Any) -> None:
+    """Simulate the experiments or import the recorded logs: records.h5."""
+    _only("measure", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def estimate(study: Path, **options: Any) -> None:
+    """Estimate the frequency responses with their covariance: frf.h5."""
+    _only("estimate", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def fit(study: Path, **options: Any) -> None:
+    """Fit the elastic parameters: fit.h5 and summary.json."""
+    _only("fit", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def validate(study: Path, **options: Any) -> None:
+    """Judge the fit on left-out configurations and by its residuals: validation.h5."""
+    _only("validate", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def report(study: Path, **options: Any) -> None:
+    """Write the page and the figures: report.html and figures/."""
+    _only("report", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def run(study: Path, **options: Any) -> None:
+    """All stages in order; one whose inputs have not changed is not run again."""
+    asked = _run(study, options)
+    from elastid import stages
+
+    stages.run_all(asked)
+
+
+@cli.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def inspect(file: Path) -> None:
+    """What is in a log or a result: names, shapes, units, rates."""
+    from elastid.inspection import described
+
+    click.echo(described(file))
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of a study, for editors."""
+    import json
+
+    from elastid.study import schema as schema_of_study
+
+    click.echo(json.dumps(schema_of_study(), indent=1))

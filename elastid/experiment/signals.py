@@ -1,0 +1,100 @@
+"""One channel of a log: the file's numbers checked, then in SI and on the link side.
+
+value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque
+motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import DataError, StudyError
+from elastid.experiment.log_files import described
+from elastid.experiment.spec import ChannelSpec
+from elastid.robot import Robot
+from elastid.units import factor
+
+_DIMENSION = {"torque": "N*m", "current": "A", "position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
+# A jump between two samples that is so close to a whole turn is an encoder that starts again, in rad.
+_NEAR_A_TURN = 1.0
+
+
+def link_side_factor(channel: ChannelSpec, robot: Robot) -> float:
+    """What turns the file's numbers into SI on the link side; StudyError where unit or side are wrong."""
+    return _own_side_factor(channel) * _gear_factor(channel, robot)
+
+
+def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[FloatArray, str]:
+    """The signal (n,) in SI on the link side, and a word if an angle had to be unwrapped (an empty text if not)."""
+    signal: FloatArray = values * _own_side_factor(channel)
+    turns = 0
+    if channel.quantity == "position":
+        jumps = np.abs(np.diff(signal))
+        wraps = jumps > np.pi
+        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _NEAR_A_TURN):
+            signal, turns = np.unwrap(signal), int(wraps.sum())
+    word = f"{turns} jumps of a whole turn were taken out of {described(channel)}" if turns else ""
+    return signal * _gear_factor(channel, robot), word
+
+
+def check_values(
+    channels: Sequence[ChannelSpec], values: FloatArray, first: int, path: Path, rate_hz: float | None
+) -> tuple[str, ...]:
+    """DataError where samples (n, n_channels) are missing (how many, where) or a channel never changes.
+
+    first: number of the first sample in the file.  Returns a word for every input that stands still while others
+    move: it is taken as not excited in this experiment.
+    """
+    still = []
+    for channel, column in zip(channels, values.T, strict=True):
+        who = f"channel {described(channel)} ({channel.role} at {channel.at})"
+        _check_finite(f"{path}: {who}", column, first, rate_hz)
+        if np.ptp(column) > 0:
+            continue
+        if channel.role == "y" or not _another_moves(channel, channels, values):
+            raise DataError(
+                f"{path}: {who} is constant at {column[0]:g} over all {len(column)} samples; nothing was logged "
+                "there, or it is another channel that is meant"
+            )
+        still.append(f"{who} is constant at {column[0]:g}: taken as not excited in this experiment")
+    return tuple(still)
+
+
+def _check_finite(who: str, column: FloatArray, first: int, rate_hz: float | None) -> None:
+    bad = np.flatnonzero(~np.isfinite(column))
+    if bad.size:
+        sample = first + int(bad[0])
+        when = "" if rate_hz is None else f" ({sample / rate_hz:.6g} s)"
+        raise DataError(
+            f"{who}: {bad.size} of {len(column)} samples are NaN or infinite, the first is sample {sample}{when}; "
+            "cut them off with samples: [first, last], or mend the log"
+        )
+
+
+def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], values: FloatArray) -> bool:
+    return any(c.role == channel.role and np.ptp(v) > 0 for c, v in zip(channels, values.T, strict=True))
+
+
+def _own_side_factor(channel: ChannelSpec) -> float:
+    try:
+        unit = factor(channel.unit, _DIMENSION[channel.quantity]) if channel.unit else 1.0
+    except ValueError as error:
+        raise StudyError(f"channel {described(channel)} ({channel.role} at {channel.at}): {error}") from None
+    return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
+
+
+def _gear_factor(channel: ChannelSpec, robot: Robot) -> float:
+    if channel.side == "link":
+        return 1.0
+    kind, _, joint = channel.at.partition(" ")
+    if kind not in ("motor", "joint") or joint not in [driven.name for driven in robot.driven]:
+        raise StudyError(
+            f"channel {described(channel)}: side: motor needs a gear, and {channel.at} has none; "
+            f"there are {', '.join(robot.motor_locations)}"
+        )
+    ratio = robot.ratio(joint)
+    return ratio if channel.quantity in ("torque", "current") else 1 / ratio

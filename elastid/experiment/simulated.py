@@ -1,0 +1,272 @@
+"""The rig that is a model: the one place where the model wing feeds the measured wing.
+
+The robot of the study, some of its numbers replaced by a truth that the fit must find, is simulated in closed loop with
+friction, encoders and noise. What it logs goes the way of every measured record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import DataError, StudyError
+from elastid.experiment.plan import Experiment, Plan
+from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.elastic import ElasticModel
+from elastid.model.serial import serial
+from elastid.record import Motion, Record
+from elastid.robot import Robot
+from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
+from elastid.simulation.controller import Gains, feed_forward, tuned
+from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
+from elastid.units import Quantity, to_si
+
+
+@dataclass(frozen=True)
+class SimulatedRig:
+    """The plan of a study, carried out on a model of its robot; `seed` draws all noise.
+
+    A record holds plan.periods periods; the transient periods before them are simulated and dropped.
+    u: what the controller commands and the log sees, held from sample to sample.  y: positions, of a motor as its
+    encoder reads it, of a body as its angle from the equilibrium, small.
+
+    Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
+    leaves the joints' limits.
+    """
+
+    robot: Robot
+    spec: ExperimentSpec
+    plan: Plan
+    seed: int
+
+    def __post_init__(self) -> None:
+        """Look before the robot moves."""
+        true_robot(self.robot, self.simulated.truth)
+        if self.plan.inputs != self.robot.motor_locations:
+            raise StudyError(
+                f"the plan excites {', '.join(self.plan.inputs)}, robot {self.robot.name} has "
+                f"{', '.join(self.robot.motor_locations)}; design the plan for this robot"
+            )
+        for place in self.outputs:
+            self.robot.check_location(place)
+        if self.simulated.carrier is not None:
+            _check_carrier(self.simulated.carrier, self.plan, self.robot)
+
+    @property
+    def simulated(self) -> SimulatedSpec:
+        """The study's section `experiment.simulated`."""
+        if self.spec.simulated is None:
+            raise StudyError("experiment: the rig of this study is recorded; there is nothing to simulate")
+        return self.spec.simulated
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The places that are logged."""
+        return self.simulated.outputs or self.robot.motor_locations
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """All runs of the plan."""
+        return self.plan.experiments
+
+    def measure(self, experiment: Experiment) -> Record:
+        """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
+        spec, plan = self.simulated, self.plan
+        robot = true_robot(self.robot, spec.truth)
+        plant = _plant(robot, plan.rate_hz, spec.substeps, spec.noise.encoder_counts)
+        q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
+        _check_steps(plant, q0, experiment, spec.substeps, plan.rate_hz)
+        noise = _draw(spec.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
+        commands = _commands(plant.model, q0, spec.carrier, plan, experiment, noise)
+        gains = tuned(plant.model, q0, spec.controller.bandwidth_hz, spec.controller.damping_ratio)
+        trajectory = _run(plant.loop, gains, commands, q0, experiment)
+        position: Motion = "position"
+        measured = slice(plan.transient_periods * plan.period_samples, None)
+        return Record(
+            name=experiment.name,
+            configuration=experiment.configuration,
+            realisation=experiment.realisation,
+            experiment=experiment.experiment,
+            rate_hz=plan.rate_hz,
+            period_samples=plan.period_samples,
+            inputs=plan.inputs,
+            outputs=self.outputs,
+            quantities=(position,) * len(self.outputs),
+            u=(trajectory.u + noise.torque)[measured],
+            y=_sensed(trajectory, plant.model, q0, self.outputs, noise)[measured],
+            r=np.tile(plan.torque(experiment), (plan.periods, 1)),
+            notes=_exceeded(robot, trajectory, plant.model.B, plan.rate_hz),
+            hold="zero-order",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Plant:
+    """The true robot as equations, alone and in its loop; coulomb (n_u,) in Nm, link side."""
+
+    model: ElasticModel
+    loop: ClosedLoop
+    coulomb: FloatArray
+
+
+@dataclass(frozen=True)
+class _Noise:
+    """White noise over the whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), rad (n, n_y)."""
+
+    torque: FloatArray
+    reading: FloatArray
+    disturbance: FloatArray
+    outputs: FloatArray
+
+
+def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
+    """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
+    unit = {name: unit for name, (_, unit) in robot.parameters().items()}
+    try:
+        # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
+        return robot.with_parameters(
+            {name: to_si(value, unit[name]) if name in unit else 0.0 for name, value in truth.items()}
+        )
+    except ValueError as error:
+        raise StudyError(f"experiment.simulated.truth: {error}") from None
+
+
+@lru_cache(maxsize=4)
+def _plant(robot: Robot, rate_hz: float, substeps: int, encoder_counts: int) -> _Plant:
+    """Built once in a process: CasADi expressions do not pickle."""
+    model = serial(robot)
+    motors = [(joint.motor, joint.limits) for joint in robot.driven if joint.motor is not None]
+    coulomb = np.array([abs(motor.ratio) * motor.coulomb for motor, _ in motors])
+    per_turn = [encoder_counts * abs(motor.ratio) for motor, _ in motors]
+    resolution = np.array([2 * math.pi / counts if counts else 0.0 for counts in per_turn])
+    limits = np.array([limits.angle for _, limits in motors])
+    return _Plant(model, closed_loop(model, coulomb, limits, rate_hz, substeps, resolution), coulomb)
+
+
+def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
+    names = [configuration.name for configuration in plan.configurations]
+    return names.index(experiment.configuration.name), experiment.realisation, experiment.experiment
+
+
+def _draw(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> _Noise:
+    n = (plan.transient_periods + plan.periods) * plan.period_samples
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    n_u = len(plan.inputs)
+    return _Noise(
+        torque=spec.torque_std * random.standard_normal((n, n_u)),
+        reading=spec.angle_std * random.standard_normal((n, n_u)),
+        disturbance=spec.disturbance_std * random.standard_normal((n, n_u)),
+        outputs=spec.angle_std * random.standard_normal((n, n_y)),
+    )
+
+
+def _commands(
+    model: ElasticModel,
+    q0: FloatArray,
+    carrier: CarrierSpec | None,
+    plan: Plan,
+    experiment: Experiment,
+    noise: _Noise,
+) -> Commands:
+    """Reference, feed-forward and multisine of the whole run; the reference is periodic with the multisine."""
+    N, n_u = plan.period_samples, len(plan.inputs)
+    amplitude, cycles = (carrier.amplitude, carrier.cycles) if carrier is not None else (0.0, 0)
+    omega = 2 * np.pi * cycles * plan.rate_hz / N
+    # Without a carrier one sample says it all.
+    phase = 2 * np.pi * cycles * np.arange(N if carrier is not None else 1)[:, None] / N
+    position, velocity, acceleration = (
+        amplitude * shape * np.ones(n_u)
+        for shape in (np.sin(phase), omega * np.cos(phase), -(omega**2) * np.sin(phase))
+    )
+    torque = feed_forward(model, q0, position, velocity, acceleration) + plan.torque(experiment)
+
+    def whole_run(period: FloatArray) -> FloatArray:
+        return np.tile(np.broadcast_to(period, (N, n_u)), (plan.transient_periods + plan.periods, 1))
+
+    return Commands(
+        position=whole_run(experiment.configuration.angles + position),
+        velocity=whole_run(velocity),
+        torque=whole_run(torque),
+        disturbance=noise.disturbance,
+        reading_noise=noise.reading,
+    )
+
+
+def _run(loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, experiment: Experiment) -> Trajectory:
+    try:
+        return simulate(loop, gains, commands, q0)
+    except DataError as error:
+        raise DataError(
+            f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+            f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
+            "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
+        ) from None
+
+
+def _check_carrier(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
+    """The carrier must not fall among the lines that the response is estimated on, nor leave the joints' limits."""
+    lowest = int(plan.lines.min())
+    if carrier.cycles >= lowest:
+        raise StudyError(
+            f"experiment.simulated.carrier: {carrier.cycles} cycles a period are "
+            f"{carrier.cycles * plan.rate_hz / plan.period_samples:g} Hz, not below the lowest excited frequency of "
+            f"{plan.freq_hz.min():g} Hz; take at most {lowest - 1} cycles, or raise excitation.band_hz"
+        )
+    for configuration in plan.configurations:
+        for joint, angle in zip(robot.driven, configuration.angles, strict=True):
+            lower, upper = joint.limits.angle
+            if angle - carrier.amplitude < lower or angle + carrier.amplitude > upper:
+                raise StudyError(
+                    f"experiment.simulated.carrier: {carrier.amplitude:g} rad about {angle:g} rad take joint "
+                    f"{joint.name} out of its limits [{lower:g}, {upper:g}] rad in configuration {configuration.name}; "
+                    "lower the amplitude or move the configuration"
+                )
+
+
+def _check_steps(plant: _Plant, q0: FloatArray, experiment: Experiment, substeps: int, rate_hz: float) -> None:
+    rate = fastest_rate(plant.model, plant.coulomb, q0)
+    needed = math.ceil(rate / rate_hz / STABLE_STEP)
+    if substeps < needed:
+        raise StudyError(
+            f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
+            f"{plant.model.robot.name} in configuration {experiment.configuration.name} (a pole of {rate:.4g} 1/s: its "
+            f"stiffest mode, or Coulomb friction at standstill); take at least {needed}"
+        )
+
+
+def _sensed(
+    trajectory: Trajectory, model: ElasticModel, q0: FloatArray, outputs: tuple[str, ...], noise: _Noise
+) -> FloatArray:
+    """What the log reads (n, n_y): encoders, joint angles, and C (q - q0) for a body, to first order."""
+    C = model.output_jacobian(q0, outputs)
+    y = trajectory.q @ C.T + noise.outputs
+    for column, place in enumerate(outputs):
+        if place in model.inputs:
+            y[:, column] = trajectory.reading[:, model.inputs.index(place)]
+        elif place.startswith("body "):
+            y[:, column] -= C[column] @ q0
+    return y
+
+
+def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:
+    """A word for every motor that needed more torque or speed than its limits allow; the simulation does not clip."""
+    torque = np.abs(trajectory.u).max(axis=0)
+    speed = np.abs(np.diff(trajectory.q @ B, axis=0)).max(axis=0) * rate_hz
+    notes = []
+    for i, joint in enumerate(robot.driven):
+        for peak, limit, unit in (
+            (torque[i], joint.limits.torque, "N*m"),
+            (speed[i], joint.limits.velocity, "rad/s"),
+        ):
+            if peak > limit:
+                notes.append(
+                    f"motor {joint.name} went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "
+                    "lower excitation.torque_rms"
+                )
+    return tuple(notes)

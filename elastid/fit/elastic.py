@@ -1,0 +1,184 @@
+r"""Where the wings meet: measured responses and linear models of all configurations as one LeastSquares.
+
+.. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
+          + \text{priors}
+
+One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked (computation.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.errors import StudyError
+from elastid.fit.problem import Evaluation, LeastSquares
+from elastid.fit.residuals import RESIDUALS, Criterion, as_real, error_gain
+from elastid.fit.weights import Weights
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.transfer import Kernel
+from elastid.parameters import ParameterSet
+from elastid.response import FrequencyResponse
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
+
+    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.
+    """
+
+    kernel: Kernel
+    measured: ComplexArray
+    gain: FloatArray
+    criterion: Criterion
+
+    @property
+    def n_residuals(self) -> int:
+        """Real residuals, two an element."""
+        return 2 * int(np.count_nonzero(self.gain))
+
+    def whitened(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each."""
+        G, dG = self.kernel.evaluate(theta)
+        e, slope = RESIDUALS[self.criterion](self.measured, G)
+        used = self.gain > 0
+        r = np.where(used, self.gain * e, 0.0)
+        dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
+        return r, dr
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticFit:
+    """The parts of all configurations over one set of parameters; it pickles, so that starts can run in processes."""
+
+    parameters: ParameterSet
+    parts: tuple[Part, ...]
+
+    @property
+    def n_residuals(self) -> int:
+        """Real residuals that count."""
+        return sum(part.n_residuals for part in self.parts)
+
+    @property
+    def problem(self) -> LeastSquares:
+        """As solvers want it."""
+        return LeastSquares(self.parameters, self.n_residuals, self.evaluate, self.residual)
+
+    def evaluate(self, x: FloatArray) -> Evaluation:
+        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
+        with np.errstate(all="ignore"):
+            try:
+                return self._evaluate(x)
+            except np.linalg.LinAlgError:
+                n_x = len(x)
+                return Evaluation(math.inf, np.zeros(n_x), np.eye(n_x))
+
+    def _evaluate(self, x: FloatArray) -> Evaluation:
+        theta, T = self.parameters.expand(x), self._chain(x)
+        V, g, A = 0.0, np.zeros(T.shape[0]), np.zeros((T.shape[0], T.shape[0]))
+        for part in self.parts:
+            r, J = _as_rows(*part.whitened(theta))
+            V += float(r @ r)
+            g += J @ r
+            A += J @ J.T
+        distance, slope = self._priors(x)
+        return Evaluation(
+            V + float(distance @ distance),
+            2 * (T.T @ g + slope * distance),
+            2 * (T.T @ A @ T + np.diag(slope**2)),
+        )
+
+    def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked."""
+        rows = []
+        for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
+            used = np.repeat((part.gain > 0).ravel(), 2)
+            r_real, J_real = _as_rows(r, J)
+            rows.append((r_real[used], J_real[:, used].T))
+        distance, slope = self._priors(x)
+        known = slope > 0
+        rows.append((distance[known], np.diag(slope)[known]))
+        return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
+
+    def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+        """Whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        theta, T = self.parameters.expand(x), self._chain(x)
+        for part in self.parts:
+            r, dr = part.whitened(theta)
+            yield r, np.tensordot(T.T, dr, axes=1)
+
+    def _chain(self, x: FloatArray) -> FloatArray:
+        """d theta / d x (P, n_x) of the parameters that x moves: the kernels' order."""
+        moved = [self.parameters.index(name) for name in self.parameters.moved_names]
+        return self.parameters.jacobian(x)[moved]
+
+    @property
+    def prior_slopes(self) -> FloatArray:
+        """1 / s (n_x,) of the priors, zero where nothing is known beforehand."""
+        return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free])
+
+    def _priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
+        mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
+        slope = self.prior_slopes
+        return (x - np.array(mean)) * slope, slope
+
+
+def elastic_fit(
+    responses: Sequence[FrequencyResponse],
+    models: Sequence[LinearModel],
+    weights: Sequence[Weights],
+    parameters: ParameterSet,
+    criterion: Criterion,
+) -> ElasticFit:
+    """The fit of `models` to `responses`, inputs and outputs matched by name.
+
+    Elements for which the model has no response at all (an axis that does not couple) cannot be fitted and are left out
+    of the logarithmic criterion.  Raises StudyError where a response has an input or output that the model has not.
+    """
+    parts = (
+        _part(response, matched(model, response), weight, parameters, criterion)
+        for response, model, weight in zip(responses, models, weights, strict=True)
+    )
+    return ElasticFit(parameters, tuple(parts))
+
+
+def matched(model: LinearModel, response: FrequencyResponse) -> LinearModel:
+    """The model with the inputs and outputs of a response, in its order."""
+    for kind, wanted, there in (
+        ("input", response.inputs, model.inputs),
+        ("output", response.outputs, model.outputs),
+    ):
+        missing = [name for name in wanted if name not in there]
+        if missing:
+            raise StudyError(
+                f"configuration {response.configuration.name}: the response has the {kind} {', '.join(missing)}, which "
+                f"the model has not; there are {', '.join(there)}"
+            )
+    inputs = [model.inputs.index(name) for name in response.inputs]
+    outputs = [model.outputs.index(name) for name in response.outputs]
+    return replace(model, B=model.B[:, inputs], C=model.C[outputs], inputs=response.inputs, outputs=response.outputs)
+
+
+def _part(
+    response: FrequencyResponse, model: LinearModel, weights: Weights, parameters: ParameterSet, criterion: Criterion
+) -> Part:
+    if model.parameters != parameters.names:
+        raise ValueError(f"the model's parameters {model.parameters} are not those of the set {parameters.names}")
+    kernel = Kernel(model, response.freq_hz, parameters.moved_names)
+    used = weights.used
+    if criterion == "log":
+        G = kernel.response(parameters.theta)
+        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (response.G != 0)
+    error = np.where(used, np.abs(error_gain(criterion, response.G)) * weights.sigma, np.inf)
+    return Part(kernel, frozen(response.G, np.complex128), frozen(np.sqrt(2) / error), criterion)
+
+
+def _as_rows(r: ComplexArray, J: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """r (N,) and J (P, N), N = 2 F n_y n_u real numbers."""
+    return as_real(r).ravel(), as_real(J).reshape(len(J), -1)

@@ -1,0 +1,149 @@
+r"""How much each element of a measured response counts in the fit.
+
+.. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
+
+v~ is the measured variance, smoothed over neighbouring lines (`smoothed`), alpha the floor of the study: model error
+that is expected anyway. sigma is infinite where an element is left out. (identification.md 4.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.arrays import BoolArray, FloatArray, frozen
+from elastid.errors import DataError, StudyError
+from elastid.fit.names import did_you_mean
+from elastid.fit.spec import FitSpec, MaskSpec
+from elastid.fit.variance import smoothed
+from elastid.response import Covariance, FrequencyResponse
+
+
+@dataclass(frozen=True)
+class Weights:
+    """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
+
+    noise: the measured covariance C of vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by
+    element to what was smoothed: scale_a C_ab scale_b.  notes: what was left out, and why.
+    """
+
+    sigma: FloatArray
+    noise: Covariance | None
+    scale: FloatArray
+    notes: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "sigma", frozen(self.sigma))
+        object.__setattr__(self, "scale", frozen(self.scale))
+
+    @property
+    def used(self) -> BoolArray:
+        """Which elements count (F, n_y, n_u)."""
+        return np.isfinite(self.sigma)
+
+
+def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
+    """The weights of one measured response under the study's masks, band, floor and smoothing.
+
+    Raises DataError where neither a variance nor a floor tells how much its lines count.
+    """
+    where = response.configuration.name
+    floor = spec.weights.floor
+    if response.uncertainty is None and floor == 0:
+        raise DataError(
+            f"configuration {where}: no variance is known (that takes two periods or two realisations) and "
+            "fit.weights.floor is 0; set the floor, for example 0.01"
+        )
+    variance, scale = _measured_variance(response, spec.weights.smooth)
+    sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
+    used = _asked_for(response, spec)
+    notes: list[str] = []
+    if response.uncertainty is None:
+        notes.append(f"configuration {where}: no variance is known; the floor of {floor:g} alone weighs its lines")
+    weak = _below_noise(response, variance, used)
+    if weak.any():
+        names = _element_names(response, weak)
+        notes.append(f"configuration {where}: left out, below twice their noise at most lines: {names}")
+        used &= ~weak
+    silent = used & (sigma == 0)
+    if silent.any():
+        notes.append(f"configuration {where}: left out, {int(silent.sum())} elements of zero variance and no floor")
+        used &= ~silent
+    return Weights(np.where(used, sigma, np.inf), response.uncertainty, scale, tuple(notes))
+
+
+def _measured_variance(response: FrequencyResponse, width: int) -> tuple[FloatArray, FloatArray]:
+    """v~ and the scale of C (F, n_y, n_u): the total variance, never below what the noise alone explains."""
+    known = response.uncertainty
+    if known is None:
+        return np.zeros(response.G.shape), np.ones(response.G.shape)
+    smooth, unbiased = _smoothed_elements(response, known, width)
+    if response.total is not None and response.noise is not None:
+        smooth = np.maximum(smooth, _smoothed_elements(response, response.noise, width)[0])
+    scale = np.sqrt(np.divide(smooth, unbiased, out=np.ones_like(smooth), where=unbiased > 0))
+    return smooth, scale
+
+
+def _smoothed_elements(response: FrequencyResponse, known: Covariance, width: int) -> tuple[FloatArray, FloatArray]:
+    smooth, unbiased = np.zeros(response.G.shape), np.zeros(response.G.shape)
+    for i, j in np.ndindex(response.G.shape[1:]):
+        smooth[:, i, j], unbiased[:, i, j] = smoothed(known.variance[:, i, j], response.G[:, i, j], known.dof, width)
+    return smooth, unbiased
+
+
+def _asked_for(response: FrequencyResponse, spec: FitSpec) -> BoolArray:
+    """What band and masks leave (F, n_y, n_u)."""
+    used = np.ones(response.G.shape, dtype=np.bool_)
+    if spec.band_hz is not None:
+        used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
+    for mask in spec.mask:
+        used &= ~_masked(response, mask)
+    return used
+
+
+def _masked(response: FrequencyResponse, mask: MaskSpec) -> BoolArray:
+    if mask.configurations and response.configuration.name not in mask.configurations:
+        return np.zeros(response.G.shape, dtype=np.bool_)
+    lines = _within(response.freq_hz, mask.band_hz) if mask.band_hz else np.ones(response.n_lines, dtype=np.bool_)
+    outputs = np.array([mask.output in ("", name) for name in response.outputs])
+    inputs = np.array([mask.input in ("", name) for name in response.inputs])
+    masked: BoolArray = lines[:, None, None] & outputs[:, None] & inputs
+    return masked
+
+
+def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
+    inside: BoolArray = (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
+    return inside
+
+
+def _below_noise(response: FrequencyResponse, variance: FloatArray, used: BoolArray) -> BoolArray:
+    """Elements (n_y, n_u) below twice their noise at most of the lines that count, exact zeros among them."""
+    weak = used & (np.abs(response.G) ** 2 <= 4 * variance)
+    below: BoolArray = weak.sum(axis=0) > 0.5 * used.sum(axis=0)
+    return below
+
+
+def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
+    return ", ".join(
+        f"{response.outputs[i]} from {response.inputs[j]}" for i, j in zip(*np.nonzero(chosen), strict=True)
+    )
+
+
+def check_masks(responses: Sequence[FrequencyResponse], masks: Sequence[MaskSpec]) -> None:
+    """Refuse a mask that names what was not measured; StudyError says what was."""
+    there = {
+        "configuration": {r.configuration.name for r in responses},
+        "output": {name for r in responses for name in r.outputs},
+        "input": {name for r in responses for name in r.inputs},
+    }
+    for place, mask in enumerate(masks):
+        asked = [("configuration", name) for name in mask.configurations]
+        asked += [(kind, name) for kind, name in (("output", mask.output), ("input", mask.input)) if name]
+        for kind, name in asked:
+            if name not in there[kind]:
+                raise StudyError(
+                    f"fit.mask[{place}]: no {kind} '{name}' was measured; {did_you_mean(name, sorted(there[kind]))}"
+                )

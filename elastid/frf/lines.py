@@ -1,0 +1,133 @@
+"""Which DFT lines are analysed: those planned, those of a grid, or those found excited in recorded inputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.errors import DataError, StudyError
+from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import line_spectra
+from elastid.record import Record
+
+# An excited line stands 10 dB above the noise of the mean, 6 dB in a notch, and not 14 dB below its surroundings.
+_ABOVE_NOISE = 10.0
+LEAST_SNR = 4.0
+_BELOW_OTHERS = 0.04
+
+
+def analysed_lines(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
+    """DFT lines (F,) that the spec asks for, of the records of one configuration.
+
+    Raises StudyError where a grid has no line in band_hz, DataError where no line is excited.
+    """
+    first = records[0]
+    rate_hz, N = first.rate_hz, first.period_samples
+    band_hz = spec.band_hz or (0.0, rate_hz / 2)
+    if spec.lines in ("full", "odd"):
+        if first.half_wave and spec.lines == "full":
+            raise StudyError("estimator.lines: full does not go with half_wave records, which have odd lines only")
+        return grid_lines("odd" if spec.lines == "odd" else "full", band_hz, rate_hz, N)
+    candidates = grid_lines("odd" if first.half_wave else "full", band_hz, rate_hz, N)
+    if spec.lines == "auto" and planned is not None:
+        lines = np.intersect1d(planned, candidates)
+    else:
+        lines = candidates[excited(candidates, *_input_power(records, candidates))]
+    if lines.size == 0:
+        raise DataError(
+            f"configuration {first.configuration.name}: no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz; "
+            "check period, band_hz and the channels with role u, or state the grid with estimator.lines"
+        )
+    return lines
+
+
+def excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
+    """Which candidate lines (F,) carry excitation, from their power (F,) and the noise (F,) in it.
+
+    A level falls steeply at the edge of a band and between the lines of a grid, but gently along a shaped spectrum
+    (1/f^2 in power) and into a notch.  So from the strongest half octave the envelope is followed up and down; lines
+    near it count, and from them their neighbours on the grid as far as the level changes little.
+    """
+    clear = np.where(power > _ABOVE_NOISE * noise, power, 0.0)
+    if not clear.any():
+        return np.zeros(len(lines), dtype=np.bool_)
+    found: BoolArray = clear > _BELOW_OTHERS * _envelope(lines, clear)
+    gaps = np.diff(lines[found])
+    step = int(gaps.min()) if gaps.size else 1
+    return _followed(lines, np.where(power > LEAST_SNR * noise, power, 0.0), found, step)
+
+
+def smoothed(noise: FloatArray, dof: int) -> FloatArray:
+    """Noise power (F,) with as many neighbouring lines averaged as make up for few degrees of freedom of each."""
+    window = np.ones(min(1 + 2 * round(2 / dof), len(noise)))
+    average: FloatArray = np.convolve(noise, window, "same") / np.convolve(np.ones(len(noise)), window, "same")
+    return average
+
+
+def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:
+    """At each line the highest level of its half octave, as far as that hangs together with the strongest line."""
+    octave = np.floor(2 * np.log2(lines / lines[0])).astype(int)
+    peaks = np.zeros(octave[-1] + 1)
+    np.maximum.at(peaks, octave, level)
+    strongest = int(np.argmax(peaks))
+    envelope: FloatArray = np.full(len(peaks), peaks[strongest])
+    for way in (range(strongest - 1, -1, -1), range(strongest + 1, len(peaks))):
+        last = peaks[strongest]
+        for i in way:
+            if i not in octave:
+                continue
+            if peaks[i] <= _BELOW_OTHERS * last:
+                break
+            envelope[i] = last = peaks[i]
+    at_lines: FloatArray = envelope[octave]
+    return at_lines
+
+
+def _followed(lines: IntArray, level: FloatArray, found: BoolArray, step: int) -> BoolArray:
+    """The found lines and those that are reached from them, `step` lines at a time, without a steep fall."""
+    by_line = np.zeros(lines[-1] + 2 * step + 1)
+    is_found = np.zeros(len(by_line), dtype=np.bool_)
+    by_line[lines + step], is_found[lines + step] = level, found
+    while True:
+        reach = _BELOW_OTHERS * by_line * is_found
+        near = np.maximum(np.roll(reach, step), np.roll(reach, -step))
+        more = is_found | ((by_line > near) & (near > 0))
+        if np.array_equal(more, is_found):
+            result: BoolArray = is_found[lines + step]
+            return result
+        is_found = more
+
+
+def _input_power(records: Sequence[Record], lines: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Power (F,) of the inputs' means over periods, each input relative to its whole, and the noise (F,) in it."""
+    power, noise, dof = [], [], 0
+    for record in records:
+        U = line_spectra(record, record.u, lines)
+        # The first period holds the transient, if there are more than two.
+        U = U[1:] if len(U) > 2 else U
+        power.append(np.abs(U.mean(axis=0)) ** 2)
+        noise.append(noise_of_mean(U))
+        dof += len(U) - 1
+    whole = np.sum(power, axis=(0, 1))
+    whole[whole == 0] = 1.0
+    return np.sum(power, axis=0) @ (1 / whole), smoothed(np.sum(noise, axis=0) @ (1 / whole), dof)
+
+
+def noise_of_mean(X: ComplexArray) -> FloatArray:
+    """Variance (F, c) of the mean over periods of X (P, F, c)."""
+    variance: FloatArray = np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) / (len(X) - 1) / len(X)
+    return variance
+
+
+def described_lines(lines: IntArray, record: Record) -> str:
+    """How messages name lines: how many, and from where to where."""
+    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
+    unit = "Hz" if record.rate_is_known else "of the sampling rate"
+    return (
+        f"{len(lines)} ({freq_hz[0]:.5g} to {freq_hz[-1]:.5g} {unit})"
+        if len(lines) > 1
+        else f"1 ({freq_hz[0]:.5g} {unit})"
+    )

@@ -1,0 +1,27 @@
+"""What is in a log of another program or in a result of elastid: names, shapes, units, rates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from elastid.errors import StudyError
+from elastid.experiment.log_files import contents
+from elastid.experiment.spec import TextFormatSpec
+from elastid.store import described as described_artefact
+from elastid.store import kind_of
+
+
+def described(path: Path) -> str:
+    """A page of plain text; StudyError where the file is not there, DataError where it cannot be read."""
+    if not path.is_file():
+        raise StudyError(f"{path}: no such file")
+    if kind_of(path) is not None:
+        return described_artefact(path)
+    signals = contents(path, TextFormatSpec())
+    width = max(map(len, signals), default=0)
+    lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
+    return "\n".join([*lines, *(f"  {name.ljust(width)}  {_shape(shape)}" for name, shape in signals.items())])
+
+
+def _shape(shape: tuple[int, ...]) -> str:
+    return " x ".join(map(str, shape)) or "one number"

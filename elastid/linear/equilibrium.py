@@ -1,0 +1,115 @@
+r"""Rest under gravity: the operating point of a configuration.
+
+.. math:: \partial V / \partial q = B u, \qquad q_m = q_{m0}
+
+The motors stand where they were measured; links and further elastic joints give way until springs and gravity balance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.arrays import FloatArray, IntArray, frozen
+from elastid.errors import StudyError
+from elastid.model.elastic import ElasticModel
+from elastid.record import Configuration
+
+MAX_STEPS = 60
+LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
+SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """Coordinates q (n_q,), multipliers lambda_ (n_c,) and holding torques u (n_u,) at rest, link side."""
+
+    configuration: Configuration
+    q: FloatArray
+    lambda_: FloatArray
+    u: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("q", "lambda_", "u"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configuration) -> OperatingPoint:
+    """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
+
+    theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side.
+    StudyError where the number of angles is wrong, a joint finds no rest or gives way under gravity.
+    """
+    held = np.array([model.index(motor) for motor in model.inputs])
+    free = np.setdiff1d(np.arange(model.n_q), held)
+    lambda_ = np.zeros(model.n_c)
+    q = rigid_posture(model, configuration)
+    gravity = torque = model.potential_gradient(q, theta).full()[:, 0]
+    K = model.stiffness(q, lambda_, theta).full()
+    _check_finite(model, configuration, np.column_stack([torque, K]))
+    for _ in range(MAX_STEPS):
+        # Least squares: a joint with neither spring nor gravity has no stiffness and stays where it is.
+        step = np.linalg.lstsq(K[np.ix_(free, free)], -torque[free])[0]
+        largest = np.abs(step).max(initial=0.0)
+        q[free] += step * min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP))
+        torque, K = model.potential_gradient(q, theta).full()[:, 0], model.stiffness(q, lambda_, theta).full()
+        if largest <= SMALLEST_STEP:
+            break
+    rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(K).max()
+    _check_rest(model, configuration, free, torque, rounding)
+    _check_stable(model, configuration, free, K)
+    return OperatingPoint(configuration, q, lambda_, model.B.T @ torque)
+
+
+def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArray:
+    """q (n_q,) without deflection: driven joints at their motors' angles, elastic ones at 0.
+
+    StudyError where the configuration does not give one angle for each motor.
+    """
+    if configuration.angles.shape != (model.n_u,):
+        driven = ", ".join(joint.name for joint in model.robot.driven)
+        raise StudyError(
+            f"configuration {configuration.name}: {configuration.angles.size} angles are given, but robot "
+            f"{model.robot.name} has {model.n_u} driven joints ({driven}); give one angle for each"
+        )
+    q = np.zeros(model.n_q)
+    for joint, motor, angle in zip(model.robot.driven, model.inputs, configuration.angles, strict=True):
+        q[[model.index(f"joint {joint.name}"), model.index(motor)]] = angle
+    return q
+
+
+def _check_finite(model: ElasticModel, configuration: Configuration, numbers: FloatArray) -> None:
+    bad = np.flatnonzero(~np.isfinite(numbers).all(axis=1))
+    if bad.size:
+        raise StudyError(
+            f"configuration {configuration.name}: the torque on {model.coordinates[bad[0]]} is not a finite number; "
+            "a parameter of the robot is not finite"
+        )
+
+
+def _check_rest(
+    model: ElasticModel, configuration: Configuration, free: IntArray, torque: FloatArray, rounding: float
+) -> None:
+    left = np.abs(torque[free])
+    if left.size and not left.max() <= rounding:
+        worst = free[int(np.argmax(left))]
+        raise StudyError(
+            f"configuration {configuration.name}: {model.coordinates[worst]} finds no rest under gravity, "
+            f"{torque[worst]:.3g} N*m stay unbalanced after {MAX_STEPS} Newton steps; its springs are too soft for the "
+            "weight they carry, or the joint has no spring"
+        )
+
+
+def _check_stable(model: ElasticModel, configuration: Configuration, free: IntArray, K: FloatArray) -> None:
+    if not free.size:
+        return
+    stiffness, modes = np.linalg.eigh(K[np.ix_(free, free)])
+    if stiffness[0] < -1e-9 * np.abs(K).max():
+        worst = free[int(np.argmax(np.abs(modes[:, 0])))]
+        raise StudyError(
+            f"configuration {configuration.name}: {model.coordinates[worst]} tips over, springs and gravity together "
+            f"have a stiffness of {stiffness[0]:.3g} N*m/rad there with the motors held; raise its stiffness, or let a "
+            "joint without spring hang down"
+        )

@@ -1,0 +1,115 @@
+r"""ElasticModel about a configuration -> LinearModel, with exact derivatives to every parameter.
+
+.. math:: M(q_0)\, \delta\ddot q + D\, \delta\dot q + K \delta q = B\, \delta u, \qquad
+          K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
+
+Springs, gravity and, with multipliers, the geometric stiffness come from one Hessian. Coriolis terms are quadratic in
+the velocities and leave nothing. The operating point is held while the derivatives are taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.model.elastic import ElasticModel
+from elastid.record import Configuration, Motion
+
+# Smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain.
+SINGULAR = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation:
+    """A model with its derivatives to theta, built once and evaluated at each configuration.
+
+    matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
+    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.
+    """
+
+    model: ElasticModel
+    matrices: ca.Function
+
+    @classmethod
+    def of(cls, model: ElasticModel) -> Linearisation:
+        """Differentiate a model."""
+        q, theta = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
+        lambda_ = ca.SX.sym("lambda", model.n_c)
+        rows, columns = np.tril_indices(model.n_q)
+        lower = (columns * model.n_q + rows).tolist()  # CasADi counts column by column
+        matrices = (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta))
+        triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
+        slopes = ca.jacobian(ca.vec(triangles), theta)
+        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]))
+
+    def at(
+        self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
+    ) -> LinearModel:
+        """The LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
+        model = self.model
+        point = equilibrium(model, theta, configuration)
+        triangles, slopes = self.matrices(point.q, point.lambda_, theta)
+        M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
+        _check_inertia(model, configuration, M)
+        return LinearModel(
+            configuration=configuration,
+            parameters=(*model.parameters, DELAY),
+            theta_ref=np.append(theta, 0.0),
+            M=M,
+            D=D,
+            K=K,
+            slopes=_slopes(model, slopes.full()),
+            B=model.B,
+            C=model.output_jacobian(point.q, outputs),
+            inputs=model.inputs,
+            outputs=tuple(outputs),
+            quantity=quantity,
+        )
+
+
+def linearise(
+    model: ElasticModel, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
+) -> LinearModel:
+    """The LinearModel of one configuration; for several, build `Linearisation.of(model)` once.
+
+    theta (n_theta,): model.parameters in SI, without the delay, which LinearModel adds at the end.
+    outputs: places such as `motor 1`, `joint 1`, `body arm z`.  quantity: what is measured there.
+    StudyError where the configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
+    """
+    return Linearisation.of(model).at(configuration, theta, outputs, quantity)
+
+
+def _symmetric(triangle: FloatArray, n: int) -> FloatArray:
+    full = np.zeros((n, n))
+    full[np.tril_indices(n)] = triangle
+    return full + np.tril(full, -1).T
+
+
+def _slopes(model: ElasticModel, jacobian: FloatArray) -> dict[str, Slope]:
+    """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
+    slopes = {}
+    for name, column in zip(model.parameters, jacobian.T, strict=True):
+        if np.any(column):
+            M, D, K = (_symmetric(part, model.n_q) if np.any(part) else None for part in np.split(column, 3))
+            slopes[name] = Slope(M, D, K)
+    return slopes
+
+
+def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:
+    scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
+    eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
+    share = np.linalg.norm(modes[:, eigenvalues <= SINGULAR], axis=1)
+    names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
+    if not names:
+        return
+    raise StudyError(
+        f"configuration {configuration.name}: the mass matrix is singular, motion of {names} moves no inertia; give "
+        "the bodies that it moves a mass off the joint's axis or an inertia about it"
+    )

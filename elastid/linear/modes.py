@@ -1,0 +1,95 @@
+r"""Natural frequencies, damping, mode shapes and antiresonances of a LinearModel.
+
+.. math:: (\lambda^2 M + \lambda D + K)\, \phi = 0, \qquad f = |\lambda| / 2\pi, \quad
+          \zeta = -\mathrm{Re}\,\lambda / |\lambda|
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.linear.linear_model import LinearModel
+
+# |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.
+RIGID = 1e-6
+# Zeros beyond this multiple of the highest natural frequency cannot be told from zeros at infinity.
+HIGHEST = 10.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Oscillating modes by rising frequency: freq_hz (n_m,), damping ratio zeta (n_m,), shapes (n, n_m).
+
+    A shape's largest entry is 1.  real_poles: lambda in 1/s of what does not oscillate (rigid-body modes with 0,
+    overdamped ones), by magnitude; positive where gravity makes the configuration unstable with the motors free.
+    """
+
+    freq_hz: FloatArray
+    zeta: FloatArray
+    shapes: ComplexArray
+    real_poles: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("freq_hz", "zeta", "real_poles"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+        object.__setattr__(self, "shapes", frozen(self.shapes, np.complex128))
+
+
+def modes(model: LinearModel, theta: FloatArray) -> Modes:
+    """Modes with the motors free, at theta (n_theta,): the poles of the frequency response."""
+    return _modes(*model.matrices(theta), basis=np.eye(model.n), highest=np.inf)
+
+
+def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: str) -> Modes:
+    """Zeros of one element of the response, at theta (n_theta,); ValueError for a name that the model does not have.
+
+    Motion q = N_c x that the output does not see, under forces that the input alone supplies:
+    N_b^T (s^2 M + s D + K) N_c x = 0, N_c and N_b the null spaces of the output's row and the input's column. Where
+    output and input coincide these are the modes with that motor locked.
+    """
+    M, D, K = model.matrices(theta)
+    B, C = model.B[:, [model.inputs.index(input)]], model.C[[model.outputs.index(output)]]
+    N_b, N_c = scipy.linalg.null_space(B.T), scipy.linalg.null_space(C)
+    highest = HIGHEST * float(np.abs(_eigenvalues(M, D, K)[0]).max())
+    return _modes(N_b.T @ M @ N_c, N_b.T @ D @ N_c, N_b.T @ K @ N_c, basis=N_c, highest=highest)
+
+
+def _modes(M: FloatArray, D: FloatArray, K: FloatArray, basis: FloatArray, highest: float) -> Modes:
+    """Modes of coordinates x, q = basis x, without those beyond |lambda| = highest (1/s)."""
+    poles, x = _eigenvalues(M, D, K)
+    kept = np.isfinite(poles) & (np.abs(poles) <= highest)
+    poles, shapes = poles[kept], basis @ x[:, kept]
+    scale = np.abs(poles).max(initial=0.0)
+    poles = np.where(np.abs(poles) <= RIGID * scale, 0.0, poles)
+    real = np.abs(poles.imag) <= RIGID * scale
+    swinging = np.flatnonzero(~real & (poles.imag > 0))
+    swinging = swinging[np.argsort(np.abs(poles[swinging]))]
+    found, shapes = poles[swinging], shapes[:, swinging]
+    shapes = shapes / np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0) if shapes.size else shapes
+    decaying = poles[real].real
+    return Modes(
+        np.abs(found) / (2 * np.pi), -found.real / np.abs(found), shapes, decaying[np.argsort(np.abs(decaying))]
+    )
+
+
+def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+    """lambda (2 n,) in 1/s and phi (n, 2 n) of (lambda^2 M + lambda D + K) phi = 0; infinite where M is singular."""
+    n = M.shape[0]
+    if n == 0:
+        return np.empty(0, complex), np.empty((0, 0), complex)
+    # In a frequency unit and a stiffness unit that bring M, D and K to order one.
+    rate = float(np.sqrt(np.abs(K).max() / np.abs(M).max())) or 1.0
+    stiffness = rate**2 * np.abs(M).max()
+    I, O = np.eye(n), np.zeros((n, n))  # noqa: E741
+    A = np.block([[O, I], [-K / stiffness, -D * rate / stiffness]])
+    E = np.block([[I, O], [O, M * rate**2 / stiffness]])
+    (alpha, beta), vectors = scipy.linalg.eig(A, E, homogeneous_eigvals=True)
+    poles = np.full(2 * n, np.inf, complex)
+    finite = np.abs(beta) > np.finfo(float).eps * np.abs(alpha)
+    poles[finite] = rate * alpha[finite] / beta[finite]
+    return poles, vectors[:n]

@@ -1,0 +1,211 @@
+r"""LinearModel -> frequency response and its exact derivatives, all lines at once.
+
+.. math:: G(j\omega) = c\, C Z^{-1} B, \qquad Z = -\omega^2 M + j\omega D + K, \qquad
+          c = (j\omega)^k e^{-j\omega T_d}
+
+with k = 0, 1, 2 for position, velocity, acceleration. Z is symmetric, so the solutions X = Z^-1 B and W = Z^-1 C^T give
+every derivative without another solve (plain transposes):
+
+.. math:: dG = -c\, W^T dZ\, X = -c \sum_t (j\omega)^{k_t} \sigma_t\, (W^T y_t)(y_t^T X), \qquad
+          dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
+
+Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.record import MOTION_ORDER
+from elastid.response import FrequencyResponse
+
+# Lines worked on at a time: their matrices stay in the cache.
+BLOCK = 100
+# Eigenvalues of a slope below this part of its largest are rounding.
+RANK_TOLERANCE = 1e-12
+
+
+def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
+    r"""Response of an elastic robot in one configuration, the formula itself.
+
+    .. math:: G(j\omega) = (j\omega)^k e^{-j\omega T_d}\, C\, [K - \omega^2 M + j\omega D]^{-1} B
+
+    theta (n_theta,): model.parameters, SI.  freq_hz (F,): positive.
+    Returns G (F, n_y, n_u), link side, model.quantity per Nm.
+    """
+    M, D, K = model.matrices(theta)
+    s: ComplexArray = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
+    G: ComplexArray = _gain(model, theta, s) * (
+        model.C @ np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
+    )
+    return G
+
+
+def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
+    """The response as a value like a measured one; arguments as `frequency_response`."""
+    G = frequency_response(model, theta, freq_hz)
+    return FrequencyResponse(freq_hz, G, model.inputs, model.outputs, model.quantity, model.configuration)
+
+
+@dataclass(frozen=True)
+class Terms:
+    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (rows of Y), each (P_g, n_t).
+
+    members (P_g,): their places among the wanted parameters.
+    """
+
+    members: IntArray
+    power: IntArray
+    sigma: FloatArray
+    direction: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
+
+    Prepared once, evaluated at many theta; it pickles. KeyError for a name that the model does not have.
+    """
+
+    model: LinearModel
+    freq_hz: FloatArray
+    wanted: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the lines and check the names."""
+        object.__setattr__(self, "freq_hz", frozen(self.freq_hz))
+        for name in self.wanted:
+            if name not in self.model.parameters:
+                raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
+
+    def response(self, theta: FloatArray) -> ComplexArray:
+        """G (F, n_y, n_u) at theta (n_theta,)."""
+        return np.concatenate([self._response(s, X, theta) for _, s, X in self._solutions(theta)])
+
+    def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
+        n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
+        G = np.empty((self.freq_hz.size, n_y, n_u), complex)
+        dG = np.zeros((len(self.wanted), *G.shape), complex)
+        columns, (Y, groups) = self._right_sides[1], self._directions_and_terms
+        for block, s, X in self._solutions(theta):
+            G[block] = self._response(s, X, theta)
+            if DELAY in self.wanted:
+                dG[self.wanted.index(DELAY), block] = -s[:, None, None] * G[block]
+            YX = _times(Y, X)
+            left, right = YX[:, :, columns], YX[:, :, :n_u]
+            gain = _gain(self.model, theta, s)
+            powers = -np.stack([gain, gain * s, gain * s**2])
+            for terms in groups:
+                weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
+                dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
+        return G, dG
+
+    def _response(self, s: ComplexArray, X: ComplexArray, theta: FloatArray) -> ComplexArray:
+        gain = _gain(self.model, theta, s)[:, None, None]
+        G: ComplexArray = gain * (self.model.C @ X[:, :, : self.model.B.shape[1]])
+        return G
+
+    def _solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray]]:
+        """Block by block: the lines, s = j omega (F,), and X = Z^-1 [B, extra] (F, n, n_u + n_extra)."""
+        n = self.model.n
+        M, D, K = self._matrices(theta)
+        # Z of all lines in one real product: [1, omega, -omega^2] times K and M (real parts) and D (imaginary part).
+        parts = np.zeros((3, n, n, 2))
+        parts[0, :, :, 0], parts[1, :, :, 1], parts[2, :, :, 0] = K, D, M
+        right = self._right_sides[0].astype(complex)
+        for start in range(0, self.freq_hz.size, BLOCK):
+            block = slice(start, start + BLOCK)
+            omega = 2 * np.pi * self.freq_hz[block]
+            Z = np.stack([np.ones_like(omega), omega, -(omega**2)], axis=1) @ parts.reshape(3, -1)
+            s: ComplexArray = (1j * omega).astype(complex)
+            yield block, s, np.linalg.solve(Z.view(complex).reshape(-1, n, n), right)
+
+    def _matrices(self, theta: FloatArray) -> FloatArray:
+        """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
+        change = (theta - self.model.theta_ref)[self._slopes[0]]
+        moved: FloatArray = (change @ self._slopes[1]).reshape(3, self.model.n, self.model.n)
+        return moved + np.stack([self.model.M, self.model.D, self.model.K])
+
+    @cached_property
+    def _slopes(self) -> tuple[IntArray, FloatArray]:
+        """Places in theta of the parameters that move M, D, K, and how (n_slopes, 3 n n)."""
+        n, slopes = self.model.n, self.model.slopes
+        places = [self.model.parameters.index(name) for name in slopes]
+        zero = np.zeros((n, n))
+        stacked = [[zero if part is None else part for part in (s.M, s.D, s.K)] for s in slopes.values()]
+        return np.array(places, np.int64), np.array(stacked).reshape(len(places), 3 * n * n)
+
+    @cached_property
+    def _right_sides(self) -> tuple[FloatArray, IntArray]:
+        """[B, extra] and for each output the column that holds its direction; collocated outputs need no extra one."""
+        sides = list(self.model.B.T)
+        columns = []
+        for direction in self.model.C:
+            same = [i for i, side in enumerate(sides) if np.array_equal(side, direction)]
+            if not same:
+                sides.append(direction)
+            columns.append(same[0] if same else len(sides) - 1)
+        return np.column_stack(sides), np.array(columns)
+
+    @cached_property
+    def _directions_and_terms(self) -> tuple[FloatArray, tuple[Terms, ...]]:
+        """Y (n_d, n) of all terms, each direction once, and the wanted parameters in groups of as many terms."""
+        found: dict[int, list[tuple[int, float]]] = {}
+        directions: list[FloatArray] = []
+        for place, name in enumerate(self.wanted):
+            slope = self.model.slopes.get(name, Slope())
+            for power, matrix in enumerate((slope.K, slope.D, slope.M)):
+                for sigma, y in _rank_one_parts(matrix) if matrix is not None else ():
+                    found.setdefault(place, []).append((power, sigma))
+                    directions.append(y)
+        stacked = np.array(directions).reshape(-1, self.model.n)
+        # A spring and its damper have the same direction: Y X is worked out once for both.
+        _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
+        ends = np.cumsum([len(parts) for parts in found.values()])
+        rows = dict(zip(found, np.split(same.reshape(-1), ends[:-1]), strict=False))
+        return stacked[first], tuple(_grouped(found, rows))
+
+
+def _gain(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
+    """s^k exp(-s T_d), of the shape of s = j omega."""
+    delay = theta[model.parameters.index(DELAY)] if DELAY in model.parameters else 0.0
+    gain: ComplexArray = s ** MOTION_ORDER[model.quantity] * np.exp(-s * delay)
+    return gain
+
+
+def _times(Y: FloatArray, X: ComplexArray) -> ComplexArray:
+    """Y X_f (n_d, F, m) of real Y (n_d, n) and X (F, n, m), as one real matrix product."""
+    F, n, m = X.shape
+    flat = np.ascontiguousarray(X.transpose(1, 0, 2)).reshape(n, F * m)
+    product: ComplexArray = (Y @ flat.view(float)).view(complex).reshape(-1, F, m)
+    return product
+
+
+def _grouped(found: Mapping[int, list[tuple[int, float]]], rows: Mapping[int, IntArray]) -> Iterator[Terms]:
+    for count in sorted({len(parts) for parts in found.values()}):
+        members = [place for place, parts in found.items() if len(parts) == count]
+        yield Terms(
+            members=np.array(members),
+            power=np.array([[power for power, _ in found[place]] for place in members]),
+            sigma=np.array([[sigma for _, sigma in found[place]] for place in members]),
+            direction=np.array([rows[place] for place in members]),
+        )
+
+
+def _rank_one_parts(matrix: FloatArray) -> list[tuple[float, FloatArray]]:
+    """A symmetric matrix as sum sigma y y^T, y of length one and of a definite sign."""
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    keep = np.flatnonzero(np.abs(eigenvalues) > RANK_TOLERANCE * np.abs(eigenvalues).max())
+    return [(float(eigenvalues[i]), _with_sign(vectors[:, i])) for i in keep]
+
+
+def _with_sign(y: FloatArray) -> FloatArray:
+    leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
+    return y if leading > 0 else -y

@@ -1,0 +1,105 @@
+r"""ElasticModel: the equations of motion of an elastic robot, the contract of every formulation.
+
+.. math:: M(q, \theta)\, \ddot q + f(q, \dot q, \theta) + \Phi(q)^T \lambda = B u, \qquad \varphi(q, \theta) = 0,
+          \qquad \Phi = \partial \varphi / \partial q
+
+    f = Coriolis and centrifugal terms + dV/dq + dR/dq',     V = gravity + springs,     R = dissipation / 2
+
+Conventions, for all of `model`, `linear` and `simulation`:
+
+- Everything is on the link side: a motor coordinate q_m is the motor's angle divided by its gear ratio, a motor torque
+  is multiplied by it, inertia and viscous friction by its square. `drivetrain` alone applies ratios.
+- u is the torque that the motor's magnetic field exerts; a positive torque drives a positive angle.
+- The gear spring drives the arm and holds the motor back by the same torque,
+  tau_a = K (q_m - q_a) + D (q_m' - q_a'). (Niglis & Oberg 2015, eq. 2.8a; their eq. 2.12 has the order reversed.)
+- An elastic joint that is not driven rests at angle 0: tau_na = -K q_na - D q_na'.
+- Friction stands on the left, in f: it takes torque where the velocity is positive. Coulomb friction is not in f.
+- lambda enters as +Phi^T lambda on the left, as in the Lagrangian T - V - lambda^T phi.
+- Reduced motor model (Spong): a rotor turns about its own axis only; its inertial coupling S with the motion of the
+  link that carries it, of relative size 1 / ratio, is left out. The carrier's mass and inertia include the motor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.arrays import FloatArray, frozen
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticModel:
+    """The equations as named CasADi functions of q (n_q,), v = q' (n_q,), theta (n_theta,), lambda_ (n_c,).
+
+    coordinates: `joint <name>` of every joint in the robot's order, then `motor <name>` of every flexible joint.
+    inputs: `motor <name>` of every motor.  parameters: all names of robot.parameters(); theta their nominal values.
+
+        mass(q, theta) -> M (n_q, n_q)                      force(q, v, theta) -> f (n_q,)
+        constraint(q, theta) -> phi (n_c,)                  potential_gradient(q, theta) -> dV/dq (n_q,)
+        damping(q, theta) -> D (n_q, n_q), Hessian of R     stiffness(q, lambda_, theta) -> Hessian of V + lambda^T phi
+        angular_velocity(q) -> J (3 n_bodies, n_q): J v is the absolute angular velocity of each body in its own axes
+
+    B (n_q, n_u) is constant. Call a function with numbers, or with SX to build on it: given numeric theta it folds the
+    constants, and `cse` in the options of the new function shares what M and f have in common. Functions pickle.
+    """
+
+    robot: Robot
+    coordinates: tuple[str, ...]
+    inputs: tuple[str, ...]
+    parameters: tuple[str, ...]
+    theta: FloatArray
+    B: FloatArray
+    mass: ca.Function
+    force: ca.Function
+    constraint: ca.Function
+    damping: ca.Function
+    stiffness: ca.Function
+    potential_gradient: ca.Function
+    angular_velocity: ca.Function
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "theta", frozen(self.theta))
+        object.__setattr__(self, "B", frozen(self.B))
+
+    @property
+    def n_q(self) -> int:
+        """Number of coordinates."""
+        return len(self.coordinates)
+
+    @property
+    def n_u(self) -> int:
+        """Number of motors."""
+        return len(self.inputs)
+
+    @property
+    def n_c(self) -> int:
+        """Number of constraint rows; 0 for a tree."""
+        return int(self.constraint.size1_out(0))
+
+    def index(self, location: str) -> int:
+        """The coordinate of `motor <name>` or `joint <name>`; a rigidly driven joint's motor turns with the joint."""
+        if location not in self.coordinates and location in self.inputs:
+            return self.coordinates.index(location.replace("motor ", "joint ", 1))
+        return self.coordinates.index(location)
+
+    def output_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
+        """C (n_y, n_q): rates of the places `motor <name>`, `joint <name>`, `body <name> <axis>` are C v at q (n_q,).
+
+        A body's rate is its absolute angular velocity about an axis fixed in it. StudyError for an unknown place.
+        """
+        C = np.zeros((len(locations), self.n_q))
+        rates = self.angular_velocity(q).full() if any(place.startswith("body ") for place in locations) else None
+        bodies = [body.name for body in self.robot.bodies]
+        for row, place in enumerate(locations):
+            self.robot.check_location(place)
+            if rates is not None and place.startswith("body "):
+                name, axis = place.removeprefix("body ").rsplit(" ", 1)
+                C[row] = rates[3 * bodies.index(name) + "xyz".index(axis)]
+            else:
+                C[row, self.index(place)] = 1.0
+        return C

@@ -1,0 +1,134 @@
+"""What an identification ends with: truth, modes, and summary.json, which keeps its form (schema 1)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from elastid.fit.result import FitResult
+from elastid.linear.linear_model import DELAY
+from elastid.linear.linearise import Linearisation
+from elastid.linear.modes import modes
+from elastid.model.serial import serial
+from elastid.report.content import ModeRow
+from elastid.report.parameter_rows import parameter_rows
+from elastid.response import FrequencyResponse
+from elastid.study import Study
+from elastid.validation.frequency import Agreement
+
+CORRELATED = 0.9
+
+
+def truth(study: Study) -> dict[str, float] | None:
+    """Every number of the simulated robot by name, in SI; None where the experiment is recorded."""
+    simulated = study.experiment.simulated
+    if simulated is None:
+        return None
+    numbers = {name: value for name, (value, _) in study.robot.parameters().items()}
+    return numbers | {DELAY: 0.0} | {name: float(value) for name, value in simulated.truth.items()}
+
+
+def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
+    """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
+    linearisation, theta = Linearisation.of(serial(study.robot)), result.theta
+    rows = []
+    for response in responses:
+        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
+        found = modes(model, theta)
+        rows.append(ModeRow(response.configuration.name, found.freq_hz, found.zeta))
+    return tuple(rows)
+
+
+def summary(
+    study: Study,
+    result: FitResult,
+    mode_rows: Sequence[ModeRow],
+    agreements: Sequence[Agreement],
+    warnings: Sequence[str],
+) -> dict[str, Any]:
+    """The content of summary.json."""
+    return {
+        "schema": 1,
+        "study": study.name,
+        "status": result.status,
+        "message": result.message,
+        "cost": _number(result.cost),
+        "cost_expected": result.dof,
+        "dof": result.dof,
+        "starts": len(result.starts),
+        "hits": result.hits,
+        "parameters": _parameters(study, result),
+        "correlations_above_0.9": _correlations(result),
+        "modes": [
+            {
+                "configuration": row.configuration,
+                "frequency_hz": _numbers(row.frequency_hz.tolist()),
+                "damping_ratio": _numbers(row.damping_ratio.tolist()),
+            }
+            for row in mode_rows
+        ],
+        "frf_error": [
+            {
+                "configuration": agreement.configuration,
+                "rms_log_db": _number(agreement.overall_rms_log_db),
+                "phase_rms_deg": _number(agreement.overall_phase_rms_deg),
+                "inside_2sigma": _number(agreement.overall_inside_2sigma),
+            }
+            for agreement in agreements
+        ],
+        "warnings": list(dict.fromkeys([*result.warnings, *warnings])),
+    }
+
+
+def failure(study: Study, message: str) -> dict[str, Any]:
+    """summary.json of a fit that found nothing: the same keys, no numbers."""
+    return {
+        "schema": 1,
+        "study": study.name,
+        "status": "failed",
+        "message": message,
+        "cost": None,
+        "cost_expected": None,
+        "dof": None,
+        "starts": study.fit.starts,
+        "hits": 0,
+        "parameters": {},
+        "correlations_above_0.9": [],
+        "modes": [],
+        "frf_error": [],
+        "warnings": [],
+    }
+
+
+def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
+    rows = parameter_rows(result, truth(study))
+    return {
+        row.name: {
+            "value": row.estimate,
+            "std": _number(row.std),
+            "interval95": _numbers(row.interval),
+            "unit": row.unit,
+            "at_bound": row.at_bound,
+            "start": row.start,
+            **({} if row.truth is None else {"truth": row.truth}),
+        }
+        for row in rows
+    }
+
+
+def _correlations(result: FitResult) -> list[list[Any]]:
+    names, r = result.parameters.free_names, result.correlation
+    above = np.argwhere(np.triu(np.abs(r), 1) > CORRELATED)
+    return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]
+
+
+def _numbers(values: Sequence[float]) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _number(value: float) -> float | None:
+    """JSON knows no infinity: null."""
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,79 @@
+"""What `elastid check` says about a study without errors: robot, unknowns, experiments, what will be run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from elastid.fit.choose import choose
+from elastid.parameters import Parameter
+from elastid.study import Study
+
+
+def overview(study: Study) -> str:
+    """A page of plain text."""
+    return "\n".join([*_robot(study), "", *_unknowns(study), "", *_experiments(study), "", *_plan_of_work(study)])
+
+
+def _robot(study: Study) -> Iterator[str]:
+    robot = study.robot
+    elastic = [joint.name for joint in robot.joints if joint.spring is not None]
+    yield f"study {study.name}, robot {robot.name}"
+    yield (
+        f"  {len(robot.bodies)} bodies, {len(robot.joints)} joints, of which {len(robot.driven)} driven "
+        f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
+    )
+    yield f"  {len(robot.joints) + len(robot.flexible)} coordinates, {study.model.formulation} model"
+
+
+def _unknowns(study: Study) -> Iterator[str]:
+    parameters = choose(study.fit, study.robot)
+    yield f"{len(parameters.free)} unknowns"
+    rows = [("  name", "start", "lower", "upper", "unit")]
+    rows += [("  " + p.name, _g(p.value), _g(p.lower), _g(p.upper), p.unit + _prior(p)) for p in parameters.free]
+    yield from _columns(rows)
+    ties = [f"{p.name} = {p.tie.factor:g} {p.tie.to}" for p in parameters if p.tie is not None]
+    if ties:
+        yield f"  tied: {', '.join(ties)}"
+
+
+def _prior(parameter: Parameter) -> str:
+    return "" if parameter.prior is None else f"  (prior {parameter.prior.mean:g}, std {parameter.prior.std:g})"
+
+
+def _experiments(study: Study) -> Iterator[str]:
+    experiment, excitation = study.experiment, study.excitation
+    names = ", ".join(experiment.configurations)
+    if experiment.recorded is not None:
+        yield f"{len(experiment.recorded.files)} log files of {len(experiment.configurations)} configurations ({names})"
+        return
+    n_u, Q, M = len(study.robot.driven), len(experiment.configurations), experiment.realisations
+    yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
+    if excitation is not None:
+        periods = experiment.periods + experiment.transient_periods
+        yield (
+            f"  {periods} periods of {excitation.period:g} s each ({experiment.transient_periods} of transient), "
+            f"{Q * M * n_u * periods * excitation.period:g} s of the robot's time, movements between not counted"
+        )
+        low, high = excitation.band_hz
+        yield f"  {excitation.grid} lines from {low:g} to {high:g} Hz, sampled at {excitation.rate_hz:g} Hz"
+
+
+def _plan_of_work(study: Study) -> Iterator[str]:
+    rig = "import the logs" if study.experiment.recorded is not None else "design, simulate the experiments"
+    left_out = study.validation.left_out
+    judged = f"judge it on {', '.join(left_out)}, which it has not seen" if left_out else "judge it on what it has seen"
+    log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
+    yield (
+        f"will {rig}, estimate the responses in {study.estimator.quantity}, fit from {study.fit.starts} starts "
+        f"({log_first}{study.fit.criterion}), {judged}, write the report"
+    )
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _g(value: float) -> str:
+    return f"{value:.5g}"

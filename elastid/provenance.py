@@ -1,0 +1,72 @@
+"""What a stage's result hangs on, as hashes: study sections, input files, what went before, the code itself."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+
+from elastid import __version__
+from elastid.store import Stamp
+from elastid.study import LoadedStudy, Study
+
+# The sections of a study that each stage reads; what an earlier stage has read comes with its result.
+_SECTIONS = {
+    "design": ("seed", "robot", "excitation", "experiment"),
+    "measure": ("seed", "robot", "excitation", "experiment"),
+    "estimate": ("estimator",),
+    "fit": ("name", "seed", "robot", "model", "fit", "validation"),
+    "validate": ("robot", "model", "validation"),
+    "report": ("name", "report"),
+}
+UPSTREAM: dict[str, tuple[str, ...]] = {
+    "design": (),
+    "measure": ("design",),
+    "estimate": ("measure",),
+    "fit": ("estimate",),
+    "validate": ("estimate", "fit"),
+    "report": ("design", "estimate", "fit", "validate"),
+}
+
+
+def upstream(study: Study, stage: str) -> tuple[str, ...]:
+    """The stages whose results a stage reads; where the experiment is recorded there is no design."""
+    return tuple(name for name in UPSTREAM[stage] if name != "design" or study.experiment.simulated is not None)
+
+
+def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
+    """For each stage the stamp that its result must carry to be what the study asks for."""
+    study, code = loaded.study, code_hash()
+    sections = asdict(study)
+    inputs: dict[str, str] = {}
+    for stage, names in _SECTIONS.items():
+        document: list[object] = [stage, [sections[name] for name in names]]
+        document += [inputs[name] for name in upstream(study, stage)]
+        if stage == "measure" and study.experiment.recorded is not None:
+            paths = dict.fromkeys(file.path for file in study.experiment.recorded.files)
+            document.append([[path, file_hash(loaded.base / path)] for path in paths])
+        if stage == "report":
+            document.append(loaded.text)
+        # The order of keys counts: it is the order in which configurations are measured and patterns win.
+        inputs[stage] = hashlib.sha256(json.dumps(document).encode()).hexdigest()
+    return {stage: Stamp(hash_, code, __version__, study.seed, loaded.text) for stage, hash_ in inputs.items()}
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def code_hash() -> str:
+    """SHA-256 of the package's own source: another version, another result."""
+    digest = hashlib.sha256(__version__.encode())
+    root = Path(str(files("elastid")))
+    for path in sorted(root.rglob("*")):
+        name = path.relative_to(root).as_posix()
+        if path.suffix in (".py", ".j2", ".js", ".css") and not name.startswith("templates/"):
+            digest.update(name.encode())
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,59 @@
+"""All that a report shows, as values; what comes from which stage is the caller's affair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from elastid.arrays import FloatArray, frozen
+from elastid.experiment.plan import Plan
+from elastid.fit.result import FitResult
+from elastid.response import FrequencyResponse
+from elastid.validation.frequency import Validation
+
+
+@dataclass(frozen=True)
+class ModeRow:
+    """Natural frequencies (n,) in Hz and damping ratios (n,) of the identified model in one configuration."""
+
+    configuration: str
+    frequency_hz: FloatArray
+    damping_ratio: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "frequency_hz", frozen(self.frequency_hz))
+        object.__setattr__(self, "damping_ratio", frozen(self.damping_ratio))
+
+    @property
+    def pairs(self) -> list[tuple[float, float]]:
+        """Frequency and damping ratio mode by mode."""
+        return list(zip(self.frequency_hz.tolist(), self.damping_ratio.tolist(), strict=True))
+
+
+@dataclass(frozen=True)
+class ReportContent:
+    """One identification: what was found, how far it can be trusted, and what it came from.
+
+    verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
+    truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
+    here.  provenance: name to text (version, seed, ...), shown as it is, so without a date the page is reproducible.
+    """
+
+    title: str
+    verdict: str
+    warnings: tuple[str, ...]
+    result: FitResult
+    frf: tuple[tuple[FrequencyResponse, FrequencyResponse], ...]
+    validation: Validation
+    modes: tuple[ModeRow, ...]
+    study_text: str
+    provenance: Mapping[str, str]
+    truth: Mapping[str, float] | None = None
+    plan: Plan | None = None
+
+    @property
+    def all_warnings(self) -> tuple[str, ...]:
+        """The warnings given, those of the fit and the notes of the measured responses, each once."""
+        notes = (note for measured, _ in self.frf for note in measured.notes)
+        return tuple(dict.fromkeys((*self.warnings, *self.result.warnings, *notes)))

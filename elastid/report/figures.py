@@ -1,0 +1,77 @@
+"""Which figures a report has, in the order in which they are read. Pure matplotlib: values in, Figure out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from elastid.report.content import ReportContent
+from elastid.report.excitation_figures import excitation
+from elastid.report.fit_figures import identifiability, multistart
+from elastid.report.forest import forest
+from elastid.report.frf_figures import frf_magnitude, frf_phase
+from elastid.report.parameter_rows import parameter_rows
+from elastid.response import FrequencyResponse
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure with a file-safe name, the section of the page that it belongs to, and a caption."""
+
+    name: str
+    section: str
+    caption: str
+    figure: Figure
+
+
+def drawings(content: ReportContent) -> Iterator[Drawing]:
+    """The figures of a report, drawn one by one so that only one is in memory."""
+    rows = parameter_rows(content.result, content.truth)
+    if rows:
+        yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
+    for name, (measured, modelled) in zip(_file_names(content), content.frf, strict=True):
+        configuration = measured.configuration.name
+        title = _configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
+        yield Drawing(
+            f"{name}-magnitude",
+            f"configuration {configuration}",
+            f"{configuration}: magnitude of the frequency responses, measured and modelled.",
+            frf_magnitude(measured, modelled, title),
+        )
+        yield Drawing(
+            f"{name}-phase",
+            f"configuration {configuration}",
+            f"{configuration}: phase of the frequency responses, measured and modelled.",
+            frf_phase(measured, modelled, title),
+        )
+    if content.result.starts:
+        yield Drawing("multistart", "fit", "Cost at which every start of the fit ended.", multistart(content.result))
+    if len(rows) > 1:
+        yield Drawing(
+            "identifiability",
+            "fit",
+            "Correlations near 1 or −1 mean that the data tell only a combination of two parameters.",
+            identifiability(content.result),
+        )
+    if content.plan is not None:
+        yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
+
+
+def _configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
+    angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
+    return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
+
+
+def _file_names(content: ReportContent) -> list[str]:
+    """frf-<configuration> of letters, digits, dots and dashes; numbered where two would be the same file."""
+    names: list[str] = []
+    for measured, _ in content.frf:
+        name = "frf-" + re.sub(r"[^A-Za-z0-9._-]+", "-", measured.configuration.name)
+        if name.lower() in (other.lower() for other in names):
+            name = f"{name}-{len(names) + 1}"
+        names.append(name)
+    return names

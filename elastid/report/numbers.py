@@ -1,0 +1,49 @@
+"""Numbers as people read them in a table."""
+
+from __future__ import annotations
+
+import math
+
+
+def number(value: float | None, digits: int = 4) -> str:
+    """So many significant digits, without an exponent where it can be avoided; a dash for what is not known.
+
+    >>> number(301234.5), number(0.00012345, 2), number(float("nan")), number(3e-9)
+    ('301200', '0.00012', '–', '3.000e-09')
+    """
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "-∞"
+    if value == 0:
+        return "0"
+    place = digits - 1 - _exponent(value)
+    if not -4 <= _exponent(value) < 8:
+        return f"{value:.{digits - 1}e}"
+    return f"{round(value, place):.{max(place, 0)}f}"
+
+
+def digits(value: float, std: float) -> int:
+    """How many digits of a value its standard deviation leaves: down to the second of std, but two to eight.
+
+    >>> digits(301234.5, 1234.0), digits(0.8, 0.1), digits(5.0, 80.0), digits(5.0, float("inf"))
+    (4, 2, 2, 4)
+    """
+    if not (math.isfinite(std) and std > 0 and math.isfinite(value) and value != 0):
+        return 4
+    return min(max(_exponent(value) - _exponent(std) + 2, 2), 8)
+
+
+def percent(value: float | None, digits: int = 2) -> str:
+    """A share in percent.
+
+    >>> percent(0.9312, 3)
+    '93.1 %'
+    """
+    return number(None if value is None else 100 * value, digits) + (
+        " %" if value is not None and value == value else ""
+    )
+
+
+def _exponent(value: float) -> int:
+    return math.floor(math.log10(abs(value)))

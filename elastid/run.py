@@ -1,0 +1,108 @@
+"""Run: a study, the folder of its results, and which of them still are what the study asks for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+from elastid import __version__
+from elastid.console import Console
+from elastid.errors import StudyError
+from elastid.provenance import stamps, upstream
+from elastid.store import Stamp, read_stamp
+from elastid.study import LoadedStudy, Study
+
+ARTEFACTS = {
+    "design": "plan.h5",
+    "measure": "records.h5",
+    "estimate": "frf.h5",
+    "fit": "fit.h5",
+    "validate": "validation.h5",
+    "report": "report.html",
+}
+SUMMARY = "summary.json"
+
+
+@dataclass(frozen=True)
+class Run:
+    """jobs: processes; the results do not hang on it."""
+
+    loaded: LoadedStudy
+    folder: Path
+    jobs: int = 1
+    console: Console = field(default_factory=Console)
+
+    @property
+    def study(self) -> Study:
+        """What is asked for."""
+        return self.loaded.study
+
+    @cached_property
+    def stamps(self) -> dict[str, Stamp]:
+        """What the result of each stage must be stamped with."""
+        return stamps(self.loaded)
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The stages that this study has, in order."""
+        return tuple(stage for stage in ARTEFACTS if stage != "design" or self.study.experiment.simulated is not None)
+
+    def path(self, stage: str) -> Path:
+        """The file in which a stage leaves its result."""
+        return self.folder / ARTEFACTS[stage]
+
+    def is_current(self, stage: str) -> bool:
+        """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""
+        wanted = self.stamps[stage]
+        if stage == "report":
+            return self._page_holds(wanted)
+        found = read_stamp(self.path(stage))
+        if found is None or (found.inputs, found.code) != (wanted.inputs, wanted.code):
+            return False
+        return stage != "fit" or (self.folder / SUMMARY).is_file()
+
+    def require(self, stage: str) -> None:
+        """Refuse to go on without the results that a stage reads; StudyError says which command makes them."""
+        for name in upstream(self.study, stage):
+            path, found = self.path(name), read_stamp(self.path(name))
+            command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
+            if not path.is_file():
+                raise StudyError(f"{path} is missing: {command}")
+            if found is None:
+                raise StudyError(f"{path} cannot be read or is no result of elastid: {command}")
+            if found.inputs != self.stamps[name].inputs:
+                raise StudyError(f"{path} was made from another study, other data or other options: {command}")
+            if found.code != self.stamps[name].code:
+                self.console.warn(
+                    f"{path} was made by another version of elastid ({found.version}) and is used as is"
+                )
+
+    @contextmanager
+    def logged(self) -> Iterator[None]:
+        """Everything said goes to run.log in the folder too, and how the work ended."""
+        with self.console.logging_to(self.folder):
+            self.console.detail(f"elastid {__version__}, {self.loaded.path}, {self.jobs} processes")
+            try:
+                yield
+            except KeyboardInterrupt:
+                self.console.log("interrupted")
+                raise
+            except Exception as error:
+                self.console.log(str(error) or repr(error))
+                raise
+
+    def _page_holds(self, wanted: Stamp) -> bool:
+        path = self.path("report")
+        if not path.is_file() or not (self.folder / "figures").is_dir():
+            return False
+        page = path.read_text(encoding="utf-8", errors="replace")
+        return wanted.inputs in page and wanted.code in page
+
+
+def all_cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -1,0 +1,41 @@
+"""The HDF5 layout of every artefact: named axes as dimension scales, units, native complex numbers, provenance.
+
+- files:    written under another name, synced and renamed, so that no half file is ever seen; read-only afterwards
+- wing:     plan, records, frequency responses
+- results:  fit and validation
+
+The same value gives the same bytes: nothing in a file tells the time.
+"""
+
+from elastid.store.description import described, kind_of
+from elastid.store.files import Stamp, read_stamp, remove_leftovers, text_file
+from elastid.store.results import read_fit, read_validation, write_fit, write_validation
+from elastid.store.wing import (
+    read_configurations,
+    read_plan,
+    read_records,
+    read_responses,
+    write_plan,
+    write_records,
+    write_responses,
+)
+
+__all__ = [
+    "Stamp",
+    "described",
+    "kind_of",
+    "read_configurations",
+    "read_fit",
+    "read_plan",
+    "read_records",
+    "read_responses",
+    "read_stamp",
+    "read_validation",
+    "remove_leftovers",
+    "text_file",
+    "write_fit",
+    "write_plan",
+    "write_records",
+    "write_responses",
+    "write_validation",
+]

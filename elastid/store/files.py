@@ -1,0 +1,160 @@
+"""Files that are whole or absent, and the few HDF5 idioms that every layout is written in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, TextIO
+
+import h5py
+import numpy as np
+
+from elastid.errors import DataError
+
+_TEXT = h5py.string_dtype()
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """Where an artefact came from: hashes of its inputs and of the code that made it, and the study in words.
+
+    inputs: hash of the study's sections, of files and of what went before.  code: hash of the package's source.
+    """
+
+    inputs: str = ""
+    code: str = ""
+    version: str = ""
+    seed: int = 0
+    study: str = ""
+
+
+NO_STAMP = Stamp()
+
+
+@contextmanager
+def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
+    """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
+    with _replacing(path) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                file.attrs["elastid"] = kind
+                provenance = file.create_group("provenance")
+                for name, value in asdict(stamp).items():
+                    if name == "study":  # an attribute holds 64 KB at most
+                        provenance.create_dataset(name, data=value, dtype=_TEXT)
+                    else:
+                        provenance.attrs[name] = value
+                yield file
+        except RuntimeError as error:  # h5py's word for a disk that fills up while a file is closed
+            raise OSError(f"{path}: cannot be written ({error})") from error
+
+
+@contextmanager
+def text_file(path: Path) -> Iterator[TextIO]:
+    """A new text file; it takes its name only when it is complete and on the disk."""
+    with _replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+        yield file
+
+
+@contextmanager
+def _replacing(path: Path) -> Iterator[Path]:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.unfinished")
+    try:
+        yield temporary
+        with temporary.open("rb") as file:
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Clear what a killed run was writing."""
+    for temporary in folder.glob(".*.unfinished"):
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def opened(path: Path, kind: str) -> Iterator[Any]:
+    """An artefact, read-only; DataError where it is missing, truncated or of another kind."""
+    try:
+        file = h5py.File(path, "r")
+    except FileNotFoundError:
+        raise DataError(f"{path}: no such file") from None
+    except OSError as error:
+        raise DataError(f"{path}: not a readable HDF5 file ({_first_line(error)}); delete it and run again") from None
+    with file:
+        found = file.attrs.get("elastid")
+        if found != kind:
+            holds = f"holds {found}" if found else "was not written by elastid"
+            raise DataError(f"{path}: {holds}, expected {kind}; delete it and run again")
+        try:
+            yield file
+        except (KeyError, OSError) as error:
+            raise DataError(f"{path}: damaged ({_first_line(error)}); delete it and run again") from error
+
+
+def read_stamp(path: Path) -> Stamp | None:
+    """Where an artefact came from; None where it is missing, truncated or foreign."""
+    try:
+        with h5py.File(path, "r") as file:
+            attributes = {name: _plain(value) for name, value in file["provenance"].attrs.items()}
+            attributes["study"] = file["provenance/study"].asstr()[()]
+    except (OSError, KeyError):
+        return None
+    known = {field.name for field in fields(Stamp)}
+    return Stamp(**attributes) if set(attributes) == known else None
+
+
+def scale(group: Any, name: str, values: Sequence[Any] | np.ndarray[Any, Any], long_name: str, units: str = "") -> Any:
+    """A dimension scale: an axis with its values, texts or numbers."""
+    texts = isinstance(values, tuple | list) and (not values or isinstance(values[0], str))
+    dataset = group.create_dataset(name, data=list(values) if texts else values, dtype=_TEXT if texts else None)
+    dataset.make_scale(name)
+    _label(dataset, long_name, units)
+    return dataset
+
+
+def variable(group: Any, name: str, values: Any, axes: Sequence[Any], long_name: str, units: str = "") -> None:
+    """An array on named axes, each a scale."""
+    texts = isinstance(values, tuple | list) and (not values or isinstance(values[0], str))
+    dataset = group.create_dataset(name, data=list(values) if texts else values, dtype=_TEXT if texts else None)
+    for dimension, axis in zip(dataset.dims, axes, strict=True):
+        dimension.attach_scale(axis)
+        dimension.label = axis.name.rsplit("/", 1)[-1]
+    _label(dataset, long_name, units)
+
+
+def _label(dataset: Any, long_name: str, units: str) -> None:
+    dataset.attrs["long_name"] = long_name
+    if units:
+        dataset.attrs["units"] = units
+
+
+def texts(group: Any, name: str) -> tuple[str, ...]:
+    """A dataset of texts."""
+    return tuple(group[name].asstr()[:].tolist())
+
+
+def attributes(group: Any) -> dict[str, Any]:
+    """The attributes of a group as plain numbers and texts."""
+    return {name: _plain(value) for name, value in group.attrs.items()}
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def key(name: str) -> str:
+    """A name as that of a group: HDF5 gives / and a lone dot a meaning of their own."""
+    escaped = name.replace("%", "%25").replace("/", "%2F")
+    return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__

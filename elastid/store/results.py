@@ -1,0 +1,177 @@
+"""The layouts of what a fit found and how far it carries."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.fit.result import FitResult, Start
+from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.validation.frequency import Agreement, Peak, Validation
+
+_FIT_ATTRIBUTES = ("cost", "dof", "model_error", "status", "message", "hits", "criterion")
+
+
+def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
+    """fit.h5: the parameters as a table, x with its covariance, every start."""
+    with created(path, "fit", stamp) as file:
+        for name in _FIT_ATTRIBUTES:
+            file.attrs[name] = getattr(result, name)
+        parameter = scale(file, "parameter", result.parameters.names, "parameter")
+        variable(file, "theta", result.theta, [parameter], "estimate, fixed and tied ones included", "SI")
+        _write_parameters(file, result.parameters, parameter)
+        free = scale(file, "free_parameter", result.parameters.free_names, "parameter that the solver varies")
+        variable(file, "x", result.x, [free], "estimate as the solver's variable (ln p where log)")
+        variable(file, "covariance", result.covariance, [free, free], "covariance of x")
+        variable(file, "at_bound", result.at_bound, [free], "whether the estimate sits at a bound")
+        singular = scale(file, "direction", np.arange(len(result.singular_values)), "direction, best known first")
+        variable(file, "singular_values", result.singular_values, [singular], "of the Jacobian, columns scaled")
+        _write_starts(file, result, free)
+        scale(file, "warning", result.warnings, "warning")
+
+
+def read_fit(path: Path) -> FitResult:
+    """The result in fit.h5."""
+    with opened(path, "fit") as file:
+        known = attributes(file)
+        return FitResult(
+            parameters=_read_parameters(file),
+            x=file["x"][:],
+            covariance=file["covariance"][:],
+            starts=_read_starts(file),
+            at_bound=file["at_bound"][:],
+            singular_values=file["singular_values"][:],
+            warnings=texts(file, "warning"),
+            **{name: known[name] for name in _FIT_ATTRIBUTES},
+        )
+
+
+def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
+    """One variable for each field; no tie is an empty name, no prior is NaN."""
+    ties = [p.tie or Tie("", math.nan) for p in parameters]
+    priors = [(p.prior.mean, p.prior.std) if p.prior is not None else (math.nan, math.nan) for p in parameters]
+    for name, values, what in (
+        ("value", [p.value for p in parameters], "start or fixed value, SI"),
+        ("lower", [p.lower for p in parameters], "lower bound, SI"),
+        ("upper", [p.upper for p in parameters], "upper bound, SI"),
+        ("log", [p.log for p in parameters], "whether x is ln p"),
+        ("free", [p.free for p in parameters], "whether it is identified"),
+        ("unit", [p.unit for p in parameters], "unit"),
+        ("tie_to", [tie.to for tie in ties], "parameter that it is a multiple of"),
+        ("tie_factor", [tie.factor for tie in ties], "that multiple"),
+        ("prior_mean", [mean for mean, _ in priors], "mean of the prior, SI"),
+        ("prior_std", [std for _, std in priors], "standard deviation of the prior, of x"),
+    ):
+        variable(group, name, values if isinstance(values[0], str) else np.array(values), [axis], what)
+
+
+def _read_parameters(group: Any) -> ParameterSet:
+    columns = {name: group[name][:].tolist() for name in ("value", "lower", "upper", "log", "free")}
+    columns |= {name: texts(group, name) for name in ("parameter", "unit", "tie_to")}
+    columns |= {name: group[name][:].tolist() for name in ("tie_factor", "prior_mean", "prior_std")}
+    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return ParameterSet(
+        tuple(
+            Parameter(
+                row["parameter"],
+                row["value"],
+                row["unit"],
+                row["lower"],
+                row["upper"],
+                row["log"],
+                row["free"],
+                Tie(row["tie_to"], row["tie_factor"]) if row["tie_to"] else None,
+                None if math.isnan(row["prior_std"]) else Prior(row["prior_mean"], row["prior_std"]),
+            )
+            for row in rows
+        )
+    )
+
+
+def _write_starts(group: Any, result: FitResult, free: Any) -> None:
+    starts, n_x = result.starts, len(result.x)
+    axis = scale(group, "start", np.arange(len(starts)), "start of the multistart, lowest cost first")
+    for name, what in (("x_start", "where it began"), ("x", "where it ended")):
+        values = np.array([getattr(start, name) for start in starts]).reshape(len(starts), n_x)
+        variable(group, f"start_{name}", values, [axis, free], what)
+    for name, dtype, what in (
+        ("cost", float, "V where it ended"),
+        ("iterations", int, "iterations"),
+        ("converged", bool, "whether the solver converged"),
+    ):
+        values = np.array([getattr(start, name) for start in starts], dtype=dtype)
+        variable(group, f"start_{name}", values, [axis], what)
+    variable(group, "start_message", [start.message for start in starts], [axis], "how the solver ended")
+
+
+def _read_starts(group: Any) -> tuple[Start, ...]:
+    columns = [group[f"start_{name}"][:] for name in ("x_start", "x")]
+    columns += [group[f"start_{name}"][:].tolist() for name in ("cost", "iterations", "converged")]
+    return tuple(Start(*row) for row in zip(*columns, texts(group, "start_message"), strict=True))
+
+
+_ELEMENT_VARIABLES = {
+    "lines": "lines judged for magnitude and phase",
+    "rms_log_db": "rms of 20 log10 |measured / modelled|",
+    "phase_rms_deg": "rms of the phase of measured / modelled",
+    "inside_2sigma": "share of the lines within 2 standard deviations",
+}
+_ELEMENT_UNITS = {"rms_log_db": "dB", "phase_rms_deg": "deg"}
+_LAG_VARIABLES = {
+    "autocorrelation": "autocorrelation of the normalised residual",
+    "autocorrelation_bound": "what a white residual stays below with 95 % probability",
+}
+_PEAK_TEXTS, _PEAK_NUMBERS = ("output", "input", "kind"), ("measured_hz", "modelled_hz")
+
+
+def write_validation(path: Path, validation: Validation, stamp: Stamp = NO_STAMP) -> None:
+    """validation.h5: a group for each configuration, arrays by element (output, input)."""
+    with created(path, "validation", stamp) as file:
+        file.attrs["verdict"] = validation.verdict
+        names = [agreement.configuration for agreement in validation.configurations]
+        scale(file, "configuration", names, "configuration, in the order measured")
+        for agreement in validation.configurations:
+            _write_agreement(file.create_group(key(agreement.configuration)), agreement)
+
+
+def read_validation(path: Path) -> Validation:
+    """The validation in validation.h5."""
+    with opened(path, "validation") as file:
+        agreements = tuple(_read_agreement(file[key(name)], name) for name in texts(file, "configuration"))
+        return Validation(agreements, attributes(file)["verdict"])
+
+
+def _write_agreement(group: Any, agreement: Agreement) -> None:
+    group.attrs["left_out"] = agreement.left_out
+    group.attrs["inside_expected"] = agreement.inside_expected
+    elements = [scale(group, "output", agreement.outputs, "output"), scale(group, "input", agreement.inputs, "input")]
+    for name, what in _ELEMENT_VARIABLES.items():
+        variable(group, name, getattr(agreement, name), elements, what, _ELEMENT_UNITS.get(name, ""))
+    lag = scale(group, "lag", np.arange(1, len(agreement.autocorrelation) + 1), "lag in lines")
+    for name, what in _LAG_VARIABLES.items():
+        variable(group, name, getattr(agreement, name), [lag, *elements], what)
+    peak = scale(group, "peak", np.arange(len(agreement.peaks)), "resonances and antiresonances")
+    for name in _PEAK_TEXTS:
+        variable(group, f"peak_{name}", [getattr(p, name) for p in agreement.peaks], [peak], f"{name} of the peak")
+    for name in _PEAK_NUMBERS:
+        values = np.array([getattr(p, name) for p in agreement.peaks], dtype=float)
+        variable(group, f"peak_{name}", values, [peak], name.removesuffix("_hz"), "Hz")
+
+
+def _read_agreement(group: Any, name: str) -> Agreement:
+    known = attributes(group)
+    columns = [texts(group, f"peak_{column}") for column in _PEAK_TEXTS]
+    columns += [group[f"peak_{column}"][:].tolist() for column in _PEAK_NUMBERS]
+    return Agreement(
+        configuration=name,
+        left_out=known["left_out"],
+        outputs=texts(group, "output"),
+        inputs=texts(group, "input"),
+        inside_expected=known["inside_expected"],
+        peaks=tuple(Peak(*row) for row in zip(*columns, strict=True)),
+        **{field: group[field][:] for field in (*_ELEMENT_VARIABLES, *_LAG_VARIABLES)},
+    )

@@ -1,0 +1,191 @@
+"""The layouts of the measured wing: plan, records, frequency responses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.experiment.plan import Plan
+from elastid.record import MOTION_UNIT, Configuration, Record
+from elastid.response import Covariance, FrequencyResponse
+from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+
+
+def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP) -> None:
+    """plan.h5: R (configuration, realisation, experiment, line, input)."""
+    with created(path, "plan", stamp) as file:
+        _, M, E, _, _ = plan.R.shape
+        angles = np.stack([c.angles for c in plan.configurations])
+        configuration = scale(file, "configuration", [c.name for c in plan.configurations], "configuration")
+        driven = scale(file, "driven_joint", np.arange(angles.shape[1]), "driven joint, in the robot's order")
+        axes = [
+            configuration,
+            scale(file, "realisation", np.arange(M), "independent random phases"),
+            scale(file, "experiment", np.arange(E), "experiment of a realisation"),
+            scale(file, "line", plan.lines, "DFT line"),
+            scale(file, "input", plan.inputs, "input"),
+        ]
+        variable(file, "R", plan.R, axes, "amplitude spectrum of the injected torque, link side", "N*m")
+        variable(file, "freq_hz", plan.freq_hz, axes[3:4], "excited frequency", "Hz")
+        variable(file, "angles", angles, [configuration, driven], "angle", "rad")
+        for name in ("rate_hz", "period_samples", "periods", "transient_periods"):
+            file.attrs[name] = getattr(plan, name)
+
+
+def read_plan(path: Path) -> Plan:
+    """The plan in plan.h5."""
+    with opened(path, "plan") as file:
+        known = attributes(file)
+        configurations = zip(texts(file, "configuration"), file["angles"][:], strict=True)
+        return Plan(
+            tuple(Configuration(name, angles) for name, angles in configurations),
+            texts(file, "input"),
+            known["rate_hz"],
+            known["period_samples"],
+            known["periods"],
+            known["transient_periods"],
+            file["line"][:],
+            file["R"][:],
+        )
+
+
+def write_records(path: Path, records: Iterable[Record], stamp: Stamp = NO_STAMP) -> None:
+    """records.h5: a group for each record, written one at a time, uncompressed (reading would cost twice the FFT)."""
+    with created(path, "records", stamp) as file:
+        names: list[str] = []
+        for record in records:
+            _write_record(file.create_group(key(record.name)), record)
+            names.append(record.name)
+        scale(file, "record", names, "record, in the order measured")
+
+
+def read_records(path: Path, configuration: str | None = None) -> Iterator[Record]:
+    """The records in records.h5, of one configuration or all, one at a time."""
+    with opened(path, "records") as file:
+        for name in texts(file, "record"):
+            group = file[key(name)]
+            if configuration is None or group.attrs["configuration"] == configuration:
+                yield _read_record(group, name)
+
+
+def read_configurations(path: Path) -> tuple[str, ...]:
+    """The names of the configurations in records.h5, in the order measured."""
+    with opened(path, "records") as file:
+        names = [str(file[key(name)].attrs["configuration"]) for name in texts(file, "record")]
+    return tuple(dict.fromkeys(names))
+
+
+_RECORD_ATTRIBUTES = ("realisation", "experiment", "rate_hz", "period_samples", "rate_is_known", "hold", "half_wave")
+
+
+def _write_record(group: Any, record: Record) -> None:
+    for name in _RECORD_ATTRIBUTES:
+        group.attrs[name] = getattr(record, name)
+    units = [MOTION_UNIT[quantity] for quantity in record.quantities]
+    time = scale(group, "time", np.arange(record.n_samples) / record.rate_hz, "time", _rate_unit(record, "s"))
+    inputs = scale(group, "input", record.inputs, "input")
+    outputs = scale(group, "output", record.outputs, "output")
+    variable(group, "quantity", record.quantities, [outputs], "quantity of each output")
+    variable(group, "u", record.u, [time, inputs], "torque that acts, link side", "N*m")
+    variable(group, "y", record.y, [time, outputs], "motion, link side", ", ".join(dict.fromkeys(units)))
+    if record.r is not None:
+        variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", "N*m")
+    _write_configuration(group, record.configuration)
+    scale(group, "note", record.notes, "note")
+
+
+def _read_record(group: Any, name: str) -> Record:
+    known = attributes(group)
+    return Record(
+        name=name,
+        configuration=_read_configuration(group),
+        inputs=texts(group, "input"),
+        outputs=texts(group, "output"),
+        quantities=texts(group, "quantity"),  # type: ignore[arg-type]
+        u=group["u"][:],
+        y=group["y"][:],
+        r=group["r"][:] if "r" in group else None,
+        notes=texts(group, "note"),
+        **{field: known[field] for field in _RECORD_ATTRIBUTES},
+    )
+
+
+def write_responses(path: Path, responses: Sequence[FrequencyResponse], stamp: Stamp = NO_STAMP) -> None:
+    """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances."""
+    with created(path, "frf", stamp) as file:
+        scale(file, "configuration", [r.configuration.name for r in responses], "configuration, in the order measured")
+        for response in responses:
+            _write_response(file.create_group(key(response.configuration.name)), response)
+
+
+def read_responses(path: Path) -> tuple[FrequencyResponse, ...]:
+    """The responses in frf.h5."""
+    with opened(path, "frf") as file:
+        return tuple(_read_response(file[key(name)]) for name in texts(file, "configuration"))
+
+
+def _write_response(group: Any, response: FrequencyResponse) -> None:
+    frequency = scale(group, "freq_hz", response.freq_hz, "frequency", _rate_unit(response, "Hz"))
+    outputs = scale(group, "output", response.outputs, "output")
+    inputs = scale(group, "input", response.inputs, "input")
+    group.attrs["quantity"] = response.quantity
+    group.attrs["rate_is_known"] = response.rate_is_known
+    variable(group, "G", response.G, [frequency, outputs, inputs], "frequency response, link side", response.unit)
+    for name, what in (("noise", "disturbing noise"), ("total", "noise and nonlinear distortion")):
+        covariance: Covariance | None = getattr(response, name)
+        if covariance is None:
+            continue
+        part = group.create_group(name)
+        part.attrs["dof"] = covariance.dof
+        axes = [frequency, outputs, inputs]
+        variable(part, "variance", covariance.variance, axes, f"variance of G by {what}", f"({response.unit})^2")
+        if covariance.left is not None:
+            axes = [frequency, inputs, inputs]
+            variable(part, "left", covariance.left, axes, "input factor: cov vec G = left (x) right")
+        if covariance.right is not None:
+            axes = [frequency, outputs, outputs]
+            variable(part, "right", covariance.right, axes, "output factor: cov vec G = left (x) right")
+    _write_configuration(group, response.configuration)
+    scale(group, "note", response.notes, "note")
+
+
+def _read_response(group: Any) -> FrequencyResponse:
+    known = attributes(group)
+    return FrequencyResponse(
+        group["freq_hz"][:],
+        group["G"][:],
+        texts(group, "input"),
+        texts(group, "output"),
+        known["quantity"],
+        _read_configuration(group),
+        _read_covariance(group, "noise"),
+        _read_covariance(group, "total"),
+        known["rate_is_known"],
+        texts(group, "note"),
+    )
+
+
+def _read_covariance(group: Any, name: str) -> Covariance | None:
+    if name not in group:
+        return None
+    part = group[name]
+    left, right = (part[factor][:] if factor in part else None for factor in ("left", "right"))
+    return Covariance(part["variance"][:], attributes(part)["dof"], left, right)
+
+
+def _write_configuration(group: Any, configuration: Configuration) -> None:
+    group.attrs["configuration"] = configuration.name
+    driven = scale(group, "driven_joint", np.arange(configuration.angles.size), "driven joint, in the robot's order")
+    variable(group, "angles", configuration.angles, [driven], "angle of the driven joints", "rad")
+
+
+def _read_configuration(group: Any) -> Configuration:
+    return Configuration(str(group.attrs["configuration"]), group["angles"][:])
+
+
+def _rate_unit(value: Record | FrequencyResponse, unit: str) -> str:
+    """Frequencies of a record whose sampling rate is not known are in units of that rate."""
+    return unit if value.rate_is_known else {"s": "samples", "Hz": "sampling rate"}[unit]

@@ -1,0 +1,17 @@
+"""Study: one YAML file and its robot's file as a frozen value, every error with file, line and column.
+
+The only room that knows YAML and pydantic.
+
+- yaml_source:  text -> plain data and the place of every key
+- sections:     Study, which gathers the sections that live beside the code that uses them
+- messages:     what pydantic found -> one readable sentence each
+- checks:       what only the sections together can tell; quantities into SI
+- loading:      file -> Study, overrides of the command line included
+- schema:       JSON Schema for editors
+"""
+
+from elastid.study.loading import LoadedStudy, load
+from elastid.study.schema import SCHEMA_NAME, schema
+from elastid.study.sections import Study
+
+__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "schema"]

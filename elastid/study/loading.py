@@ -1,0 +1,150 @@
+"""A study file and the overrides of the command line -> a checked Study; all that is wrong in one StudyError."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import TypeAdapter, ValidationError
+
+from elastid.errors import StudyError
+from elastid.study.checks import check
+from elastid.study.messages import Problem, at, problems
+from elastid.study.quantities import in_si
+from elastid.study.sections import Study
+from elastid.study.yaml_source import KeyPath, Place, Source, parse, read_source
+
+
+@dataclass(frozen=True)
+class LoadedStudy:
+    """A study and where it came from: path of its file, text of all that was read (robot and overrides included)."""
+
+    study: Study
+    path: Path
+    text: str
+
+    @property
+    def base(self) -> Path:
+        """The folder that paths in the study are relative to."""
+        return self.path.parent
+
+
+def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
+    """The study of a YAML file, `overrides` as 'key.path=value' taking the place of its keys.
+
+    Raises StudyError with a line `file:line:col: key.path: message (got value)` for each thing that is wrong.
+    """
+    source, robot_errors = _source(path, overrides)
+    try:
+        study = TypeAdapter(Study).validate_python(source.data)
+    except ValidationError as error:
+        found = problems(error.errors(include_url=False), Study, source.data)
+        # Where the robot's file cannot be read, that is what is wrong with the robot.
+        found = [p for p in found if not robot_errors or p.path != ("robot",)]
+        raise _refusal(source, found, robot_errors) from None
+    study, unresolved = in_si(study)
+    found = [*check(study, path.parent), *unresolved]
+    if found:
+        raise _refusal(source, found)
+    return LoadedStudy(study, path, source.text)
+
+
+def _source(path: Path, overrides: Sequence[str]) -> tuple[Source, str]:
+    """All that was written, robot and overrides in their places; and what is wrong with the robot's file."""
+    source, robot_errors = read_source(path, str(path)), ""
+    if source.data is None:
+        raise StudyError(f"{path}:1:1: the file is empty; `elastid new DIR` writes a study to start from")
+    if not isinstance(source.data, dict):
+        raise StudyError(f"{path}:1:1: a study is a mapping with the keys name, robot, experiment ...")
+    # `--set robot=other.yml` comes before that file is read, all other overrides reach into it.
+    pairs = [_split(override) for override in overrides]
+    for keys, value, option in pairs:
+        if keys == ("robot",):
+            source = _override(source, keys, value, option)
+    try:
+        source = _with_robot(source, path)
+    except StudyError as error:
+        robot_errors = str(error)
+        source = replace(source, data={key: value for key, value in source.data.items() if key != "robot"})
+    for keys, value, option in pairs:
+        if keys != ("robot",):
+            source = _override(source, keys, value, option)
+    text = "".join([source.text, *(f"# --set {override}\n" for override in overrides)])
+    return replace(source, text=text), robot_errors
+
+
+def _with_robot(source: Source, path: Path) -> Source:
+    """The robot's file put in the place of its path."""
+    robot = source.data.get("robot")
+    if not isinstance(robot, str):
+        return source
+    file = path.parent / robot
+    if not file.is_file():
+        place = source.place(("robot",), of_value=True)
+        raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
+    part = read_source(file, str(file), rank=1)
+    if not isinstance(part.data, dict):
+        raise StudyError(f"{file}:1:1: a robot is a mapping with the keys name and bodies")
+    places = {
+        ("robot", *keys): (replace(key, hidden=1), replace(value, hidden=1))
+        for keys, (key, value) in part.places.items()
+    }
+    text = f"{source.text.rstrip()}\n\n# {robot}\n{part.text}"
+    return Source({**source.data, "robot": part.data}, {**source.places, **places}, text)
+
+
+def _split(override: str) -> tuple[KeyPath, Source, str]:
+    option = f"--set {override}"
+    dotted, equals, text = override.partition("=")
+    if not equals or not dotted.strip():
+        raise StudyError(f"{option}: write --set key.path=value, for example --set fit.starts=5")
+    try:
+        value = parse(text, "value", rank=2)
+    except StudyError as error:
+        raise StudyError(f"{option}: {error}") from None
+    keys = tuple(key.strip() for key in dotted.replace("[", ".").replace("]", "").split("."))
+    return keys, value, option
+
+
+def _override(source: Source, keys: KeyPath, value: Source, option: str) -> Source:
+    place = Place(2, 0, 0, option)
+    data, path = _put(source.data, keys, value.data, option)
+    kept = {known: places for known, places in source.places.items() if known[: len(path)] != path}
+    added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in kept}
+    below = {(*path, *keys_below): (place, place) for keys_below in value.places}
+    return Source(data, {**kept, **added, **below}, source.text)
+
+
+def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:
+    """A copy of the data with `value` at `keys`, and the keys as the data know them (numbers into lists)."""
+    if not keys:
+        return value, ()
+    step, rest = keys[0], keys[1:]
+    if isinstance(data, list):
+        if not str(step).isdigit() or int(step) >= len(data):
+            raise StudyError(f"{option}: '{step}' must be a number from 0 to {len(data) - 1}: here is a list")
+        index = int(step)
+        entry, path = _put(data[index], rest, value, option)
+        return [*data[:index], entry, *data[index + 1 :]], (index, *path)
+    mapping = data if isinstance(data, dict) else {}
+    entry, path = _put(mapping.get(step), rest, value, option)
+    return {**mapping, step: entry}, (step, *path)
+
+
+def _refusal(source: Source, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
+    lines = sorted({_line(source, problem) for problem in found})
+    return StudyError("\n".join([message for _, message in lines] + [robot_errors] * bool(robot_errors)))
+
+
+def _line(source: Source, problem: Problem) -> tuple[Place, str]:
+    value = at(source.data, problem.path)
+    place = source.place(problem.path, of_value=not problem.at_key and value is not None)
+    shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
+    keys = _dotted(problem.path[place.hidden :])
+    return place, f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}"
+
+
+def _dotted(path: KeyPath) -> str:
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")

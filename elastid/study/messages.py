@@ -1,0 +1,112 @@
+"""What pydantic found wrong -> one readable sentence for each place.
+
+pydantic reports every branch of a union that failed, under labels of its own. Here its locations are walked along the
+data, so that the labels fall out, and of the complaints about one union the most telling is kept.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from elastid.study.types_of_keys import describe, did_you_mean, keys_of, type_at, words_of
+from elastid.study.yaml_source import KeyPath
+
+PydanticError: TypeAlias = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: the key path, a sentence, and whether the key (not its value) is at fault."""
+
+    path: KeyPath
+    message: str
+    at_key: bool = False
+
+
+def problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
+    """The problems behind pydantic's `errors()` for `data` read as `root`, each once."""
+    found: list[Problem] = []
+    unions: dict[KeyPath, list[tuple[KeyPath, PydanticError]]] = {}
+    for error in errors:
+        path, union = _walk(error, data)
+        if union is None:
+            found.append(_problem(error, path, root, data))
+        else:
+            unions.setdefault(union, []).append((path, error))
+    for union, members in unions.items():
+        found += _union_problems(union, members, root, data)
+    return list(dict.fromkeys(found))
+
+
+def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
+    """pydantic's location as a path through the data, and the path of the outermost union on its way."""
+    path: list[str | int] = []
+    union: KeyPath | None = None
+    for place, step in enumerate(error["loc"], start=1):
+        is_missing = error["type"] == "missing" and place == len(error["loc"])
+        if isinstance(data, dict) and (step in data or is_missing):
+            path.append(step)
+            data = data.get(step)
+        elif isinstance(data, list) and isinstance(step, int):
+            if step >= len(data):  # an entry is missing: the list is at fault
+                break
+            path.append(step)
+            data = data[step]
+        elif union is None:
+            union = tuple(path)
+    return tuple(path), union
+
+
+def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Problem:
+    kind, parent = error["type"], at(data, path[:-1])
+    if kind == "missing" and isinstance(parent, dict) and path and path[-1] not in parent:
+        return Problem(path, "this key is needed and not given", at_key=True)
+    if kind == "unexpected_keyword_argument":
+        known = keys_of(type_at(root, path[:-1]))
+        return Problem(path, f"unknown key; {did_you_mean(str(path[-1]), known)}", at_key=True)
+    if kind == "value_error":
+        message = str(error["ctx"]["error"])
+        path = _key_spoken_of(message, path, at(data, path))
+        return Problem(path, message.removeprefix(f"{path[-1]}: ") if path else message)
+    return Problem(path, f"expected {describe(type_at(root, path))}")
+
+
+def _union_problems(
+    union: KeyPath, members: list[tuple[KeyPath, PydanticError]], root: type, data: Any
+) -> list[Problem]:
+    """The branch that got further into the data than its siblings knows best; else say what the union takes."""
+    deeper = [_problem(error, path, root, data) for path, error in members if len(path) > len(union)]
+    if deeper:
+        return deeper
+    annotation = type_at(root, union)
+    sentences = [str(error["ctx"]["error"]) for _, error in members if error["type"] == "value_error"]
+    if sentences and isinstance(at(data, union), str):
+        return [Problem(union, " or ".join([sentences[0], *words_of(annotation)]))]
+    return [Problem(union, f"expected {describe(annotation)}")]
+
+
+def _key_spoken_of(message: str, path: KeyPath, section: Any) -> KeyPath:
+    """The key, or the named entry of a list, that a sentence about a section speaks of first, or else the section."""
+    if not isinstance(section, dict):
+        return path
+    for word in re.findall(r"[\w.-]+", message):
+        if word in section:
+            return (*path, word)
+        for key, entries in section.items():
+            for i, entry in enumerate(entries if isinstance(entries, list) else []):
+                if isinstance(entry, dict) and str(entry.get("name")) == word:
+                    return _key_spoken_of(message, (*path, key, i), entry)
+    return path
+
+
+def at(data: Any, path: KeyPath) -> Any:
+    """What stands at a key path; None where it is not given."""
+    for step in path:
+        if isinstance(data, dict):
+            data = data.get(step)
+        else:
+            data = data[step] if isinstance(data, list) and isinstance(step, int) else None
+    return data

@@ -1,0 +1,48 @@
+"""Study: the sections of one identification."""
+
+from __future__ import annotations
+
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.spec import ExperimentSpec
+from elastid.fit.spec import FitSpec
+from elastid.frf.spec import EstimatorSpec
+from elastid.model.spec import ModelSpec
+from elastid.report.spec import ReportSpec
+from elastid.robot import Robot
+from elastid.section import section
+from elastid.validation.spec import ValidationSpec
+
+
+@section
+class Study:
+    """One identification, from the excitation to the report.
+
+    name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself.
+    excitation: needed where the rig is simulated.  seed: of everything that is drawn; the same seed gives the same
+    results, bit for bit, whatever the number of processes.
+    """
+
+    name: str
+    robot: Robot
+    experiment: ExperimentSpec
+    excitation: MultisineSpec | None = None
+    seed: int = 0
+    estimator: EstimatorSpec = EstimatorSpec()
+    model: ModelSpec = ModelSpec()
+    fit: FitSpec = FitSpec()
+    validation: ValidationSpec = ValidationSpec()
+    report: ReportSpec = ReportSpec()
+
+    def __post_init__(self) -> None:
+        """Refuse what random generators and folders refuse."""
+        if self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; it must not be negative")
+        check_file_name(self.name)
+
+
+def check_file_name(name: str) -> None:
+    """Refuse a name that cannot name a file on every system; ValueError."""
+    if not name or name[0] in ". " or name[-1] in ". " or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name):
+        raise ValueError(
+            f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"
+        )

@@ -1,0 +1,169 @@
+"""YAML text -> plain data and the place of every key. YAML is data here: tags construct nothing, they are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ruamel.yaml import YAML
+from ruamel.yaml.error import MarkedYAMLError
+from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
+
+from elastid.errors import StudyError
+
+KeyPath: TypeAlias = tuple[str | int, ...]
+
+# Aliases may repeat a node; this many nodes after expansion are no study but an attack or an accident.
+_MAX_NODES = 200_000
+_LARGEST = 2**63
+_TAG = "tag:yaml.org,2002:"
+
+
+@dataclass(frozen=True, order=True)
+class Place:
+    """Where something was written: a file with line and column (from 1), or an option of the command line (line 0).
+
+    rank orders the sources; hidden: how many leading keys of a path the source does not show (a robot in its own file).
+    """
+
+    rank: int
+    line: int
+    column: int
+    source: str
+    hidden: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.source}:{self.line}:{self.column}" if self.line else self.source
+
+
+@dataclass(frozen=True)
+class Source:
+    """data: plain dict, list, str, int, float, bool, None.  places: of each key path, (of its key, of its value)."""
+
+    data: Any
+    places: dict[KeyPath, tuple[Place, Place]]
+    text: str = ""
+
+    def place(self, path: KeyPath, of_value: bool = False) -> Place:
+        """Where a key path is written, or else the nearest key above it."""
+        for length in range(len(path), -1, -1):
+            if path[:length] in self.places:
+                key, value = self.places[path[:length]]
+                return value if of_value and length == len(path) else key
+        raise KeyError(path)
+
+
+def read_source(path: Path, name: str, rank: int = 0) -> Source:
+    """A YAML file, named `name` in messages; StudyError where it is missing or not YAML."""
+    try:
+        raw = path.read_bytes()
+    except FileNotFoundError:
+        raise StudyError(f"{name}: no such file") from None
+    except OSError as error:
+        raise StudyError(f"{name}: cannot be read ({error.strerror})") from None
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line, column = _line_column(raw[: error.start].decode("latin-1"))
+        raise StudyError(f"{name}:{line}:{column}: not a YAML text in UTF-8 (byte 0x{raw[error.start]:02x})") from None
+    return parse(text, name, rank)
+
+
+def parse(text: str, name: str, rank: int = 0) -> Source:
+    """YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
+    root = Place(rank, 1, 1, name)
+    yaml = YAML(typ="safe", pure=True)
+    try:
+        node = yaml.compose(text)
+    except MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line, column = (mark.line + 1, mark.column + 1) if mark else (1, 1)
+        raise StudyError(f"{name}:{line}:{column}: broken YAML: {_reason(error)}") from None
+    except ReaderError as error:
+        line, column = _line_column(text[: error.position])
+        raise StudyError(f"{name}:{line}:{column}: not a YAML text ({error.reason})") from None
+    except RecursionError:
+        raise StudyError(f"{name}:1:1: nested too deeply for a study") from None
+    if node is None:
+        return Source(None, {(): (root, root)}, text)
+    reader = _Reader(name, rank, yaml.constructor)
+    data = reader.value(node, (), root)
+    if reader.problems:
+        raise StudyError("\n".join(reader.problems))
+    return Source(data, reader.places, text)
+
+
+def _reason(error: MarkedYAMLError) -> str:
+    problem = str(error.problem or error.context or "cannot be read")
+    if "'\\t'" in problem or "\\t" in problem:
+        return "a tab cannot indent; use spaces"
+    return problem if not error.context or not error.problem else f"{problem} ({error.context})"
+
+
+def _line_column(before: str) -> tuple[int, int]:
+    return before.count("\n") + 1, len(before) - before.rfind("\n")
+
+
+class _Reader:
+    """Walks the nodes of one text; collects places and problems on its way."""
+
+    def __init__(self, name: str, rank: int, construct: Any) -> None:
+        self.name, self.rank, self.construct = name, rank, construct
+        self.places: dict[KeyPath, tuple[Place, Place]] = {}
+        self.problems: list[str] = []
+        self._open: set[int] = set()
+
+    def place(self, node: Node) -> Place:
+        return Place(self.rank, node.start_mark.line + 1, node.start_mark.column + 1, self.name)
+
+    def problem(self, node: Node, message: str) -> None:
+        self.problems.append(f"{self.place(node)}: {message}")
+
+    def value(self, node: Node, path: KeyPath, key_place: Place) -> Any:
+        self.places[path] = (key_place, self.place(node))
+        if id(node) in self._open or len(self.places) > _MAX_NODES:
+            raise StudyError(f"{self.place(node)}: aliases repeat themselves without end, or make the file too large")
+        self._open.add(id(node))
+        if isinstance(node, MappingNode) and node.tag == f"{_TAG}map":
+            data: Any = {key: self.value(item, (*path, key), place) for key, item, place in self.entries(node)}
+        elif isinstance(node, SequenceNode) and node.tag == f"{_TAG}seq":
+            data = [self.value(item, (*path, i), self.place(item)) for i, item in enumerate(node.value)]
+        else:
+            data = self.scalar(node)
+        self._open.discard(id(node))
+        return data
+
+    def entries(self, node: MappingNode) -> Iterator[tuple[str, Node, Place]]:
+        first: dict[str, int] = {}
+        for key_node, item in node.value:
+            if not isinstance(key_node, ScalarNode):
+                self.problem(key_node, "a key must be a name, not a list or a mapping")
+                continue
+            key = str(key_node.value)
+            if key in first:
+                self.problem(key_node, f"key '{key}' is given twice (first in line {first[key]})")
+                continue
+            first[key] = key_node.start_mark.line + 1
+            yield key, item, self.place(key_node)
+
+    def scalar(self, node: Node) -> Any:
+        kind = str(node.tag).removeprefix(_TAG)
+        text = node.value
+        try:
+            if kind == "null":
+                return None
+            if kind in ("bool", "int", "float"):
+                number = getattr(self.construct, f"construct_yaml_{kind}")(node)
+                if abs(number) < _LARGEST or kind == "float":
+                    return number
+                raise OverflowError
+            if kind in ("str", "timestamp", "value", "merge"):  # a date is a text here
+                return str(text)
+        except (ValueError, OverflowError):
+            self.problem(node, f"'{text[:40]}' is not a number that can be computed with")
+            return None
+        self.problem(node, f"the tag {node.tag} is refused: a study holds plain data only")
+        return None

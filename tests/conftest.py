@@ -1,0 +1,58 @@
+"""A study small enough to be run many times: one elastic joint, simulated in a second."""
+
+from pathlib import Path
+
+import pytest
+
+TINY_ROBOT = """\
+name: one elastic joint
+gravity: [0, 0, 0]
+bodies:
+  - name: load
+    joints:
+      - name: 1
+        axis: z
+        motor: {inertia: 1e-3, ratio: 1, viscous: 1e-3}
+        spring: {stiffness: 50, damping: 0.01}
+        limits: {angle: [-90 deg, 90 deg]}
+    inertia: 1e-3
+"""
+TINY_STUDY = """\
+name: tiny
+robot: robot.yml
+seed: 1
+excitation:
+  rate_hz: 500
+  period: 1 s
+  band_hz: [5, 100]
+  torque_rms: 0.1
+experiment:
+  configurations:
+    a: [0]
+    b: [30 deg]
+  simulated:
+    truth: {k_1: 60 N*m/rad}
+    noise: {torque_std: 1e-3, angle_std: 1e-6}
+fit:
+  starts: 2
+  parameters:
+    k_1: {}
+    d_1: {}
+report: {formats: [png]}
+"""
+
+
+@pytest.fixture
+def tiny(tmp_path: Path) -> Path:
+    """The path of the study."""
+    folder = tmp_path / "tiny"
+    folder.mkdir()
+    (folder / "robot.yml").write_text(TINY_ROBOT)
+    (folder / "study.yml").write_text(TINY_STUDY)
+    return folder / "study.yml"
+
+
+@pytest.fixture(scope="session")
+def tiny_texts() -> tuple[str, str]:
+    """The texts of the study and of its robot."""
+    return TINY_STUDY, TINY_ROBOT

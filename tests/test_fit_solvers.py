@@ -1,0 +1,217 @@
+"""IPOPT with a Gauss-Newton Hessian, and many starts, on problems that know no robot."""
+
+import math
+import signal
+from collections.abc import Callable
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from elastid.arrays import FloatArray
+from elastid.errors import FitError
+from elastid.fit.multistart import multistart, spread
+from elastid.fit.problem import Evaluation, LeastSquares
+from elastid.fit.solvers import FINE, solve
+from elastid.parameters import Parameter, ParameterSet
+
+T = np.linspace(0, 1, 50)
+DATA = 2 * np.exp(-3 * T) + 0.01 * np.random.default_rng(1).standard_normal(50)
+
+
+def amplitude(lower=0.1, upper=100.0) -> Parameter:
+    return Parameter("a", 1.0, lower=lower, upper=upper, log=True)
+
+
+RATE = Parameter("b", 10.0, lower=0.1, upper=100.0, log=True)
+
+
+def problem(parameters: ParameterSet, residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]) -> LeastSquares:
+    def evaluate(x: FloatArray) -> Evaluation:
+        r, J = residual(x)
+        return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
+
+    return LeastSquares(parameters, len(residual(parameters.x)[0]), evaluate, residual)
+
+
+def decay(parameters: ParameterSet) -> LeastSquares:
+    """a exp(-b t) fitted to DATA, whose noise is 0.01."""
+
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        a, b = parameters.expand(x)
+        model = a * np.exp(-b * T)
+        slopes = np.column_stack([model / a, -T * model]) @ parameters.jacobian(x)
+        return (model - DATA) / 0.01, slopes / 0.01
+
+    return problem(parameters, residual)
+
+
+DECAY = decay(ParameterSet((amplitude(), RATE)))
+
+
+def test_the_optimum_is_that_of_an_independent_solver():
+    """SciPy's least_squares ends at the same place, to far below a standard deviation."""
+    end = solve(DECAY, DECAY.parameters.x)
+    reference = least_squares(lambda x: DECAY.residual(x)[0], DECAY.parameters.x, xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    std = np.sqrt(np.diag(np.linalg.inv(reference.jac.T @ reference.jac)))
+    assert end.converged
+    assert np.all(np.abs(end.x - reference.x) < 2 * FINE * std)
+    assert end.cost == pytest.approx(2 * reference.cost, rel=1e-6)
+
+
+def test_a_bound_holds_and_the_rest_is_still_optimal():
+    """With a <= 1.5 the estimate is a = 1.5 and the b that is best there."""
+    end = solve(decay(ParameterSet((amplitude(upper=1.5), RATE))), DECAY.parameters.x)
+    reference = least_squares(
+        lambda b: DECAY.residual(np.array([math.log(1.5), b[0]]))[0], [math.log(3.0)], xtol=1e-14, ftol=1e-14
+    )
+    assert end.converged
+    assert math.exp(end.x[0]) == pytest.approx(1.5, rel=1e-6)
+    assert end.x[1] == pytest.approx(reference.x[0], abs=1e-4)
+
+
+def test_variables_of_very_different_size_are_solved_alike():
+    """A delay of 1e-4 s and a gain of 1e6, both linear, both from far off."""
+    parameters = ParameterSet(
+        (Parameter("gain", 1e5, lower=0, upper=1e7), Parameter("delay", 5e-3, lower=0, upper=1e-2))
+    )
+    w = np.linspace(10, 300, 40)
+
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        gain, delay = x
+        e, dg = 1e6 * np.exp(-1e-4j * w) - gain * np.exp(-1j * w * delay), -np.exp(-1j * w * delay)
+        rows = np.column_stack([e, dg, -1j * w * gain * dg])
+        stacked = np.vstack([rows.real, rows.imag]) / 100
+        return stacked[:, 0], stacked[:, 1:]
+
+    end = solve(problem(parameters, residual), parameters.x)
+    assert end.converged
+    np.testing.assert_allclose(end.x, [1e6, 1e-4], rtol=1e-6)
+
+
+def test_an_error_in_the_problem_is_raised_as_it_is():
+    """CasADi would swallow it and return a wrong x."""
+    calls = []
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        calls.append(x)
+        if len(calls) > 3:
+            raise ZeroDivisionError("of the model")
+        return DECAY.evaluate(x)
+
+    with pytest.raises(ZeroDivisionError, match="of the model"):
+        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x)
+    assert len(calls) == 4  # nothing is evaluated after it
+
+
+def test_ctrl_c_in_the_problem_stops_the_solve():
+    """SIGINT while the model is evaluated."""
+    calls = []
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        calls.append(x)
+        if len(calls) == 4:
+            signal.raise_signal(signal.SIGINT)
+        return DECAY.evaluate(x)
+
+    with pytest.raises(KeyboardInterrupt):
+        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x)
+
+
+def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
+    """IPOPT then returns a status and an x that is no solution."""
+
+    class Interrupted:
+        def __call__(self, **_: object) -> dict[str, object]:
+            return {"x": np.zeros(2)}
+
+        def stats(self) -> dict[str, object]:
+            return {"return_status": "NonIpopt_Exception_Thrown", "iter_count": 1}
+
+    monkeypatch.setattr(ca, "nlpsol", lambda *_: Interrupted())
+    with pytest.raises(KeyboardInterrupt):
+        solve(DECAY, DECAY.parameters.x)
+
+
+def test_a_model_without_a_value_is_stepped_around():
+    """Where the cost is not finite on the way, the step is shortened; at the start it is an error."""
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        here = DECAY.evaluate(x)
+        return here if x[1] > math.log(2.5) else replace(here, cost=math.nan)
+
+    gappy = replace(DECAY, evaluate=evaluate)
+    np.testing.assert_allclose(solve(gappy, DECAY.parameters.x).x, solve(DECAY, DECAY.parameters.x).x, atol=1e-5)
+    with pytest.raises(FitError, match="not finite at the start .*; move the start"):
+        solve(gappy, np.array([0.0, math.log(2.0)]))
+
+
+def test_an_exhausted_solve_does_not_call_itself_converged(capfd):
+    """Two iterations are not enough, the message says so, and IPOPT prints nothing."""
+    end = solve(DECAY, DECAY.parameters.x, max_iterations=2)
+    assert not end.converged
+    assert "Maximum_Iterations_Exceeded after 2 iterations" in end.message
+    assert capfd.readouterr() == ("", "")
+
+
+def test_starts_spread_evenly_within_their_factor_and_bounds():
+    """The first is the given one; ln k fills its range in strata, a damping spreads over the factor squared."""
+    parameters = ParameterSet(
+        (
+            Parameter("k", 100.0, "N*m/rad", 1.0, 1e4, log=True),
+            Parameter("d", 1.0, "N*m*s/rad", 0.5, 1e4, log=True),
+            Parameter("delay", 0.0, "s", 0.0, 1e-2),
+            Parameter("c", 0.3, "m"),
+        )
+    )
+    x = spread(parameters, 41, 3.0, seed=5)
+    np.testing.assert_array_equal(x[0], parameters.x)
+    k = np.sort(np.exp(x[1:, 0])) / 100
+    assert k[0] < 3**-0.9 < 3**0.9 < k[-1] < 3
+    strata = np.floor((np.log(k) / math.log(3) + 1) / 2 * 40)
+    np.testing.assert_array_equal(strata, np.arange(40))
+    assert pytest.approx(np.exp(x[:, 1].min())) == 0.5
+    assert 6 < np.exp(x[:, 1].max()) < 9
+    assert 0 == x[:, 2].min() < x[:, 2].max() < 1e-3
+    assert np.all(x[:, 3] == 0.3)
+    np.testing.assert_array_equal(x, spread(parameters, 41, 3.0, seed=5))
+    assert not np.array_equal(x, spread(parameters, 41, 3.0, seed=6))
+
+
+def wavy() -> LeastSquares:
+    """sin(w t) fitted over its frequency alone: an optimum at w = 20 and many beside it."""
+    parameters = ParameterSet((Parameter("w", 20.0, lower=1.0, upper=100.0, log=True),))
+
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        w = parameters.expand(x)[0]
+        return (np.sin(w * T) - np.sin(20 * T)) / 0.1, (w * T * np.cos(w * T) / 0.1)[:, None]
+
+    return problem(parameters, residual)
+
+
+def test_the_hit_rate_counts_the_starts_that_reached_the_best_cost():
+    """Starts in the valley of w = 20 are hits, others end in optima of their own."""
+    starts = np.log([[20.0], [21.0], [19.0], [45.0], [70.0]])
+    ranked, hits = multistart([wavy()], starts)
+    assert hits == 3
+    assert [end.cost for end in ranked] == sorted(end.cost for end in ranked)
+    assert math.exp(ranked[0].x[0]) == pytest.approx(20)
+    assert ranked[3].cost > 10
+
+
+def test_starts_that_lead_nowhere_are_survived_unless_all_do():
+    """One start without a finite cost ends last; none with one is an error that says how it ended."""
+    ordinary = wavy()
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        here = ordinary.evaluate(x)
+        return here if x[0] < math.log(50) else replace(here, cost=math.inf)
+
+    gappy = replace(ordinary, evaluate=evaluate)
+    ranked, hits = multistart([gappy], np.log([[60.0], [21.0]]))
+    assert hits == 1
+    assert math.isinf(ranked[-1].cost)
+    with pytest.raises(FitError, match="none of the 1 starts led anywhere; .* not finite"):
+        multistart([gappy], np.log([[60.0]]))

@@ -1,0 +1,144 @@
+"""Variances from few degrees of freedom become weights."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.errors import DataError, StudyError
+from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
+from elastid.fit.variance import smoothed
+from elastid.fit.weights import check_masks, weigh
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+
+F = 200
+FREQ = np.linspace(1.0, 40.0, F)
+# A resonance 40 dB high on a flat response.
+G = 1.0 / (1 - (FREQ / 20) ** 2 + 0.01j * FREQ / 20)
+NO_FLOOR = FitSpec(weights=WeightSpec(floor=0.0))
+
+
+def response(variance, dof=np.inf, outputs=("motor 1",), values=G, **known) -> FrequencyResponse:
+    G_matrix = np.broadcast_to(values[:, None, None], (F, len(outputs), 1))
+    covariance = Covariance(np.broadcast_to(np.reshape(variance, (-1, 1, 1)), G_matrix.shape), dof)
+    response = FrequencyResponse(
+        FREQ, G_matrix, ("motor 1",), outputs, "acceleration", Configuration("c1", [0.0]), noise=covariance
+    )
+    return replace(response, **known)
+
+
+def sampled(rng, variance, dof):
+    """What a sample variance of so many complex degrees of freedom looks like."""
+    return variance * rng.chisquare(2 * dof, np.shape(variance)) / (2 * dof)
+
+
+@pytest.mark.parametrize("dof", [1.0, 3.0, 10.0])
+@pytest.mark.parametrize("true", [np.full(F, 0.1), 0.04 * np.abs(G) ** 2, 0.1 / FREQ**2])
+def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
+    """E[1 / v~] = 1 / v within 6 %, and a weight scatters like one of about 24 degrees of freedom.
+
+    For noise that is flat, that follows the resonance, and that falls with frequency.
+    """
+    rng = np.random.default_rng(0)
+    weights = np.array([true / smoothed(sampled(rng, true, dof), G, dof)[0] for _ in range(100)])
+    inner = weights[:, 20:-20]
+    assert abs(inner.mean() - 1) < 0.06
+    assert inner.std() < 1.6 / np.sqrt(24)
+
+
+def test_the_smoothed_variance_itself_is_unbiased():
+    """E[v~] = v for the second value, which scales the covariance of the estimate."""
+    rng = np.random.default_rng(1)
+    true = 0.04 * np.abs(G) ** 2
+    mean = np.mean([smoothed(sampled(rng, true, 3.0), G, 3.0)[1] / true for _ in range(200)])
+    assert mean == pytest.approx(1.0, abs=0.02)
+
+
+def test_many_degrees_of_freedom_are_left_alone():
+    """With 24 and more the measured variance is used line by line."""
+    rng = np.random.default_rng(2)
+    variance = sampled(rng, np.full(F, 0.1), 30.0)
+    np.testing.assert_allclose(smoothed(variance, G, 30.0)[1], variance)
+
+
+def test_a_line_that_is_really_noisier_keeps_its_own_variance():
+    """A mains line 30 times noisier than its neighbours is not averaged away."""
+    rng = np.random.default_rng(3)
+    variance = sampled(rng, np.full(F, 0.1), 5.0)
+    variance[50] = 3.0
+    assert smoothed(variance, G, 5.0)[0][50] == 3.0
+
+
+def test_a_zero_variance_takes_its_neighbours():
+    """A line on which the few repetitions agree by chance is not infinitely sure."""
+    variance = np.full(F, 0.1)
+    variance[7] = 0.0
+    smooth, _ = smoothed(variance, G, 3.0)
+    assert smooth[7] == pytest.approx(smooth[6])
+
+
+def test_the_floor_adds_to_the_variance():
+    """sigma^2 = v + (floor |G|)^2."""
+    weights = weigh(response(0.01), FitSpec(weights=WeightSpec(floor=0.05)))
+    np.testing.assert_allclose(weights.sigma[:, 0, 0], np.sqrt(0.01 + (0.05 * np.abs(G)) ** 2))
+
+
+def test_total_variance_is_never_below_the_noise():
+    """Two realisations may agree by chance; the periods' noise says that they cannot be that sure."""
+    measured = response(0.04)
+    weights = weigh(replace(measured, total=Covariance(measured.noise.variance / 100, 3.0)), NO_FLOOR)
+    np.testing.assert_allclose(weights.sigma, 0.2)
+
+
+def test_band_and_masks_leave_out_what_matches_all_that_is_given():
+    """A mask of an output and a band takes away that output in that band and nothing else."""
+    measured = response(1e-4, outputs=("motor 1", "joint 1"))
+    spec = FitSpec(band_hz=(5, 30), mask=(MaskSpec(output="joint 1", band_hz=(10, 15)),))
+    used = weigh(measured, spec).used[:, :, 0]
+    in_band = (FREQ >= 5) & (FREQ <= 30)
+    np.testing.assert_array_equal(used[:, 0], in_band)
+    np.testing.assert_array_equal(used[:, 1], in_band & ~((FREQ >= 10) & (FREQ <= 15)))
+    assert weigh(measured, FitSpec(mask=(MaskSpec(configurations=("other",)),))).used.all()
+
+
+def test_an_element_below_its_noise_is_left_out_with_a_word():
+    """An axis that does not couple has |G| below twice its noise, or is exactly zero."""
+    measured = response(1e-4, outputs=("motor 1", "joint 1"))
+    silent = measured.G.copy()
+    silent[:, 1] = 0.0
+    weights = weigh(replace(measured, G=silent), FitSpec())
+    assert weights.used[:, 0].all()
+    assert not weights.used[:, 1].any()
+    assert weights.notes == ("configuration c1: left out, below twice their noise at most lines: joint 1 from motor 1",)
+
+
+def test_without_a_variance_the_floor_weighs_and_says_so():
+    """One period of one realisation has no variance: a note, or a refusal where the floor is zero too."""
+    measured = response(1.0, noise=None)
+    weights = weigh(measured, FitSpec())
+    np.testing.assert_allclose(weights.sigma[:, 0, 0], 0.01 * np.abs(G))
+    assert "no variance is known" in weights.notes[0]
+    with pytest.raises(DataError, match=r"configuration c1: no variance .* set the floor, for example 0.01"):
+        weigh(measured, NO_FLOOR)
+
+
+def test_exact_data_without_a_floor_leave_nothing():
+    """Zero variance and no floor would be an infinite weight; such lines are left out with a word."""
+    weights = weigh(response(0.0), NO_FLOOR)
+    assert not weights.used.any()
+    assert "200 elements of zero variance" in weights.notes[0]
+
+
+@pytest.mark.parametrize(
+    ("mask", "says"),
+    [
+        (MaskSpec(configurations=("c2",)), r"fit.mask\[0\]: no configuration 'c2' was measured; did you mean c1\?"),
+        (MaskSpec(output="motor1"), "no output 'motor1' was measured; did you mean motor 1"),
+        (MaskSpec(input="joint 7"), "no input 'joint 7' was measured"),
+    ],
+)
+def test_a_mask_of_what_was_not_measured_is_refused(mask, says):
+    """A misspelt name would mask nothing, without a word."""
+    with pytest.raises(StudyError, match=says):
+        check_masks([response(1.0)], [mask])

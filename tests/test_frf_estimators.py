@@ -1,0 +1,330 @@
+"""The mean frequency response and its covariances against closed forms and Monte Carlo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.errors import DataError, StudyError
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.estimators import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Motion, Record
+
+RATE = 500.0
+ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
+CONFIGURATION = Configuration("c", np.zeros(1))
+
+
+def _record(
+    lines: np.ndarray,
+    U: np.ndarray,
+    Y: np.ndarray,
+    *,
+    N: int = 256,
+    P: int = 2,
+    realisation: int = 0,
+    experiment: int = 0,
+    quantity: Motion = "acceleration",
+    noise: tuple[np.random.Generator, np.ndarray, np.ndarray] | None = None,
+) -> Record:
+    """P periods of the spectra U (F, n_u), Y (F, n_y), with white noise that noise[1] mixes on u and noise[2] on y."""
+    u, y = (np.tile(synthesise(lines, X, N), (P, 1)) for X in (U, Y))
+    if noise is not None:
+        rng, mix_u, mix_y = noise
+        u = u + rng.normal(size=u.shape) @ mix_u.T
+        y = y + rng.normal(size=y.shape) @ mix_y.T
+    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
+    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
+    name = f"c-r{realisation}-e{experiment}"
+    return Record(
+        name, CONFIGURATION, realisation, experiment, RATE, N, inputs, outputs, (quantity,) * y.shape[1], u, y
+    )
+
+
+def _plant(F: int, n_y: int, n_u: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return rng.normal(size=(F, n_y, n_u)) + 1j * rng.normal(size=(F, n_y, n_u))
+
+
+def _experiments(
+    G: np.ndarray,
+    lines: np.ndarray,
+    M: int,
+    rng: np.random.Generator,
+    scale: Sequence[float] = (),
+    distortion: float = 0.0,
+    **same: object,
+) -> list[Record]:
+    """M realisations of n_u experiments; distortion: a random error of Y that repeats from period to period."""
+    F, n_y, n_u = G.shape
+    records = []
+    for m in range(M):
+        amplitude = np.ones((F, n_u)) * (scale[m] if scale else 1.0)
+        for e, U in enumerate(orthogonal_set(amplitude, rng)):
+            Y_s = distortion * (rng.normal(size=(F, n_y)) + 1j * rng.normal(size=(F, n_y))) / np.sqrt(2)
+            Y = np.einsum("fyu,fu->fy", G, U) + Y_s
+            records.append(_record(lines, U, Y, realisation=m, experiment=e, **same))  # type: ignore[arg-type]
+    return records
+
+
+@given(n_y=st.integers(1, 4), n_u=st.integers(1, 4), extra=st.integers(0, 2), seed=st.integers(0, 10**6))
+@settings(deadline=None, max_examples=25)
+def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
+    n_y: int, n_u: int, extra: int, seed: int
+) -> None:
+    """Without noise G is exact, with as many experiments as inputs and, by least squares, with more."""
+    rng, lines = np.random.default_rng(seed), np.arange(3, 40, 4)
+    G = _plant(len(lines), n_y, n_u, seed)
+    records = []
+    for e in range(n_u + extra):
+        U = np.exp(2j * np.pi * rng.random((len(lines), n_u))) + 3 * np.eye(n_u)[e % n_u]
+        records.append(_record(lines, U, np.einsum("fyu,fu->fy", G, U), experiment=e))
+    response = estimate(records, ALL_PERIODS, lines)
+    np.testing.assert_allclose(response.G, G, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
+    assert response.total is None
+
+
+def test_a_delay_turns_the_phase_down() -> None:
+    """y(n) = u(n - 3): G = exp(-j omega 3 Ts); a conjugated estimate would turn it up."""
+    lines = np.arange(1, 60)
+    U = orthogonal_set(np.ones((59, 1)), np.random.default_rng(0))[0]
+    u = np.tile(synthesise(lines, U, 256), (3, 1))
+    record = _record(lines, U, U, P=3)
+    record = replace(record, u=u, y=np.roll(u, 3, axis=0))
+    G = estimate([record], ALL_PERIODS, lines).G[:, 0, 0]
+    np.testing.assert_allclose(G, np.exp(-2j * np.pi * lines * 3 / 256), atol=1e-12)
+
+
+def test_a_torque_that_is_held_between_samples_acts_later_and_weaker() -> None:
+    """u is held for a sample: Y = G H U, so the estimate is the plant and not the plant with its hold."""
+    lines = np.arange(1, 100)
+    record = _experiments(np.ones((99, 1, 1), dtype=complex), lines, 1, np.random.default_rng(0))[0]
+    held = replace(record, hold="zero-order")
+    G = estimate([held], ALL_PERIODS, lines).G[:, 0, 0]
+    np.testing.assert_allclose(G, 1 / held.hold_response(lines * RATE / 256), rtol=1e-10)
+
+
+@pytest.mark.parametrize("injection", ["reference", "torque"])
+def test_closed_loop_error_obeys_its_identity(injection: str) -> None:
+    """One block in closed loop: G^ - G = V (R - V)^-1 (F^-1 + G), or V (R - F V)^-1 (I + F G), to 1e-12."""
+    rng, lines, n = np.random.default_rng(3), np.arange(2, 30), 3
+    shape = (len(lines), n, n)
+    G, R, V, C = (rng.normal(size=shape) + 1j * rng.normal(size=shape) for _ in range(4))
+    eye, V = np.eye(n), 0.05 * V
+    R, C = R + 3 * eye, C + 2 * eye
+    if injection == "reference":  # U = C (R - Y)
+        U = np.linalg.solve(eye + C @ G, C @ (R - V))
+        error = V @ np.linalg.inv(R - V) @ (np.linalg.inv(C) + G)
+    else:  # U = R - C Y
+        U = np.linalg.solve(eye + C @ G, R - C @ V)
+        error = V @ np.linalg.inv(R - C @ V) @ (eye + C @ G)
+    Y = G @ U + V
+    records = [_record(lines, U[:, :, e], Y[:, :, e], experiment=e) for e in range(n)]
+    found = estimate(records, ALL_PERIODS, lines).G - G
+    assert np.max(np.abs(found - error)) < 1e-12 * max(1.0, np.max(np.abs(error)))
+
+
+def _monte_carlo(
+    n_y: int, n_u: int, runs: int, distortion: float = 0.0, scale: Sequence[float] = (), M: int = 3, P: int = 4
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mean over lines and runs of true, noise and total covariance of vec G, each (n_y n_u, n_y n_u).
+
+    White noise, correlated between outputs and between inputs, on both; the plant is the same at every line.
+    """
+    rng, lines = np.random.default_rng(7), np.arange(5, 105)
+    plant = np.random.default_rng(1)
+    G = np.repeat(plant.normal(size=(1, n_y, n_u)) + 1j * plant.normal(size=(1, n_y, n_u)), len(lines), axis=0)
+    mix_u = 0.05 * (np.eye(n_u) + 0.5 * np.tri(n_u))
+    mix_y = 0.2 * (np.eye(n_y) + 0.5 * np.tri(n_y))
+    true, noise, total = [], [], []
+    for _ in range(runs):
+        records = _experiments(G, lines, M, rng, scale, distortion, P=P, noise=(rng, mix_u, mix_y))
+        response = estimate(records, ALL_PERIODS, lines)
+        error = (response.G - G).transpose(0, 2, 1).reshape(len(lines), -1)  # column-major vec
+        true.append(np.mean(error[:, :, None] * error[:, None, :].conj(), axis=0))
+        assert response.noise is not None
+        noise.append(np.mean(response.noise.full(), axis=0))
+        assert response.total is not None
+        total.append(np.mean(response.total.full(), axis=0))
+    return np.mean(true, axis=0), np.mean(noise, axis=0), np.mean(total, axis=0)
+
+
+@pytest.mark.parametrize(("n_y", "n_u"), [(3, 3), (2, 1)])
+def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo(n_y: int, n_u: int) -> None:
+    """Noise on inputs and outputs: variances within 5 %, the whole matrix within 5 % of its diagonal."""
+    true, noise, total = _monte_carlo(n_y, n_u, runs=150)
+    scale = np.sqrt(np.outer(np.diag(true).real, np.diag(true).real))
+    np.testing.assert_allclose(np.diag(noise).real, np.diag(true).real, rtol=0.05)
+    assert np.max(np.abs(noise - true) / scale) < 0.05
+    assert np.max(np.abs(total - true) / scale) < 0.06
+
+
+@pytest.mark.parametrize(("scale", "runs"), [((), 150), ((1.0, 0.4, 2.0), 150)])
+def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
+    """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""
+    true, noise, total = _monte_carlo(3, 2, runs, distortion=0.3, scale=scale)
+    np.testing.assert_allclose(np.diag(total).real, np.diag(true).real, rtol=0.06)
+    assert np.all(np.diag(noise).real < 0.5 * np.diag(true).real)
+
+
+def test_noise_variance_has_the_closed_form_of_white_noise() -> None:
+    """var G_ij = (4 s^2 / N) / (P M n_u a^2): E|dG|^2 of the complex number, not of one of its parts."""
+    rng, lines, N, P, M, s = np.random.default_rng(0), np.arange(5, 120), 256, 8, 4, 0.3
+    records = _experiments(_plant(len(lines), 2, 2), lines, M, rng, P=P, noise=(rng, np.zeros((2, 2)), s * np.eye(2)))
+    response = estimate(records, ALL_PERIODS, lines)
+    assert response.noise is not None
+    assert response.noise.dof == M * 2 * (P - 1)
+    np.testing.assert_allclose(response.noise.variance.mean(axis=0), 4 * s**2 / N / (P * M * 2), rtol=0.05)
+
+
+def test_variance_falls_as_one_over_the_number_of_periods() -> None:
+    """Slope -1 of true and estimated variance from 2 to 32 periods."""
+    rng, lines, periods = np.random.default_rng(0), np.arange(5, 120), np.array([2, 8, 32])
+    G = _plant(len(lines), 2, 1)
+    true, estimated = [], []
+    for P in periods:
+        runs = [
+            estimate(_experiments(G, lines, 1, rng, P=P, noise=(rng, np.zeros((1, 1)), np.eye(2))), ALL_PERIODS, lines)
+            for _ in range(8)
+        ]
+        true.append(np.mean([np.abs(run.G - G) ** 2 for run in runs]))
+        estimated.append(np.mean([run.noise.variance for run in runs if run.noise is not None]))
+    for variance in (true, estimated):
+        assert np.polyfit(np.log(periods), np.log(variance), 1)[0] == pytest.approx(-1, abs=0.05)
+
+
+def test_orthogonal_experiments_beat_single_inputs_by_the_number_of_inputs() -> None:
+    """Same amplitude: n_u times less variance than moving one input at a time (identification.md 2.1)."""
+    rng, lines, n = np.random.default_rng(0), np.arange(5, 120), 3
+    G = _plant(len(lines), n, n)
+    noise = (rng, np.zeros((n, n)), 0.1 * np.eye(n))
+    together = estimate(_experiments(G, lines, 1, rng, P=8, noise=noise), ALL_PERIODS, lines)
+    single = [
+        _record(lines, U, np.einsum("fyu,fu->fy", G, U), P=8, experiment=e, noise=noise)
+        for e, U in enumerate(np.eye(n)[:, None, :] * np.ones((n, len(lines), n)))
+    ]
+    one_by_one = estimate(single, ALL_PERIODS, lines)
+    assert together.noise is not None
+    assert one_by_one.noise is not None
+    assert np.mean(one_by_one.noise.variance) / np.mean(together.noise.variance) == pytest.approx(n, rel=0.05)
+
+
+def test_few_degrees_of_freedom_leave_the_variances_without_correlations() -> None:
+    """Three outputs from two periods of one input: one degree of freedom, a diagonal covariance."""
+    rng, lines = np.random.default_rng(0), np.arange(5, 50)
+    records = _experiments(_plant(45, 3, 1), lines, 2, rng, noise=(rng, np.zeros((1, 1)), np.eye(3)))
+    one = estimate(records[:1], ALL_PERIODS, lines)
+    assert one.noise is not None
+    assert (one.noise.form, one.noise.dof) == ("diagonal", 1)
+    both = estimate(records, ALL_PERIODS, lines)
+    assert both.total is not None
+    assert (both.total.form, both.total.dof) == ("diagonal", 1)
+
+
+def test_records_with_unequal_period_counts_are_averaged_with_their_own_counts() -> None:
+    """P = 2 in one experiment and 16 in the other: the variance of the mean of inputs is the sum of both parts."""
+    rng, lines = np.random.default_rng(0), np.arange(5, 120)
+    U = np.eye(2)[:, None, :] * np.ones((2, len(lines), 2))
+    noise = (rng, np.zeros((2, 2)), 0.1 * np.eye(2))
+    records = [_record(lines, U[e], U[e], P=P, experiment=e, noise=noise) for e, P in ((0, 2), (1, 16))]
+    response = estimate(records, ALL_PERIODS, lines)
+    assert response.noise is not None
+    variance = response.noise.variance.mean(axis=0)
+    np.testing.assert_allclose(variance[:, 0] / variance[:, 1], 8, rtol=1e-9)
+    np.testing.assert_allclose(variance[:, 0], 4 * 0.01 / 256 / 2, rtol=0.08)
+
+
+def test_realisations_with_the_same_phases_are_told() -> None:
+    """They cannot show nonlinear distortion."""
+    lines = np.arange(5, 50)
+    records = _experiments(_plant(45, 1, 1), lines, 1, np.random.default_rng(0))
+    again = replace(records[0], realisation=1)
+    assert "realisations 0 and 1 have the same phases" in estimate([*records, again], ALL_PERIODS, lines).notes[-1]
+
+
+def test_fewer_experiments_than_inputs_are_refused_with_both_numbers() -> None:
+    """And so are experiments that were numbered as realisations."""
+    records = _experiments(_plant(10, 2, 3), np.arange(5, 15), 1, np.random.default_rng(0))
+    with pytest.raises(DataError, match=r"realisation 0: 2 experiments for 3 inputs .* at least 3"):
+        estimate(records[:2], ALL_PERIODS)
+    with pytest.raises(DataError, match="realisation 0: 1 experiments for 3 inputs"):
+        estimate([replace(r, realisation=i) for i, r in enumerate(records)], ALL_PERIODS)
+
+
+def test_experiments_that_do_not_tell_the_inputs_apart_are_refused() -> None:
+    """The same file twice, above the noise only one way of moving two inputs."""
+    rng, lines = np.random.default_rng(0), np.arange(5, 60)
+    first = _experiments(_plant(55, 2, 2), lines, 1, rng)[0]
+    noisy = [replace(first, experiment=e, u=first.u + 1e-3 * rng.normal(size=first.u.shape)) for e in range(2)]
+    for records in ([first, replace(first, experiment=1)], noisy):
+        with pytest.raises(DataError, match=r"2 experiments move the 2 inputs .* in 1 independent ways only"):
+            estimate(records, ALL_PERIODS, lines)
+
+
+def test_lines_without_excitation_are_left_out_with_a_word() -> None:
+    """`full` where every second line is excited: the others have no answer."""
+    rng, lines = np.random.default_rng(0), np.arange(5, 60, 2)
+    noise = (rng, 1e-3 * np.eye(2), 1e-3 * np.eye(2))
+    records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=noise)
+    response = estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(9.0, 116.0)))
+    np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
+    assert "lines 27 (11.719 to 113.28 Hz) are left out" in response.notes[0]
+
+
+def test_records_that_do_not_fit_together_are_refused_by_name() -> None:
+    """Another rate, another period, other channels."""
+    a, b = _experiments(_plant(10, 1, 2), np.arange(5, 15), 1, np.random.default_rng(0))
+    for changed, what in (
+        (replace(b, rate_hz=400.0), "rate_hz is 500.0 and 400.0"),
+        (replace(b, period_samples=128), "period_samples is 256 and 128"),
+        (replace(b, outputs=("joint 9",)), "outputs is"),
+    ):
+        with pytest.raises(DataError, match=f"records c-r0-e0 and c-r0-e1 .* do not fit together: {what}"):
+            estimate([a, changed], ALL_PERIODS)
+
+
+def _two_mass(freq_hz: np.ndarray, delay: float = 0.0) -> np.ndarray:
+    """Motor acceleration per motor torque of two inertias and a spring (textbook form)."""
+    J_m, J_l, k, d = 1e-3, 2e-3, 100.0, 0.02
+    s = 2j * np.pi * freq_hz
+    top = J_l * s**2 + d * s + k
+    return np.asarray(s**2 * top / ((J_m * s**2 + d * s + k) * top - (d * s + k) ** 2) * np.exp(-s * delay))
+
+
+@pytest.mark.parametrize("delay", [0.0, 1e-3])
+@pytest.mark.parametrize("quantity", ["acceleration", "velocity", "position"])
+def test_a_sign_that_contradicts_a_passive_mechanism_is_told(quantity: Motion, delay: float) -> None:
+    """Right way round no word, even with a millisecond of delay; turned round one word with the number of lines."""
+    rng, lines, N = np.random.default_rng(0), np.arange(5, 120), 600
+    G = _two_mass(lines * RATE / N, delay)[:, None, None]
+    noise = (rng, np.zeros((1, 1)), 0.5 * np.eye(1))
+    (record,) = _experiments(G, lines, 1, rng, P=4, N=N, noise=noise)
+    record = replace(record, outputs=("motor 1",))
+    spec = replace(ALL_PERIODS, quantity=quantity)
+    assert estimate([record], spec, lines).notes == ()
+    for turned in (replace(record, y=-record.y), replace(record, u=-record.u)):
+        (note,) = estimate([turned], spec, lines).notes
+        assert "sign of y or of u at motor 1 looks wrong: Re(velocity/torque) is negative" in note
+    assert estimate([replace(record, y=-record.y, outputs=("joint 1",))], spec, lines).notes == ()
+
+
+def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:
+    """planned and band together; an empty band is refused."""
+    lines = np.arange(5, 60, 2)
+    records = _experiments(_plant(len(lines), 1, 1), lines, 1, np.random.default_rng(0))
+    in_band = estimate(records, replace(ALL_PERIODS, band_hz=(20.0, 60.0)), lines).freq_hz
+    assert in_band[0] >= 20.0
+    assert in_band[-1] <= 60.0
+    odd = estimate(records, replace(ALL_PERIODS, lines="odd", band_hz=(20.0, 60.0))).freq_hz
+    np.testing.assert_array_equal(odd, in_band)
+    with pytest.raises(DataError, match="no excited line between 150 and 200 Hz"):
+        estimate(records, replace(ALL_PERIODS, band_hz=(150.0, 200.0)), lines)
+    with pytest.raises(StudyError, match="holds no line"):
+        estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(20.0, 20.5)))

@@ -1,0 +1,145 @@
+"""Rest under gravity: deflections, holding torques and the stiffness that gravity adds or takes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
+from elastid.linear.modes import modes
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+M, L, G = 12.0, 0.7, 9.81
+
+
+def pendulum(k: float, center_of_mass=(0.0, 0.0, L), inertia: float = 0.5) -> Robot:
+    """A rod on a geared motor, upright at angle 0, turning about y."""
+    joint = Joint("1", "y", Spring(k, 1.0), Motor(1e-3, 100))
+    return Robot("pendulum", (Body("rod", joints=(joint,), mass=M, center_of_mass=center_of_mass, inertia=inertia),))
+
+
+def two_links(k_elastic: float = 3e4) -> Robot:
+    """Two driven links and an elastic joint about another axis, all loaded by gravity."""
+    return Robot(
+        "two links",
+        (
+            Body("a", joints=(Joint("1", "y", Spring(5e4), Motor(1e-3, 90)),), mass=20, center_of_mass=(0.3, 0, 0.1)),
+            Body(
+                "b",
+                "a",
+                Placement((0.6, 0, 0), (0.4, 0, 0)),
+                (Joint("2", "y", motor=Motor(1e-3, -80)), Joint("2x", "x", Spring(k_elastic))),
+                9,
+                (0.2, 0.25, 0.1),
+                (0.2, 0.3, 0.4),
+            ),
+        ),
+    )
+
+
+@given(angle=st.floats(-3, 3))
+@settings(deadline=None, max_examples=20)
+def test_pendulum_on_a_spring_bends_by_its_weight(angle):
+    """k (q_a - q_m) = m g l sin(q_a): the deflection solves the scalar equation, the motor holds m g l sin(q_a)."""
+    model = serial(pendulum(k=5e3))
+    point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+    q_a, q_m = point.q
+    assert q_m == angle
+    assert 5e3 * (q_a - q_m) == pytest.approx(M * G * L * np.sin(q_a), abs=1e-9)
+    assert point.u[0] == pytest.approx(-M * G * L * np.sin(q_a), abs=1e-8)
+
+
+@pytest.mark.parametrize(("angle", "sign"), [(0.0, -1), (np.pi, 1)])
+def test_gravity_softens_an_upright_pendulum_and_stiffens_a_hanging_one(angle, sign):
+    """With the motor locked, (2 pi f)^2 = (k +- m g l) / (J + m l^2)."""
+    k = 5e3
+    model = serial(pendulum(k))
+    linear = linearise(model, Configuration("c", (angle,)), model.theta, ("motor 1",), "acceleration")
+    assert linear.K[0, 0] == pytest.approx(k + sign * M * G * L, rel=1e-12)
+    locked = np.sqrt(linear.K[0, 0] / linear.M[0, 0]) / (2 * np.pi)
+    assert locked == pytest.approx(np.sqrt((k + sign * M * G * L) / (0.5 + M * L**2)) / (2 * np.pi), rel=1e-12)
+
+
+def test_hanging_pendulum_swings_at_its_gravity_frequency():
+    """Rigid drive of small inertia: one mode at sqrt(m g l / (J + m l^2 + eta^2 J_m)) / 2 pi, unstable if upright."""
+    joint = Joint("1", "y", motor=Motor(1e-4, 10))
+    robot = Robot("p", (Body("rod", joints=(joint,), mass=M, center_of_mass=(0, 0, -L), inertia=0.5),))
+    model = serial(robot)
+    hanging, upright = (
+        modes(linearise(model, Configuration("c", (a,)), model.theta, ("motor 1",), "position"), [*model.theta, 0])
+        for a in (0.0, np.pi)
+    )
+    omega = np.sqrt(M * G * L / (0.5 + M * L**2 + 1e-4 * 100))
+    assert hanging.freq_hz == pytest.approx([omega / (2 * np.pi)], rel=1e-12)
+    np.testing.assert_allclose(hanging.zeta, 0, atol=1e-12)
+    assert sorted(upright.real_poles) == pytest.approx([-omega, omega], rel=1e-9)
+
+
+@given(seed=st.integers(0, 2**31))
+@settings(deadline=None, max_examples=10)
+def test_stiffness_equals_differences_of_the_static_torque(seed):
+    """K = d (dV/dq) / dq: Hessian of springs and gravity against central differences, and symmetric."""
+    model = serial(two_links())
+    q = np.random.default_rng(seed).normal(size=model.n_q)
+    K = model.stiffness(q, [], model.theta).full()
+    h = 1e-5
+    differences = np.column_stack(
+        [
+            (model.potential_gradient(q + h * e, model.theta) - model.potential_gradient(q - h * e, model.theta)).full()
+            / (2 * h)
+            for e in np.eye(model.n_q)
+        ]
+    )
+    np.testing.assert_allclose(K, differences, atol=1e-5)  # of torques near 1e5 Nm, differenced
+    np.testing.assert_array_equal(K, K.T)
+
+
+@given(angles=st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
+@settings(deadline=None, max_examples=20)
+def test_at_rest_nothing_accelerates(angles):
+    """f(q0, 0) = B u0: the full nonlinear equations are satisfied with the holding torque."""
+    model = serial(two_links())
+    point = equilibrium(model, model.theta, Configuration("c", angles))
+    f = model.force(point.q, np.zeros(model.n_q), model.theta).full()[:, 0]
+    np.testing.assert_allclose(f, model.B @ point.u, atol=1e-8)
+    np.testing.assert_array_equal(point.q[[model.index("motor 1"), model.index("motor 2")]], angles)
+
+
+def test_joint_without_spring_hangs_down():
+    """A free joint finds the bottom of its pendulum from nearby, and stays put where nothing pulls."""
+    hanging = Joint("free", "y")
+    arm = Body("arm", joints=(Joint("1", "y", motor=Motor(1e-3)),), mass=5, center_of_mass=(0.2, 0, 0), inertia=0.1)
+    bob = Body("bob", "arm", Placement((0.5, 0, 0)), (hanging,), 2, (0, 0, -0.3), 0.01)
+    model = serial(Robot("r", (arm, bob)))
+    point = equilibrium(model, model.theta, Configuration("c", (0.8,)))
+    assert point.q[model.index("joint free")] == pytest.approx(-0.8, abs=1e-12)
+    weightless = serial(Robot("r", (arm, bob), gravity=(0, 0, 0)))
+    point = equilibrium(weightless, weightless.theta, Configuration("c", (0.8,)))
+    np.testing.assert_allclose(point.q, [0.8, 0.0], atol=0)
+
+
+def test_spring_too_soft_for_its_load_is_refused():
+    """An upright pendulum with k < m g l tips over: named with configuration, joint and stiffness left."""
+    model = serial(pendulum(k=0.5 * M * G * L))
+    with pytest.raises(StudyError, match=r"configuration up: joint 1 tips over.*-41\.2 N\*m/rad"):
+        equilibrium(model, model.theta, Configuration("up", (0.0,)))
+
+
+def test_not_finite_parameter_is_refused():
+    """A parameter that is not a number ends in a message, not in a response of NaN."""
+    model = serial(pendulum(k=5e3))
+    theta = model.theta.copy()
+    theta[0] = np.nan
+    with pytest.raises(StudyError, match="configuration c: the torque on joint 1 is not a finite number"):
+        equilibrium(model, theta, Configuration("c", (0.1,)))
+
+
+def test_wrong_number_of_angles_is_refused():
+    """A configuration gives one angle for each motor."""
+    model = serial(two_links())
+    with pytest.raises(StudyError, match=r"configuration c: 3 angles .* has 2 driven joints \(1, 2\)"):
+        equilibrium(model, model.theta, Configuration("c", (0, 0, 0)))

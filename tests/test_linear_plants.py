@@ -1,0 +1,177 @@
+"""Published plants with their printed numbers, and chains whose motion is known by thinking."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import linearise
+from elastid.linear.modes import antiresonances, modes
+from elastid.linear.transfer import frequency_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+
+WEIGHTLESS = (0.0, 0.0, 0.0)
+
+
+def linear(robot: Robot, angles=(0.0,), outputs=("motor 1",), quantity="acceleration") -> LinearModel:
+    model = serial(robot)
+    return linearise(model, Configuration("c", angles), model.theta, outputs, quantity)
+
+
+def chain(motor: Motor, springs: list[Spring], inertias: list[float], viscous: float = 0.0) -> Robot:
+    """A motor and masses one behind the other about one axis, a spring before each mass."""
+    bodies, parent = [], "base"
+    for i, (spring, inertia) in enumerate(zip(springs, inertias, strict=True), start=1):
+        joint = Joint(str(i), spring=spring, motor=motor if i == 1 else None, viscous=viscous if i == 1 else 0.0)
+        bodies.append(Body(f"mass{i}", parent, joints=(joint,), inertia=inertia))
+        parent = f"mass{i}"
+    return Robot("chain", tuple(bodies), gravity=WEIGHTLESS)
+
+
+def three_mass() -> Robot:
+    """Wernholt & Gunnarsson (2006), SYSID, pp. 143-148: the numbers of the public idnlgrey example."""
+    J, a_m, a_g = 0.03291699877416, 0.17910964111956, 0.61206166914114
+    motor = Motor(inertia=J * a_m, viscous=0.00986346744839)
+    springs = [Spring(20.59269827430799, 0.06241814047290), Spring(20.23072060978318, 0.00987527995798)]
+    return chain(motor, springs, [J * a_g, J * (1 - a_m - a_g)])
+
+
+def four_mass(k1: float) -> LinearModel:
+    """Moberg & Ohr (2005), IFAC World Congress: all on the motor side, every mass with viscous friction to ground."""
+    springs = [Spring(k1, 0.08), Spring(110, 0.06), Spring(80, 0.08)]
+    robot = chain(Motor(5e-3, viscous=6e-3), springs, [2e-3, 0.02, 0.02])
+    model = linear(robot, outputs=("motor 1", "body mass1 z", "body mass2 z", "body mass3 z"))
+    to_ground = model.C[1:]  # a joint's friction acts between its bodies; here each mass rubs on the ground
+    return replace(model, D=model.D + 1e-3 * to_ground.T @ to_ground)
+
+
+def test_three_mass_response_equals_published_numbers():
+    """Torque to acceleration at 1, 5, 10, 20, 40 Hz to the digits printed."""
+    model = linear(three_mass())
+    G = frequency_response(model, model.theta_ref, np.array([1.0, 5, 10, 20, 40]))[:, 0, 0]
+    printed = [28.926 + 1.3416j, -15.872 + 5.5897j, 162.796 + 67.747j, 217.161 + 31.446j, 179.105 + 9.520j]
+    np.testing.assert_allclose(G, printed, rtol=0, atol=6e-4)
+
+
+def test_three_mass_resonances_and_antiresonances_equal_published_numbers():
+    """Frequencies and damping to the digits printed, and the slow real pole of the friction."""
+    model = linear(three_mass())
+    found = modes(model, model.theta_ref)
+    np.testing.assert_allclose(found.freq_hz, [9.0439, 11.4776], rtol=0, atol=6e-5)
+    np.testing.assert_allclose(found.zeta, [0.04479, 0.08247], rtol=0, atol=6e-6)
+    np.testing.assert_allclose(found.real_poles, [0.0, -0.29968], rtol=0, atol=6e-6)
+    zeros = antiresonances(model, model.theta_ref, "motor 1", "motor 1")
+    np.testing.assert_allclose(zeros.freq_hz, [4.2283, 10.3902], rtol=0, atol=6e-5)
+    np.testing.assert_allclose(zeros.zeta, [0.03726, 0.02332], rtol=0, atol=6e-6)
+
+
+def test_three_mass_undamped_frequencies_equal_published_numbers():
+    """The same without dissipation: modes need no damping to be found."""
+    model = linear(three_mass())
+    undamped = replace(model, D=0 * model.D)
+    np.testing.assert_allclose(modes(undamped, model.theta_ref).freq_hz, [8.9735, 11.5682], rtol=0, atol=6e-5)
+    zeros = antiresonances(undamped, model.theta_ref, "motor 1", "motor 1")
+    np.testing.assert_allclose(zeros.freq_hz, [4.2274, 10.3925], rtol=0, atol=6e-5)
+
+
+@pytest.mark.parametrize(
+    ("k1", "resonances", "zeta", "zeros"),
+    [
+        (16.7, [8.816, 14.441, 41.613], [0.115, 0.066, 0.141], [2.912, 14.254, 41.627]),
+        (58.35, [11.948, 17.176, 48.253], [0.041, 0.059, 0.131], [4.578, 14.941, 47.216]),
+        (100, [12.403, 19.121, 54.664], [0.039, 0.047, 0.118], [5.255, 15.378, 52.321]),
+    ],
+)
+def test_four_mass_benchmark_equals_published_numbers(k1, resonances, zeta, zeros):
+    """Resonances, damping and antiresonances at three stiffnesses of the gear, to the digits printed."""
+    model = four_mass(k1)
+    found = modes(model, model.theta_ref)
+    np.testing.assert_allclose(found.freq_hz, resonances, rtol=0, atol=6e-4)
+    np.testing.assert_allclose(found.zeta, zeta, rtol=0, atol=6e-4)
+    locked = antiresonances(model, model.theta_ref, "motor 1", "motor 1")
+    np.testing.assert_allclose(locked.freq_hz, zeros, rtol=0, atol=6e-4)
+
+
+def test_four_mass_undamped_frequencies_and_gain_limits():
+    """Undamped frequencies as printed; gain 1 / total inertia at low, 1 / motor inertia at high frequency."""
+    model = four_mass(100)
+    undamped = replace(model, D=0 * model.D)
+    np.testing.assert_allclose(modes(undamped, model.theta_ref).freq_hz, [12.402, 19.120, 54.671], rtol=0, atol=6e-4)
+    low, high = frequency_response(undamped, model.theta_ref, np.array([1e-3, 1e5]))[:, 0, 0]
+    assert low == pytest.approx(21.277, abs=6e-4)
+    assert high == pytest.approx(200.0, rel=1e-6)
+
+
+def test_zeros_between_motor_and_far_mass_are_none():
+    """A chain has no zero from its first to its last mass but those of its dampers, far above all resonances."""
+    model = four_mass(100)
+    undamped = replace(model, D=0 * model.D)
+    assert antiresonances(undamped, model.theta_ref, "body mass3 z", "motor 1").freq_hz.size == 0
+    between = antiresonances(undamped, model.theta_ref, "body mass1 z", "motor 1")
+    behind = linear(chain(Motor(1.0), [Spring(110), Spring(80)], [0.02, 0.02]))
+    held = antiresonances(behind, behind.theta_ref, "motor 1", "motor 1")
+    np.testing.assert_allclose(between.freq_hz, held.freq_hz, rtol=1e-8)
+
+
+def test_long_chain_has_no_zero_to_its_far_end():
+    """Six masses, ten more poles than zeros: what rounding makes of the zeros at infinity is not reported."""
+    robot = chain(Motor(5e-3), [Spring(k) for k in (80, 120, 90, 150, 60)], [0.02, 0.05, 0.01, 0.04, 0.03])
+    model = linear(robot, outputs=("body mass5 z",))
+    zeros = antiresonances(model, model.theta_ref, "body mass5 z", "motor 1")
+    assert zeros.freq_hz.size == zeros.real_poles.size == 0
+
+
+def test_body_of_a_coaxial_chain_moves_by_the_sum_of_its_joints():
+    """Absolute acceleration of the last body = sum of the relative ones of all joints, bodies' own axes aligned."""
+    outputs = ("body mass3 z", "joint 1", "joint 2", "joint 3", "body mass3 x")
+    model = linear(
+        chain(Motor(5e-3, 10.0), [Spring(100, 1), Spring(110, 1), Spring(80, 1)], [1, 2, 3]), (0.3,), outputs
+    )
+    G = frequency_response(model, model.theta_ref, np.linspace(0.5, 40, 30))[:, :, 0]
+    np.testing.assert_allclose(G[:, 0], G[:, 1:4].sum(axis=1), rtol=1e-9)
+    np.testing.assert_array_equal(G[:, 4], 0)
+
+
+def test_gear_ratio_refers_motor_inertia_and_friction_to_the_link():
+    """A motor behind a gear of ratio -50 equals one without gear of 2500 times inertia and viscous friction."""
+    springs, inertias = [Spring(3e4, 20)], [15.0]
+    geared = linear(chain(Motor(2e-3, ratio=-50, viscous=1e-2), springs, inertias))
+    direct = linear(chain(Motor(2e-3 * 2500, viscous=1e-2 * 2500), springs, inertias))
+    freq_hz = np.linspace(1, 30, 20)
+    np.testing.assert_allclose(
+        frequency_response(geared, geared.theta_ref, freq_hz),
+        frequency_response(direct, direct.theta_ref, freq_hz),
+        rtol=1e-12,
+    )
+
+
+def test_rigidly_driven_joint_is_the_limit_of_a_stiff_gear():
+    """k -> infinity gives M + M_m, and `motor 1` is `joint 1` where the gear has no spring."""
+    motor, freq_hz = Motor(2e-3, ratio=50, viscous=1e-2), np.linspace(1, 30, 20)
+    rigid_robot = Robot("rigid", (Body("load", joints=(Joint("1", motor=motor),), inertia=15.0),), WEIGHTLESS)
+    rigid = linear(rigid_robot, outputs=("motor 1", "joint 1"))
+    G = frequency_response(rigid, rigid.theta_ref, freq_hz)
+    s = 2j * np.pi * freq_hz
+    np.testing.assert_allclose(G[:, 0, 0], s / (s * (15 + 2e-3 * 2500) + 1e-2 * 2500), rtol=1e-12)
+    np.testing.assert_array_equal(G[:, 0], G[:, 1])
+    errors = []
+    for k in (1e8, 1e9):
+        stiff = linear(chain(motor, [Spring(k, 0)], [15.0]))
+        errors.append(np.abs(frequency_response(stiff, stiff.theta_ref, freq_hz)[:, 0, 0] - G[:, 0, 0]).max())
+    assert errors[1] == pytest.approx(errors[0] / 10, rel=0.01)  # the compliance 1 / k is what differs
+
+
+def test_position_and_velocity_are_integrals_of_acceleration():
+    """G_acc = s G_vel = s^2 G_pos."""
+    freq_hz = np.linspace(1, 30, 5)
+    position, velocity, acceleration = (
+        frequency_response(model, model.theta_ref, freq_hz)[:, 0, 0]
+        for quantity in ("position", "velocity", "acceleration")
+        for model in [linear(three_mass(), quantity=quantity)]
+    )
+    s = 2j * np.pi * freq_hz
+    np.testing.assert_allclose(velocity, s * position, rtol=1e-12)
+    np.testing.assert_allclose(acceleration, s * velocity, rtol=1e-12)

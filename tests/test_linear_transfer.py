@@ -1,0 +1,265 @@
+"""The linear model of an elastic arm: symmetry, limits, derivatives, and the kernel against the formula."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.modes import antiresonances, modes
+from elastid.linear.transfer import Kernel, frequency_response, to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+FREQ_HZ = np.geomspace(0.5, 90, 130)
+angles = st.tuples(*[st.floats(-2, 2)] * 3)
+
+
+def arm(gravity=(0.0, 0.0, -9.81), motor_scale: float = 1.0, free_joint: bool = False) -> Robot:
+    """Three driven axes, one of them rigid, three further elastic ones, oblique placements, a full inertia tensor."""
+    end = (Joint("7", "y", spring=Spring(4e4, 30)),) if free_joint else ()
+    return Robot(
+        "arm",
+        (
+            Body(
+                "turret",
+                placement=Placement((0, 0, 0.35)),
+                joints=(
+                    Joint("1y", "y", Spring(1.6e6, 1500)),
+                    Joint("1", "z", Spring(3e5, 500), Motor(2.4e-3, 121 * motor_scale, 1.5e-3), viscous=20),
+                ),
+                mass=160,
+                center_of_mass=(0.1, 0, 0.15),
+                inertia=(8, 9, 9.5),
+            ),
+            Body(
+                "upper",
+                "turret",
+                Placement((0.2, 0, 0.35), (0.1, 0, 0)),
+                (
+                    Joint("2", "y", motor=Motor(2.8e-3, -125 * motor_scale, 1.8e-3)),
+                    Joint("2x", "x", Spring(4.5e5, 500)),
+                ),
+                60,
+                (0.05, 0, 0.4),
+                (6, 6.2, 0.8, 0.1, -0.2, 0.3),
+            ),
+            Body(
+                "fore",
+                "upper",
+                Placement((0, 0, 0.85)),
+                (
+                    Joint(
+                        "3", (0.0, 1.0, 0.1), Spring(1.8e5, 250), Motor(1.6e-3, 110 * motor_scale, 1.2e-3), viscous=9
+                    ),
+                    Joint("3z", "z", Spring(6e4, 60)),
+                    *end,
+                ),
+                75,
+                (0.45, 0.05, 0.1),
+                2.0,
+            ),
+        ),
+        gravity,
+    )
+
+
+def linear(robot: Robot, configuration=(0.3, -0.4, 0.7), outputs=None, quantity="acceleration") -> LinearModel:
+    model = serial(robot)
+    return linearise(model, Configuration("c", configuration), model.theta, outputs or model.inputs, quantity)
+
+
+@given(configuration=angles)
+@settings(deadline=None, max_examples=10)
+def test_motor_responses_are_reciprocal(configuration):
+    """M, D, K are symmetric and G = G^T: torque at i moves motor j as torque at j moves motor i."""
+    model = linear(arm(), configuration)
+    for matrix in (model.M, model.D, model.K):
+        np.testing.assert_array_equal(matrix, matrix.T)
+    G = frequency_response(model, model.theta_ref, FREQ_HZ)
+    np.testing.assert_allclose(G, G.transpose(0, 2, 1), atol=1e-10 * np.abs(G).max())
+
+
+@given(configuration=angles)
+@settings(deadline=None, max_examples=10)
+def test_high_frequency_response_is_that_of_the_rotors(configuration):
+    """f -> infinity: G -> M_m^-1, the arm does not follow; a rigidly driven motor carries its links along."""
+    model = linear(arm(), configuration)
+    motors = [serial(arm()).index(f"motor {name}") for name in "13"]
+    G = frequency_response(model, model.theta_ref, np.array([1e5]))[0]
+    np.testing.assert_allclose(G[::2, ::2], np.diag(1 / np.diag(model.M)[motors]), rtol=1e-4, atol=1e-7)
+
+
+def test_low_frequency_response_without_gravity_is_that_of_the_rigid_robot():
+    """Without gravity and dissipation to ground, f -> 0: G -> (M + M_m)^-1 of the rigid robot, with error f^2."""
+    robot = arm(gravity=(0.0, 0.0, 0.0))
+    names = robot.parameters()
+    robot = robot.with_parameters({name: 0.0 for name in names if name.startswith("f")})
+    model = linear(robot)
+    full = serial(robot)
+    T = np.zeros((full.n_q, 3))  # the rigid robot: joint and motor of an axis turn as one
+    for column, name in enumerate("123"):
+        T[[full.index(f"joint {name}"), full.index(f"motor {name}")], column] = 1
+    rigid = np.linalg.inv(T.T @ model.M @ T)
+    errors = [np.abs(frequency_response(model, model.theta_ref, np.array([f]))[0] - rigid).max() for f in (0.2, 0.1)]
+    assert errors[1] < 1e-3 * np.abs(rigid).max()
+    assert errors[0] / errors[1] == pytest.approx(4, rel=0.05)
+
+
+def test_stiff_springs_give_the_rigid_robot():
+    """All k -> infinity: motor and joint of an axis move alike, elastic joints not at all."""
+    robot = arm()
+    stiff = robot.with_parameters({name: 1e13 for name in robot.parameters() if name.startswith("k_")})
+    model = linear(stiff, outputs=("motor 1", "joint 1", "motor 3", "joint 3", "joint 3z"))
+    G = frequency_response(model, model.theta_ref, np.array([5.0, 50.0]))
+    scale = np.abs(G).max()
+    np.testing.assert_allclose(G[:, 0], G[:, 1], atol=1e-6 * scale)
+    np.testing.assert_allclose(G[:, 2], G[:, 3], atol=1e-6 * scale)
+    np.testing.assert_allclose(G[:, 4], 0, atol=1e-6 * scale)
+
+
+def test_antiresonances_are_the_modes_with_the_motor_locked():
+    """Zeros of G_11 = natural frequencies of the arm whose motor 1 cannot turn; there G_11 vanishes (undamped)."""
+    model = linear(arm())
+    undamped = replace(model, D=0 * model.D, slopes={})
+    zeros = antiresonances(undamped, undamped.theta_ref, "motor 1", "motor 1")
+    keep = [i for i in range(undamped.n) if i != serial(arm()).index("motor 1")]
+    squares = np.linalg.eigvals(np.linalg.solve(undamped.M[np.ix_(keep, keep)], undamped.K[np.ix_(keep, keep)])).real
+    locked = np.sqrt(np.sort(squares[squares > 0])) / (2 * np.pi)
+    np.testing.assert_allclose(zeros.freq_hz, locked, rtol=1e-8)
+    G = frequency_response(undamped, undamped.theta_ref, np.array([*zeros.freq_hz, 30.3]))[:, 0, 0]
+    assert np.all(np.abs(G[:-1]) < 1e-6 * np.abs(G[-1]))
+    np.testing.assert_allclose(zeros.shapes[serial(arm()).index("motor 1")], 0, atol=1e-9)
+
+
+def test_collocated_zeros_lie_between_poles():
+    """Undamped and without gravity, poles and zeros of a diagonal element alternate."""
+    model = linear(arm(gravity=(0.0, 0.0, 0.0)))
+    undamped = replace(model, D=0 * model.D, slopes={})
+    poles = modes(undamped, undamped.theta_ref).freq_hz
+    zeros = antiresonances(undamped, undamped.theta_ref, "motor 3", "motor 3").freq_hz
+    # A rigid-body pole at 0 stands before the first zero; other rigid-body modes leave with as many zeros at 0.
+    below = [np.count_nonzero(poles < f) - np.count_nonzero(zeros < f) for f in np.linspace(0.1, 200, 997)]
+    assert set(below) <= {-1, 0}
+
+
+def test_modes_are_where_the_dynamic_stiffness_is_singular():
+    """(lambda^2 M + lambda D + K) phi = 0 for every mode found, with friction and gravity."""
+    model = linear(arm())
+    found = modes(model, model.theta_ref)
+    assert found.freq_hz.size * 2 + found.real_poles.size == 2 * model.n
+    for f, zeta, phi in zip(found.freq_hz, found.zeta, found.shapes.T, strict=True):
+        pole = 2 * np.pi * f * (-zeta + 1j * np.sqrt(1 - zeta**2))
+        left = (pole**2 * model.M + pole * model.D + model.K) @ phi
+        assert np.abs(left).max() < 1e-7 * np.abs(model.K @ phi).max()
+        assert np.abs(phi).max() == pytest.approx(1)
+
+
+def test_kernel_equals_the_formula():
+    """Kernel and formula agree to rounding, for outputs on motors, joints and bodies, away from theta_ref."""
+    outputs = ("motor 3", "body fore z", "motor 1", "joint 3z")
+    for quantity in ("position", "velocity", "acceleration"):
+        model = linear(arm(), outputs=outputs, quantity=quantity)
+        theta = model.theta_ref * 1.1
+        theta[-1] = 2e-3
+        kernel = Kernel(model, FREQ_HZ, ("k_1", DELAY))
+        G = frequency_response(model, theta, FREQ_HZ)
+        tolerance = 1e-12 * np.abs(G).max()
+        np.testing.assert_allclose(kernel.response(theta), G, atol=tolerance)
+        np.testing.assert_allclose(kernel.evaluate(theta)[0], G, atol=tolerance)
+
+
+@pytest.mark.parametrize("outputs", [None, ("body fore z", "motor 2", "joint 3", "motor 1")])
+def test_derivatives_equal_central_differences_for_every_parameter(outputs):
+    """dG of stiffness, damping, friction, rotors, masses, centres of mass, inertias, delay: to 1e-6 of the largest."""
+    model = linear(arm(), outputs=outputs)
+    typical = [5.0 if name.startswith("f_") else 1e-3 for name in model.parameters]  # sets the step where theta is 0
+    theta = np.where(model.theta_ref == 0, typical, model.theta_ref)
+    _, dG = Kernel(model, FREQ_HZ, model.parameters).evaluate(theta)
+    assert dG.shape[0] == len(model.parameters)
+    for place, name in enumerate(model.parameters):
+        h = 3e-5 * abs(theta[place])
+        shift = h * (np.arange(theta.size) == place)
+        numeric = (
+            frequency_response(model, theta + shift, FREQ_HZ) - frequency_response(model, theta - shift, FREQ_HZ)
+        ) / (2 * h)
+        np.testing.assert_allclose(dG[place], numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)
+
+
+def test_slopes_are_exact_but_for_centres_of_mass():
+    """Affine in stiffness, damping, friction, rotors, masses and inertias: M, D, K far away equal the model's own."""
+    robot = arm()
+    model = serial(robot)
+    linearised = linear(robot)
+    point = equilibrium(model, model.theta, linearised.configuration)
+    rng = np.random.default_rng(0)
+    factor = [1.0 if name.startswith("c_") else rng.uniform(0.5, 2) for name in model.parameters]
+    theta = model.theta * np.array(factor)
+    M, D, K = linearised.matrices(np.append(theta, 0))
+    np.testing.assert_allclose(M, model.mass(point.q, theta).full(), atol=1e-10 * np.abs(M).max())
+    np.testing.assert_allclose(D, model.damping(point.q, theta).full(), atol=1e-10 * np.abs(D).max())
+    np.testing.assert_allclose(K, model.stiffness(point.q, [], theta).full(), atol=1e-10 * np.abs(K).max())
+
+
+def test_delay_turns_the_phase_only():
+    """A delay T multiplies G by exp(-j omega T)."""
+    model = linear(arm())
+    theta = model.theta_ref.copy()
+    theta[-1] = 3e-3
+    G0, G = (frequency_response(model, t, FREQ_HZ) for t in (model.theta_ref, theta))
+    np.testing.assert_allclose(G, G0 * np.exp(-2j * np.pi * FREQ_HZ * 3e-3)[:, None, None], rtol=1e-12)
+
+
+def test_kernel_survives_pickling_and_refuses_unknown_parameters():
+    """Starts of a fit run in processes; a name that is not a parameter is an error that lists the names."""
+    model = linear(arm())
+    kernel = pickle.loads(pickle.dumps(Kernel(model, FREQ_HZ, ("k_1",))))
+    np.testing.assert_array_equal(
+        kernel.evaluate(model.theta_ref)[1], Kernel(model, FREQ_HZ, ("k_1",)).evaluate(model.theta_ref)[1]
+    )
+    with pytest.raises(KeyError, match="no parameter k_9; there are k_1y"):
+        Kernel(model, FREQ_HZ, ("k_9",))
+
+
+def test_response_is_a_value_like_a_measured_one():
+    """to_response carries names, quantity and configuration along."""
+    model = linear(arm(), outputs=("motor 1",), quantity="velocity")
+    response = to_response(model, model.theta_ref, FREQ_HZ)
+    assert (response.outputs, response.quantity, response.configuration.name) == (("motor 1",), "velocity", "c")
+    np.testing.assert_array_equal(response.G, frequency_response(model, model.theta_ref, FREQ_HZ))
+
+
+def test_linearisation_built_once_serves_all_configurations():
+    """`Linearisation.at` equals `linearise` in each configuration."""
+    model = serial(arm())
+    linearisation = Linearisation.of(model)
+    for configuration in (Configuration("a", (0.1, 0.2, 0.3)), Configuration("b", (-1, 0.5, 1.3))):
+        once = linearisation.at(configuration, model.theta, model.inputs, "acceleration")
+        alone = linearise(model, configuration, model.theta, model.inputs, "acceleration")
+        np.testing.assert_array_equal(once.K, alone.K)
+        assert once.parameters == (*model.parameters, DELAY)
+        assert all(np.array_equal(once.slopes[name].K, alone.slopes[name].K) for name in ("k_1", "m_fore"))
+
+
+def test_coordinate_without_inertia_is_named():
+    """A massless last link makes M singular: refused with the joint's name before a fit meets it."""
+    robot = arm(free_joint=True)
+    bare = replace(robot.bodies[2], mass=0.0, inertia=0.0)
+    with pytest.raises(
+        StudyError,
+        match=r"configuration c: the mass matrix is singular, motion of joint 3, joint 3z, joint 7 moves no inertia",
+    ):
+        linear(replace(robot, bodies=(*robot.bodies[:2], bare)))
+
+
+def test_unknown_place_is_refused_with_those_there_are():
+    """An output that the robot does not have."""
+    with pytest.raises(StudyError, match="'tool' is not a place on robot arm; there are motor 1"):
+        linear(arm(), outputs=("tool",))

@@ -1,0 +1,84 @@
+"""Names for people, vectors for solvers."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+
+SET = ParameterSet(
+    (
+        Parameter("k", 200.0, lower=2.0, upper=2e4, log=True),
+        Parameter("k_twin", 0.0, tie=Tie("k", 1.5), log=True),
+        Parameter("m", 12.0, log=True, free=False),
+        Parameter("m_twin", 0.0, tie=Tie("m", 2.0)),
+        Parameter("delay", 1e-3, lower=0.0, upper=1e-2),
+    )
+)
+vectors = st.tuples(st.floats(-20, 20), st.floats(-1e3, 1e3)).map(np.array)
+
+
+def test_x_holds_logarithms_of_the_free_positive_parameters():
+    """k as ln k, the delay as it is; fixed and tied parameters have no place in x."""
+    assert SET.free_names == ("k", "delay")
+    np.testing.assert_allclose(SET.x, [math.log(200), 1e-3])
+    np.testing.assert_allclose(SET.x_bounds, [[math.log(2), 0], [math.log(2e4), 1e-2]])
+
+
+def test_ties_follow_their_parameter_whether_free_or_fixed():
+    """k_twin = 1.5 k and m_twin = 2 m wherever k goes; only what follows x is moved by it."""
+    x = np.array([math.log(10.0), 2e-3])
+    np.testing.assert_allclose(SET.expand(x), [10, 15, 12, 24, 2e-3])
+    assert SET.moved_names == ("k", "k_twin", "delay")
+
+
+@given(vectors)
+@settings(deadline=None, max_examples=30)
+def test_jacobian_is_the_derivative_of_expand(x):
+    """d theta / d x equals central differences, logarithms and ties included."""
+    step = 1e-6
+    columns = [(SET.expand(x + step * e) - SET.expand(x - step * e)) / (2 * step) for e in np.eye(2)]
+    np.testing.assert_allclose(SET.jacobian(x), np.stack(columns, axis=1), rtol=1e-6, atol=1e-6)
+
+
+def test_an_absurd_step_gives_infinity_and_no_error():
+    """A solver that tries ln k = 1000 gets an infinite stiffness, which makes its cost infinite."""
+    with np.errstate(invalid="ignore"):
+        assert not np.all(np.isfinite(SET.expand(np.array([1000.0, 0.0]))))
+
+
+def test_with_values_returns_another_set_and_leaves_the_first():
+    """Values flow: the start of the copy moves, that of the original does not."""
+    moved = SET.with_values({"k": 300.0})
+    assert moved["k"].value == 300
+    assert SET["k"].value == 200
+    with pytest.raises(KeyError, match="no parameter q; there are k, k_twin"):
+        SET.with_values({"q": 1.0})
+
+
+def test_a_set_pickles():
+    """Starts run in other processes."""
+    assert pickle.loads(pickle.dumps(SET)) == SET
+
+
+@pytest.mark.parametrize(
+    ("build", "says"),
+    [
+        (lambda: Parameter("k", 5.0, lower=6.0, upper=7.0), r"start 5 1 is outside its bounds \[6, 7\]"),
+        (lambda: Parameter("k", 0.0, log=True), "must be positive"),
+        (lambda: Parameter("k", 1.0, lower=2.0, upper=1.0), "not below"),
+        (lambda: Parameter("k", math.nan), "not finite"),
+        (lambda: Prior(1.0, 0.0), "fix the parameter"),
+        (lambda: ParameterSet((Parameter("k", 1.0), Parameter("k", 2.0))), "given twice"),
+        (lambda: ParameterSet((Parameter("k", 1.0, tie=Tie("q")),)), "not a parameter"),
+        (lambda: ParameterSet((Parameter("a", 1.0, tie=Tie("b")), Parameter("b", 1.0, tie=Tie("a")))), "tied itself"),
+    ],
+)
+def test_contradictions_are_refused(build, says):
+    """Bounds that exclude the start, positive parameters at zero, ties to nothing."""
+    with pytest.raises(ValueError, match=says):
+        build()

@@ -1,0 +1,82 @@
+"""Plans: configurations x realisations x experiments, from seed to torque."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.errors import StudyError
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan import Plan, make_plan
+from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
+
+LIMITS = Limits(angle=(-math.pi / 2, math.pi / 2))
+ROBOT = Robot(
+    "two axes",
+    (
+        Body("turret", joints=(Joint("1", motor=Motor(1e-3, 100), spring=Spring(1e5)),), inertia=1.0),
+        Body("arm", "turret", joints=(Joint("2", "y", Spring(1e5), Motor(1e-3, -80), limits=LIMITS),), inertia=1.0),
+    ),
+)
+EXCITATION = MultisineSpec(rate_hz=500.0, period=2.0, band_hz=(1.0, 60.0), torque_rms=(20.0, 5.0))
+
+
+def _plan(configurations: dict[str, tuple[float, ...]], realisations: int = 2, seed: int = 1) -> Plan:
+    experiment = ExperimentSpec(configurations, realisations, periods=3, simulated=SimulatedSpec())
+    return make_plan(EXCITATION, experiment, ROBOT, seed)
+
+
+def test_plan_has_as_many_experiments_per_realisation_as_motors_and_knows_its_time() -> None:
+    """Q M n_u runs of transient and measured periods."""
+    plan = _plan({"a": (0.0, 0.0), "b": (0.1, 0.2)})
+    assert plan.R.shape == (2, 2, 2, len(plan.lines), 2)
+    assert [e.name for e in plan.experiments][:3] == ["a-r0-e0", "a-r0-e1", "a-r1-e0"]
+    assert plan.robot_time_s == 8 * (3 + 1) * 2.0
+    assert np.all(plan.lines % 2 == 1)
+    assert plan.freq_hz[0] >= 1.0
+    assert plan.freq_hz[-1] <= 60.0
+
+
+def test_torque_of_a_plan_has_the_rms_of_the_study_and_the_spectrum_of_the_plan() -> None:
+    """One period at the rig's rate, back through the DFT."""
+    plan = _plan({"a": (0.0, 0.0)})
+    torque = plan.torque(plan.experiments[3])
+    np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), [20.0, 5.0], rtol=1e-12)
+    np.testing.assert_allclose(np.fft.rfft(torque, axis=0)[plan.lines] / 500, plan.R[0, 1, 1], atol=1e-11)
+
+
+def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were() -> None:
+    """Phases hang on seed, configuration and realisation alone, and differ between them."""
+    small, large = _plan({"a": (0.0, 0.0)}, 2), _plan({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 4)
+    np.testing.assert_array_equal(small.R[0], large.R[0, :2])
+    sets = large.R.reshape(8, -1)
+    correlation = np.abs(sets.conj() @ sets.T) / np.linalg.norm(sets[0]) ** 2
+    assert np.max(correlation - np.eye(8)) < 0.4
+    assert not np.array_equal(small.R, _plan({"a": (0.0, 0.0)}, 2, seed=2).R)
+
+
+def test_one_torque_for_all_motors_is_allowed_and_a_wrong_number_of_them_refused() -> None:
+    """The message counts torques and motors."""
+    experiment = ExperimentSpec({"a": (0.0, 0.0)}, simulated=SimulatedSpec())
+    plan = make_plan(replace(EXCITATION, torque_rms=7.0), experiment, ROBOT, 0)
+    torque = plan.torque(plan.experiments[0])
+    np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), 7.0, rtol=1e-12)
+    with pytest.raises(StudyError, match=r"torque_rms has 3 numbers for 2 motors \(motor 1, motor 2\)"):
+        make_plan(replace(EXCITATION, torque_rms=(1.0, 2.0, 3.0)), experiment, ROBOT, 0)
+
+
+def test_a_configuration_with_a_wrong_number_of_angles_is_refused() -> None:
+    """The message counts angles and driven joints."""
+    with pytest.raises(StudyError, match="configuration a has 1 angles; robot two axes has 2 driven joints"):
+        _plan({"a": (0.0,)})
+
+
+def test_a_configuration_outside_the_joint_limits_is_refused_in_degrees() -> None:
+    """The message names configuration, joint, angle and limits; the limit itself is inside."""
+    with pytest.raises(StudyError, match=r"configuration b: joint 2 at 100 deg is outside its limits \[-90, 90\] deg"):
+        _plan({"a": (0.0, 0.0), "b": (0.0, math.radians(100))})
+    assert _plan({"edge": (3.0, math.pi / 2)}).configurations[0].name == "edge"

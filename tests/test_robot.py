@@ -1,0 +1,87 @@
+"""A robot refuses what no mechanism can be, and its numbers have names."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elastid.errors import StudyError
+from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
+
+JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
+
+
+def one_joint(**body: object) -> Robot:
+    """A robot of one body on one flexible joint."""
+    return Robot("test", (Body("arm", joints=(JOINT,), **body),))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("inertia", [(1.0, 1.0, 2.1), (1.0, 1.0, -0.1), (1.0, 1.0, 1.0, 0.0, 0.0, 1.5)])
+def test_an_inertia_that_no_body_can_have_is_refused(inertia: tuple[float, ...]) -> None:
+    """The triangle inequality of the principal moments, and their signs."""
+    with pytest.raises(ValueError, match="no body has the principal inertias"):
+        one_joint(inertia=inertia)
+
+
+@given(
+    points=st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=5),
+)
+def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float, float, float]]) -> None:
+    """Whatever has mass somewhere has a physical inertia, flat and thin bodies included."""
+    p = np.array(points) - np.mean(points, axis=0)
+    tensor = np.sum(p**2) * np.eye(3) - p.T @ p
+    body = Body("cloud", inertia=tuple(tensor[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))))
+    np.testing.assert_allclose(body.inertia_matrix, tensor)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Motor(1e-3, 0.0), "gear ratio is 0"),
+        (lambda: Motor(0.0), "inertia is 0"),
+        (lambda: Motor(1e-3, viscous=-1.0), "friction must not be negative"),
+        (lambda: Spring(0.0), "must be positive"),
+        (lambda: Spring(1.0, -1.0), "must not be negative"),
+        (lambda: Joint("1", (0.0, 0.0, 0.0)), "zero vector"),
+        (lambda: Limits(angle=(1.0, -1.0)), "limits must leave something"),
+        (lambda: Body("arm", mass=-1.0), "must not be negative"),
+        (lambda: Robot("r", (Body("arm", parent="nobody", joints=(JOINT,)),)), "its parent nobody"),
+        (lambda: Robot("r", (Body("arm", joints=(JOINT, JOINT)),)), "joint 1 is given twice"),
+        (lambda: Robot("r", (Body("arm", joints=(replace(JOINT, motor=None),)),)), "nothing to excite"),
+    ],
+)
+def test_what_no_mechanism_can_be_is_refused(make: object, says: str) -> None:
+    """Each message names the number at fault."""
+    with pytest.raises(ValueError, match=says):
+        make()  # type: ignore[operator]
+
+
+def test_numbers_are_read_and_replaced_by_name() -> None:
+    """with_parameters changes just what it names, and what it gives reads back."""
+    robot = one_joint(mass=5.0, inertia=(1.0, 1.0, 1.5))
+    values = {"k_1": 2e4, "d_1": 3.0, "Jm_1": 2e-3, "m_arm": 6.0, "c_arm_x": 0.1, "I_arm_zz": 1.6}
+    changed = {name: value for name, (value, _) in robot.with_parameters(values).parameters().items()}
+    assert changed == {name: value for name, (value, _) in robot.parameters().items()} | values
+    with pytest.raises(StudyError, match="no parameter k_2"):
+        robot.with_parameters({"k_2": 1.0})
+
+
+@given(st.tuples(*[st.floats(-3, 3)] * 3))
+def test_a_placement_is_a_rotation(rpy: tuple[float, float, float]) -> None:
+    """R is orthogonal, right-handed, and roll comes first."""
+    R = Placement(rpy=rpy).rotation
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    yaw_only = Placement(rpy=(0.0, 0.0, rpy[2])).rotation
+    np.testing.assert_allclose(yaw_only @ [1, 0, 0], [np.cos(rpy[2]), np.sin(rpy[2]), 0], atol=1e-12)
+
+
+def test_places_are_known_by_name() -> None:
+    """`motor`, `joint` and `body ... axis` exist; anything else is refused with the list of those there are."""
+    robot = one_joint()
+    for place in ("motor 1", "joint 1", "body arm z"):
+        robot.check_location(place)
+    with pytest.raises(StudyError, match=r"motor 1, joint 1, body arm x"):
+        robot.check_location("motor 2")

@@ -1,0 +1,301 @@
+"""What the simulated rig logs is what theory says of the robot that it simulates."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from elastid.errors import DataError, StudyError
+from elastid.experiment.plan import Plan
+from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.spec import (
+    CarrierSpec,
+    ChannelSpec,
+    ControllerSpec,
+    ExperimentSpec,
+    FileSpec,
+    NoiseSpec,
+    RecordedSpec,
+    SimulatedSpec,
+)
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.elastic import ElasticModel
+from elastid.model.serial import serial
+from elastid.record import Configuration, Record
+from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.simulation.dynamics import acceleration
+
+POSTURE = (0.2, 0.5, -0.6)
+WEIGHT = (0.0, 0.0, -9.81)
+NOISE = NoiseSpec(torque_std=1.0, angle_std=1e-6, disturbance_std=2.0, encoder_counts=8192)
+
+
+def robot(gravity: tuple[float, float, float] = WEIGHT, limits: Limits = Limits()) -> Robot:  # noqa: B008
+    """Three driven axes and four more elastic rotations, modes from 5 to 130 Hz."""
+
+    def driven(name: str, axis: str, k: float, d: float, ratio: float) -> Joint:
+        return Joint(name, axis, Spring(k, d), Motor(8e-3, ratio, 0.01), limits=limits)
+
+    def elastic(name: str, axis: str, k: float, d: float) -> Joint:
+        return Joint(name, axis, Spring(k, d))
+
+    return Robot(
+        "three_axes",
+        (
+            Body(
+                "turret",
+                joints=(driven("1", "z", 1.2e6, 800, 120), elastic("1x", "x", 2e6, 900)),
+                mass=250,
+                center_of_mass=(0.05, 0, 0.2),
+                inertia=(15, 14, 18),
+            ),
+            Body(
+                "lower",
+                "turret",
+                Placement((0.3, 0, 0.4)),
+                (driven("2", "y", 9e5, 700, -130), elastic("2z", "z", 8e5, 500)),
+                mass=120,
+                center_of_mass=(0, 0.02, 0.5),
+                inertia=(12, 12, 2),
+            ),
+            Body(
+                "upper",
+                "lower",
+                Placement((0, 0, 1.0)),
+                (driven("3", "y", 5e5, 400, 110), elastic("3z", "z", 5e5, 300), elastic("3x", "x", 2e5, 120)),
+                mass=90,
+                center_of_mass=(0.6, 0, 0.1),
+                inertia=(2, 14, 14),
+            ),
+        ),
+        gravity=gravity,
+    )
+
+
+def plan(
+    motors: tuple[str, ...],
+    angles: tuple[float, ...],
+    rms: float,
+    transient: int = 1,
+    period: int = 2,
+    shape: float = 0.0,
+) -> Plan:
+    """One configuration, one realisation, as many orthogonal experiments as motors; odd lines from 1.5 to 60 Hz.
+
+    period: in s.  shape: the amplitude goes with frequency to this power.
+    """
+    n_u, lines, random = len(motors), np.arange(2 * period - 1, 60 * period, 2), np.random.default_rng(7)
+    F = len(lines)
+    amplitude = (lines / lines.max()) ** shape
+    amplitude *= rms * math.sqrt(2) / np.linalg.norm(amplitude)
+    dft = np.exp(2j * np.pi * np.outer(np.arange(n_u), np.arange(n_u)) / n_u)
+    phases = np.exp(2j * np.pi * random.random((2, F, n_u)))
+    R = np.einsum("f,fu,ue,fe->efu", amplitude, phases[0], dft, phases[1])[None, None]
+    return Plan((Configuration("c1", np.array(angles)),), motors, 1000.0, 1000 * period, 2, transient, lines, R)
+
+
+def rig(machine: Robot, spec: SimulatedSpec, design: Plan, seed: int = 1) -> SimulatedRig:
+    study = ExperimentSpec({c.name: tuple(c.angles) for c in design.configurations}, simulated=spec)
+    return SimulatedRig(machine, study, design, seed)
+
+
+def three_axes(spec: SimulatedSpec = SimulatedSpec(), rms: float = 50.0, **changes: object) -> SimulatedRig:  # noqa: B008
+    machine = robot(**changes)  # type: ignore[arg-type]
+    return rig(machine, spec, plan(machine.motor_locations, POSTURE, rms))
+
+
+def measured_response(simulated: SimulatedRig) -> tuple[np.ndarray, Record]:
+    """Y U^-1 (F, n_y, n_u) by plain DFT over all experiments, and the last record."""
+    records = [simulated.measure(experiment) for experiment in simulated.experiments]
+
+    def spectra(signal: str) -> np.ndarray:
+        periods = [getattr(r, signal).reshape(r.n_periods, r.period_samples, -1).mean(axis=0) for r in records]
+        return np.stack([np.fft.rfft(period, axis=0)[simulated.plan.lines] for period in periods], axis=-1)
+
+    return spectra("y") @ np.linalg.inv(spectra("u")), records[-1]
+
+
+def linearised(simulated: SimulatedRig) -> tuple[ElasticModel, np.ndarray, list[np.ndarray]]:
+    """Model, C and [M, D, K] of the robot at rest in the plan's first configuration."""
+    model = serial(simulated.robot)
+    q0 = equilibrium(model, model.theta, simulated.plan.configurations[0]).q
+    forms = model.mass(q0, model.theta), model.damping(q0, model.theta), model.stiffness(q0, [], model.theta)
+    return model, model.output_jacobian(q0, simulated.outputs), [form.full() for form in forms]
+
+
+def continuous_response(simulated: SimulatedRig) -> np.ndarray:
+    """G(j omega) = C (K - omega^2 M + j omega D)^-1 B."""
+    model, C, (M, D, K) = linearised(simulated)
+    omega = 2 * np.pi * simulated.plan.freq_hz[:, None, None]
+    return np.asarray(C @ np.linalg.solve(K - omega**2 * M + 1j * omega * D, model.B.astype(complex)))
+
+
+def sampled_response(simulated: SimulatedRig) -> np.ndarray:
+    """G_d(exp(j omega T_s)) of the plant behind a zero-order hold, discretised by the matrix exponential."""
+    model, C, (M, D, K) = linearised(simulated)
+    n, n_u = model.B.shape
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    B = np.vstack([np.zeros((n, n_u)), np.linalg.solve(M, model.B)])
+    step = expm(np.block([[A, B], [np.zeros((n_u, 2 * n + n_u))]]) / simulated.plan.rate_hz)
+    z = np.exp(2j * np.pi * simulated.plan.freq_hz / simulated.plan.rate_hz)[:, None, None]
+    states = np.linalg.solve(z * np.eye(2 * n) - step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :].astype(complex))
+    return np.asarray(C @ states[:, :n])
+
+
+def error(measured: np.ndarray, true: np.ndarray) -> float:
+    """Largest error of any line, relative to the largest element on that line."""
+    return float((np.abs(measured - true).max(axis=(1, 2)) / np.abs(true).max(axis=(1, 2))).max())
+
+
+def test_the_closed_loop_measures_the_linear_plant_exactly() -> None:
+    """Without gravity, friction and noise Y U^-1 is the plant behind its hold; G times the hold to aliasing."""
+    machine = robot(gravity=(0.0, 0.0, 0.0))
+    spec = SimulatedSpec(outputs=(*machine.motor_locations, "joint 3", "body upper y"), substeps=4)
+    simulated = rig(machine, spec, plan(machine.motor_locations, POSTURE, 1.0, transient=8))
+    G, record = measured_response(simulated)
+    hold = record.hold_response(simulated.plan.freq_hz)[:, None, None]
+    assert error(G, sampled_response(simulated)) < 2e-6
+    # Sampling folds the response beyond half the rate back: (pi f T_s)^4 / 15 of a mass, 8e-5 at 60 Hz and 1 kHz.
+    assert error(G, continuous_response(simulated) * hold) < 1e-4
+    assert error(G, continuous_response(simulated)) > 0.15
+
+
+def test_under_gravity_with_noise_the_response_is_that_of_the_linearised_robot() -> None:
+    """At a small amplitude the nonlinear robot with encoders and noise shows its linearisation to 4 %."""
+    simulated = three_axes(SimulatedSpec(noise=NOISE), rms=200.0)
+    G, record = measured_response(simulated)
+    hold = record.hold_response(simulated.plan.freq_hz)[:, None, None]
+    assert error(G / hold, continuous_response(simulated)) < 0.04
+
+
+def test_the_truth_replaces_numbers_of_the_robot() -> None:
+    """The response is that of the true robot, not of the study's."""
+    truth = {"k_2": "400 kN*m/rad", "k_3x": 3e5}
+    simulated = three_axes(SimulatedSpec(truth=truth), rms=1.0)
+    G, record = measured_response(simulated)
+    G /= record.hold_response(simulated.plan.freq_hz)[:, None, None]
+    true = replace(simulated, robot=robot().with_parameters({"k_2": 4e5, "k_3x": 3e5}))
+    assert error(G, continuous_response(true)) < 1e-3
+    assert error(G, continuous_response(simulated)) > 0.1
+
+
+def test_coulomb_friction_looks_viscous_to_a_multisine() -> None:
+    """Bussgang: 1/G = j omega J + f with f = sqrt(2/pi) F_c / sigma_v, where the velocity is near Gaussian."""
+    F_c, J = 4.0, 20.0
+    machine = Robot("m", (Body("rotor", joints=(Joint("1", "z", motor=Motor(2e-3, 100, coulomb=F_c / 100)),), mass=1),))
+    simulated = rig(machine, SimulatedSpec(), plan(machine.motor_locations, (0.0,), 150.0, period=20, shape=1.0))
+    G, record = measured_response(simulated)
+    omega = 2 * np.pi * simulated.plan.freq_hz
+    impedance = record.hold_response(simulated.plan.freq_hz) / (1j * omega * G[:, 0, 0])
+    sigma = np.diff(record.y[:, 0]).std() * record.rate_hz
+    np.testing.assert_allclose(np.median(impedance.imag / omega), J, rtol=0.01)
+    np.testing.assert_allclose(impedance.real.mean(), math.sqrt(2 / math.pi) * F_c / sigma, rtol=0.03)
+
+
+def test_without_excitation_the_robot_stays_where_gravity_left_it() -> None:
+    """No drift: the motors are at the configuration's angles, the log of a body at zero."""
+    machine = robot()
+    design = plan(machine.motor_locations, POSTURE, 1.0)
+    spec = SimulatedSpec(outputs=(*machine.motor_locations, "body upper y"))
+    record = rig(machine, spec, replace(design, R=0 * design.R)).measure(design.experiments[0])
+    np.testing.assert_allclose(record.y, np.tile([*POSTURE, 0.0], (4000, 1)), atol=1e-9)
+
+
+def test_the_same_seed_gives_the_same_bytes_in_another_process_too() -> None:
+    """All noise comes from seed and experiment; the rig pickles."""
+    simulated = three_axes(SimulatedSpec(noise=NOISE))
+    first, second = simulated.experiments[:2]
+    record, again = simulated.measure(first), pickle.loads(pickle.dumps(simulated)).measure(first)
+    assert record.y.tobytes() == again.y.tobytes()
+    assert record.u.tobytes() == again.u.tobytes()
+    noise = [one.u - np.roll(one.u, 2000, axis=0) for one in (record, simulated.measure(second))]
+    assert abs(np.corrcoef(noise[0][:2000, 0], noise[1][:2000, 0])[0, 1]) < 0.1
+    assert replace(simulated, seed=2).measure(first).y.tobytes() != record.y.tobytes()
+
+
+def test_a_record_holds_the_plan_without_its_transient() -> None:
+    """Two periods of what was injected, repeating themselves, the transient simulated and dropped."""
+    simulated = three_axes()
+    experiment = simulated.experiments[1]
+    record = simulated.measure(experiment)
+    assert record.n_samples == 4000
+    np.testing.assert_array_equal(record.r, np.tile(simulated.plan.torque(experiment), (2, 1)))
+    change = np.abs(record.y[2000:] - record.y[:2000]).max() / np.ptp(record.y, axis=0).max()
+    assert change < 1e-3
+
+
+def test_the_carrier_is_followed() -> None:
+    """The motors move by the amplitude at the carrier's line, and gravity and inertia are fed forward."""
+    simulated = three_axes(SimulatedSpec(carrier=CarrierSpec(0.05, cycles=1)), rms=1.0)
+    record = simulated.measure(simulated.experiments[0])
+    carrier = np.fft.rfft(record.y[:2000] - POSTURE, axis=0)[1] / 1000
+    np.testing.assert_allclose(carrier, -0.05j * np.ones(3), atol=0.001)
+
+
+def test_encoders_count_motor_turns() -> None:
+    """A reading is a whole number of counts per motor turn times the ratio, on the link side."""
+    simulated = three_axes(SimulatedSpec(noise=NoiseSpec(encoder_counts=4096)))
+    counts = simulated.measure(simulated.experiments[0]).y / (2 * math.pi / (4096 * np.array([120, 130, 110])))
+    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+
+
+def test_ten_coordinates_cost_few_instructions() -> None:
+    """The price of a Runge-Kutta stage: a fifth of what eight seconds of robot in a second of CPU would allow."""
+    assert acceleration(serial(robot()), np.ones(3)).n_instructions() < 1500
+
+
+def test_limits_of_torque_and_speed_are_reported() -> None:
+    """The simulation does not clip; the record says which motor went how far."""
+    simulated = three_axes(rms=300.0, limits=Limits(velocity=0.01, torque=100.0))
+    notes = simulated.measure(simulated.experiments[0]).notes
+    assert len(notes) == 6
+    assert "N*m, beyond its limit of 100 N*m" in notes[0]
+    assert "rad/s, beyond its limit of 0.01 rad/s" in notes[1]
+
+
+def test_a_lost_robot_is_reported_with_configuration_motor_and_time() -> None:
+    """A torque that throws a joint out of its limits is an error that says what to change."""
+    simulated = three_axes(rms=3000.0, limits=Limits(angle=(-0.62, 0.6)))
+    with pytest.raises(DataError, match=r"configuration c1, .*: motor \d is lost .* Lower excitation.torque_rms"):
+        simulated.measure(simulated.experiments[0])
+    loop = three_axes(SimulatedSpec(controller=ControllerSpec(bandwidth_hz=200.0)))
+    with pytest.raises(DataError, match="is lost"):
+        loop.measure(loop.experiments[0])
+
+
+def test_steps_too_long_for_the_robot_are_refused_with_the_number_needed() -> None:
+    """A stiff light joint or strong friction would make the integrator diverge; the study is told before."""
+    simulated = three_axes(SimulatedSpec(substeps=1, truth={"k_3x": 2e8}))
+    with pytest.raises(StudyError, match=r"substeps: 1 steps a sample .* take at least [2-9]"):
+        simulated.measure(simulated.experiments[0])
+
+
+def test_a_rig_that_cannot_run_is_refused_when_it_is_made() -> None:
+    """Carrier among the lines, carrier out of limits, another robot's plan, unknown truth, place or rig."""
+    machine = robot(limits=Limits(angle=(-0.65, 2.0)))
+    design = plan(machine.motor_locations, POSTURE, 1.0)
+    with pytest.raises(StudyError, match=r"3 cycles a period are 1.5 Hz, not below the lowest excited frequency"):
+        rig(machine, SimulatedSpec(carrier=CarrierSpec(0.01, cycles=3)), design)
+    with pytest.raises(StudyError, match=r"take joint 3 out of its limits \[-0.65, 2\] rad in configuration c1"):
+        rig(machine, SimulatedSpec(carrier=CarrierSpec(0.1)), design)
+    with pytest.raises(StudyError, match="the plan excites motor 1, motor 2, robot three_axes has"):
+        rig(machine, SimulatedSpec(), plan(("motor 1", "motor 2"), (0.0, 0.0), 1.0))
+    with pytest.raises(StudyError, match="no parameter k_9"):
+        rig(machine, SimulatedSpec(truth={"k_9": 1.0}), design)
+    with pytest.raises(StudyError, match="stiffness is -1"):
+        rig(machine, SimulatedSpec(truth={"k_1": -1.0}), design)
+    with pytest.raises(StudyError, match="truth: unknown unit 'N'"):
+        rig(machine, SimulatedSpec(truth={"k_1": "5 N"}), design)
+    with pytest.raises(StudyError, match="'joint 9' is not a place"):
+        rig(machine, SimulatedSpec(outputs=("joint 9",)), design)
+    channels = tuple(
+        ChannelSpec(role, "motor 1", "x", quantity=what) for role, what in (("u", "torque"), ("y", "position"))
+    )  # type: ignore[arg-type]
+    recorded = RecordedSpec("unknown", channels, (FileSpec("log.csv", "c1"),), period_samples=10)
+    with pytest.raises(StudyError, match="there is nothing to simulate"):
+        SimulatedRig(machine, ExperimentSpec({"c1": POSTURE}, recorded=recorded), design, 1)

@@ -1,0 +1,47 @@
+"""A study's numbers are SI or carry a unit of a closed table."""
+
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elastid.units import TABLE, factor, to_si, units_of
+
+
+@given(st.sampled_from(sorted(TABLE)), st.floats(-1e6, 1e6))
+def test_a_text_with_a_unit_equals_number_times_factor(unit: str, number: float) -> None:
+    """'<number> <unit>' reads as number * factor in SI for every unit of the table."""
+    dimension, scale = TABLE[unit]
+    assert to_si(f"{number!r} {unit}", dimension) == pytest.approx(number * scale, rel=1e-12, abs=1e-300)
+
+
+@pytest.mark.parametrize("dimension", sorted({dimension for dimension, _ in TABLE.values()}))
+def test_every_dimension_has_its_si_unit(dimension: str) -> None:
+    """The SI unit names the dimension and has the factor one."""
+    assert factor(dimension, dimension) == 1.0
+    assert dimension in units_of(dimension)
+
+
+def test_hertz_stays_hertz() -> None:
+    """10 Hz is 10, not 62.8: frequencies are never turned into rad/s behind the user's back."""
+    assert to_si("10 Hz", "Hz") == 10.0
+    assert to_si("60 rpm", "rad/s") == pytest.approx(2 * math.pi)
+
+
+@pytest.mark.parametrize(
+    ("value", "dimension", "says"),
+    [
+        ("3 kg", "N*m", "measures kg, not N*m"),
+        ("3 furlong", "m", "units that fit here: m, mm"),
+        ("three m", "m", "is not a number with a unit"),
+        (True, "m", "expected a number"),
+        (math.nan, "m", "finite"),
+        ("1e999 m", "m", "finite"),
+        ([1], "m", "expected a number"),
+    ],
+)
+def test_what_is_not_a_quantity_is_refused_with_what_would_fit(value: object, dimension: str, says: str) -> None:
+    """A wrong dimension, an unknown unit, a text, NaN: each message says what is expected."""
+    with pytest.raises(ValueError, match=says.replace("*", r"\*")):
+        to_si(value, dimension)

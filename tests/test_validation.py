@@ -1,0 +1,272 @@
+"""Validation says what is true of constructed pairs of responses, and raises no false alarm on white residuals."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.errors import StudyError
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.validation.frequency import agreement, validate
+from elastid.validation.noise import above_2sigma, autocorrelation, inside_expected
+from elastid.validation.resonances import antiresonances, matched, resonances
+
+FREQ_HZ = np.arange(11.0, 251.0)
+J_MOTOR, J_LOAD, STIFFNESS = 8e-4, 6e-4, 95.0
+
+
+def two_mass(freq_hz, stiffness=STIFFNESS, damping=0.002):
+    """Motor and load acceleration per motor torque (F, 2, 1), and the closed-form resonance and antiresonance."""
+    s = 2j * np.pi * freq_hz
+    spring = damping * s + stiffness
+    det = (J_MOTOR * s**2 + spring) * (J_LOAD * s**2 + spring) - spring**2
+    G = s[:, None, None] ** 2 * np.stack([J_LOAD * s**2 + spring, spring], axis=1)[:, :, None] / det[:, None, None]
+    return (
+        G,
+        math.sqrt(stiffness * (1 / J_MOTOR + 1 / J_LOAD)) / (2 * np.pi),
+        math.sqrt(stiffness / J_LOAD) / (2 * np.pi),
+    )
+
+
+def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
+    _, n_y, n_u = G.shape
+    covariance = None if std is None else Covariance(np.broadcast_to(std, G.shape) ** 2, dof)
+    names = [f"motor {i + 1}" for i in range(max(n_y, n_u))]
+    where = Configuration(name, np.zeros(n_u))
+    return FrequencyResponse(
+        freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance
+    )
+
+
+def circular(rng, shape):
+    """Complex noise of unit variance."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / math.sqrt(2)
+
+
+def random_matrix(seed, shape=(200, 2, 3)):
+    """Responses between 0.3 and 30 in magnitude, of any phase."""
+    rng = np.random.default_rng(seed)
+    return 10 ** rng.uniform(-0.5, 1.5, shape) * np.exp(2j * np.pi * rng.random(shape))
+
+
+def test_a_model_one_decibel_too_high_is_off_by_one_decibel_in_every_element():
+    """20 log10 |Ghat / G| = -1 on every line: 1 dB rms, no phase error."""
+    G = random_matrix(0)
+    f = np.arange(1.0, 201.0)
+    judged = agreement(response(G, freq_hz=f), response(G * 10 ** (1 / 20), freq_hz=f))
+    np.testing.assert_allclose(judged.rms_log_db, 1.0, rtol=1e-12)
+    np.testing.assert_allclose(judged.phase_rms_deg, 0.0, atol=1e-9)
+    assert judged.overall_rms_log_db == pytest.approx(1.0)
+
+
+@given(shift_deg=st.floats(-170, 170), gain_db=st.floats(-20, 20), seed=st.integers(0, 99))
+@settings(deadline=None, max_examples=30)
+def test_gain_and_phase_errors_are_found_apart_whatever_the_phase_of_the_response(shift_deg, gain_db, seed):
+    """A factor 10^(g/20) exp(j phi) on the model is |g| dB and |phi| degrees rms, also across the wrap at 180."""
+    G = random_matrix(seed, (50, 2, 2))
+    f = np.arange(1.0, 51.0)
+    factor = 10 ** (gain_db / 20) * np.exp(1j * np.radians(shift_deg))
+    judged = agreement(response(G, freq_hz=f), response(G * factor, freq_hz=f))
+    assert judged.overall_rms_log_db == pytest.approx(abs(gain_db), abs=1e-9)
+    assert judged.overall_phase_rms_deg == pytest.approx(abs(shift_deg), abs=1e-9)
+
+
+def test_lines_below_two_sigma_do_not_count_in_magnitude_and_phase():
+    """A model that is absurd exactly where |Ghat| < 2 sigma has no error elsewhere."""
+    G = np.full((240, 1, 1), 10.0 + 0j)
+    G[:60] = 1.0
+    model = G.copy()
+    model[:60] = 100j
+    measured = response(G, std=1.0)
+    assert above_2sigma(measured).sum() == 180
+    judged = agreement(measured, response(model))
+    assert judged.lines[0, 0] == 180
+    assert judged.rms_log_db[0, 0] == 0
+    assert judged.phase_rms_deg[0, 0] == 0
+
+
+def test_the_share_inside_two_sigma_is_counted_over_all_lines():
+    """1.5 sigma off on 180 of 240 lines, 3 sigma off on the rest: 75 %."""
+    G = np.full((240, 1, 1), 10.0 + 0j)
+    off = np.where(np.arange(240) % 4 == 0, 3.0, 1.5)[:, None, None]
+    judged = agreement(response(G, std=0.1), response(G + 0.1j * off))
+    assert judged.inside_2sigma[0, 0] == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize("dof", [1, 5, math.inf])
+def test_the_expected_share_inside_two_sigma_is_that_of_a_true_model(dof):
+    """1 - (1 + 4/nu)^-nu equals the share in 200 000 draws of noise over its estimated sigma."""
+    rng = np.random.default_rng(1)
+    variance = np.ones(200_000) if math.isinf(dof) else rng.gamma(dof, 1 / dof, 200_000)
+    share = np.mean(np.abs(circular(rng, 200_000)) ** 2 <= 4 * variance)
+    assert inside_expected(dof) == pytest.approx(share, abs=0.003)
+
+
+def test_a_true_model_is_inside_two_sigma_as_often_as_expected_when_two_realisations_gave_sigma():
+    """Variances of one degree of freedom are smoothed enough for the share to be within 2 % of what is said."""
+    rng = np.random.default_rng(2)
+    G = np.repeat(two_mass(FREQ_HZ, damping=0.05)[0], 3, axis=2)
+    std = 0.05 * np.abs(G)
+    measured = response(G + std * circular(rng, G.shape), std * np.sqrt(rng.gamma(1, 1, G.shape)), dof=1)
+    judged = agreement(measured, response(G))
+    assert judged.overall_inside_2sigma == pytest.approx(judged.inside_expected, abs=0.02)
+
+
+@given(
+    stiffness=st.floats(60, 140),
+    damping=st.floats(1e-5, 4e-3),
+    first_hz=st.floats(10, 12),
+    step_hz=st.sampled_from([0.5, 1.0, 2.0]),
+)
+@settings(deadline=None, max_examples=40)
+def test_the_resonances_of_two_masses_are_found_between_the_lines(stiffness, damping, first_hz, step_hz):
+    """Within 0.1 % of the closed form, also where the half-power width is far below the spacing of the lines."""
+    f = np.arange(first_hz, 250, step_hz)
+    G, resonance, antiresonance = two_mass(f, stiffness, damping)
+    np.testing.assert_allclose(resonances(f, G[:, 0, 0]), [resonance], rtol=1e-3)
+    np.testing.assert_allclose(antiresonances(f, G[:, 0, 0]), [antiresonance], rtol=1e-3)
+    assert antiresonances(f, G[:, 1, 0]).size == 0
+
+
+def test_noise_makes_no_resonances():
+    """Neither 20 % of noise on a flat response nor noise alone has a peak or a dip, in 100 draws each."""
+    rng = np.random.default_rng(3)
+    for level in (1.0, 0.0):
+        for _ in range(100):
+            G = level + 0.2 * circular(rng, 240)
+            std = np.full(240, 0.2)
+            assert resonances(FREQ_HZ, G, std).size == antiresonances(FREQ_HZ, G, std).size == 0
+
+
+def test_resonances_stay_where_they_are_under_noise():
+    """With 1 % of noise the resonance scatters by less than a tenth of a per cent around the closed form."""
+    rng = np.random.default_rng(4)
+    G, resonance, _ = two_mass(FREQ_HZ)
+    std = 0.01 * np.abs(G[:, 0, 0])
+    found = [resonances(FREQ_HZ, G[:, 0, 0] + std * circular(rng, 240), std) for _ in range(50)]
+    assert all(len(f) == 1 for f in found)
+    np.testing.assert_allclose(np.ravel(found), resonance, rtol=1e-3)
+
+
+def test_a_stiffness_two_percent_too_high_shifts_the_modelled_peaks_by_one_percent():
+    """f ~ sqrt(k): the worst resonance and antiresonance are 1 % off, with the element named."""
+    judged = agreement(response(two_mass(FREQ_HZ)[0]), response(two_mass(FREQ_HZ, 1.02 * STIFFNESS)[0]))
+    for kind in ("resonance", "antiresonance"):
+        worst = judged.worst(kind)
+        assert worst.error_percent == pytest.approx(100 * (math.sqrt(1.02) - 1), rel=0.02)
+        assert worst.input == "motor 1"
+
+
+def test_peaks_are_matched_with_their_mutual_nearest_only():
+    """A modelled peak serves one measured peak; what is more than a quarter away is no partner."""
+    partner = matched(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
+    np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
+    assert np.isnan(matched(np.array([5.0]), np.array([]))).all()
+
+
+@pytest.mark.parametrize("scatter", [None, 2])
+def test_five_percent_of_the_autocorrelations_of_white_residuals_are_beyond_their_bound(scatter):
+    """For known sigma and for sigma of two degrees of freedom: 5 % of 6000 tests, within 4 standard deviations."""
+    rng = np.random.default_rng(5)
+    e = circular(rng, (150, 2000, 1))
+    if scatter is not None:
+        e = e / np.sqrt(rng.gamma(scatter, 1 / scatter, e.shape))
+    r, bound = autocorrelation(e)
+    assert r.shape == bound.shape == (3, 2000, 1)
+    assert np.mean(r > bound) == pytest.approx(0.05, abs=4 * math.sqrt(0.05 * 0.95 / 6000))
+
+
+def test_a_delay_that_the_model_lacks_colours_the_residual():
+    """A smooth phase error of a few sigma is beyond the bound at every lag; the true model is white."""
+    rng = np.random.default_rng(6)
+    G, _, _ = two_mass(FREQ_HZ)
+    std = 0.01 * np.abs(G)
+    measured = response(G + std * circular(rng, G.shape), std)
+    delayed = agreement(measured, response(G * np.exp(-2j * np.pi * FREQ_HZ * 5e-5)[:, None, None]))
+    assert np.all(delayed.autocorrelation > delayed.autocorrelation_bound)
+    assert not delayed.is_white
+    assert agreement(measured, response(G)).is_white
+
+
+def test_an_element_that_the_model_decouples_has_a_finite_error():
+    """A modelled zero counts as sigma: 20 dB for a measurement ten sigma high."""
+    judged = agreement(response(np.full((240, 1, 1), 1.0 + 0j), std=0.1), response(np.zeros((240, 1, 1))))
+    assert judged.overall_rms_log_db == pytest.approx(20.0)
+    assert judged.peaks == ()
+
+
+def test_without_an_uncertainty_the_errors_are_there_and_the_statistics_are_not():
+    """A response measured elsewhere, without covariance: dB and degrees, NaN for what needs sigma."""
+    G = two_mass(FREQ_HZ)[0]
+    judged = agreement(response(G), response(1.1 * G))
+    assert judged.overall_rms_log_db == pytest.approx(20 * math.log10(1.1))
+    assert math.isnan(judged.overall_inside_2sigma)
+    assert math.isnan(judged.inside_expected)
+    assert math.isnan(judged.coloured)
+    assert validate([response(G)], [response(G)], []).verdict.endswith(".")
+
+
+@given(seed=st.integers(0, 99), scale=st.floats(1e-6, 1e6))
+@settings(deadline=None, max_examples=8)
+def test_the_unit_of_the_response_does_not_matter(seed, scale):
+    """Measured, modelled and sigma times a constant: the same agreement."""
+    G, model = random_matrix(seed), random_matrix(seed + 100)
+    f = np.arange(1.0, 201.0)
+    one = agreement(response(G, 0.5, freq_hz=f), response(model, freq_hz=f))
+    other = agreement(response(scale * G, 0.5 * scale, freq_hz=f), response(scale * model, freq_hz=f))
+    for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma", "autocorrelation"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-6)
+
+
+def measured_and_modelled(errors_db):
+    """Configurations c1, c2, ... whose model is off by so many dB."""
+    G = two_mass(FREQ_HZ)[0]
+    names = [f"c{i + 1}" for i in range(len(errors_db))]
+    return (
+        [response(G, 1e-3, name=name) for name in names],
+        [response(G * 10 ** (db / 20), name=name) for name, db in zip(names, errors_db, strict=True)],
+    )
+
+
+def test_the_verdict_tells_a_model_that_carries_over_from_one_that_does_not():
+    """0.5 dB where fitted: 0.6 dB on the configuration left out carries over, 3 dB does not."""
+    good = validate(*measured_and_modelled([0.5, 0.5, 0.6]), left_out=["c3"])
+    bad = validate(*measured_and_modelled([0.5, 0.5, 3.0]), left_out=["c3"])
+    assert [a.configuration for a in good.left_out] == ["c3"]
+    assert [a.configuration for a in good.fitted] == ["c1", "c2"]
+    assert "it carries over" in good.verdict
+    assert "it does not carry over" in bad.verdict
+    assert "0.5 dB" in bad.verdict
+    assert "3 dB" in bad.verdict
+
+
+def test_without_a_left_out_configuration_the_verdict_says_that_nothing_is_known_about_others():
+    """And names the key of the study."""
+    assert "validation.left_out" in validate(*measured_and_modelled([0.5, 0.5]), left_out=[]).verdict
+
+
+def test_a_measurement_below_the_noise_gets_no_verdict_on_the_model():
+    """No line above 2 sigma: neither good nor bad."""
+    G = np.full((240, 1, 1), 1e-3 + 0j)
+    assert validate([response(G, std=1.0)], [response(G)], []).verdict.startswith("Nothing can be said")
+
+
+@pytest.mark.parametrize(
+    ("left_out", "message"), [(["c9"], "c9 was not measured.*c1, c2"), (["c1", "c2"], "every configuration")]
+)
+def test_left_out_configurations_that_make_no_sense_are_refused(left_out, message):
+    """One that was not measured, and all of them."""
+    with pytest.raises(StudyError, match=message):
+        validate(*measured_and_modelled([0.5, 0.5]), left_out=left_out)
+
+
+def test_responses_of_different_lines_or_elements_are_not_compared():
+    """A pair that is no pair is a mistake of the caller."""
+    G = two_mass(FREQ_HZ)[0]
+    with pytest.raises(ValueError, match="lines differ"):
+        agreement(response(G), response(G, freq_hz=FREQ_HZ + 1))
+    with pytest.raises(ValueError, match="outputs differ"):
+        agreement(response(G), response(G[:, :1]))
