@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -42,12 +43,20 @@ def run_command(arguments: Sequence[str]) -> int:
         error.show()
         return error.exit_code
     except (KeyboardInterrupt, click.Abort):
-        again = " ".join(["elastid", *arguments])
-        return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
+        return _interrupted(arguments)
+    except RuntimeError as error:
+        if "KeyboardInterrupt" not in str(error):
+            raise
+        return _interrupted(arguments)  # CasADi turns Ctrl-C in a constructor into an error of its own
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _ended(f"{where}{error.strerror or error}", 1)
     return 0
+
+
+def _interrupted(arguments: Sequence[str]) -> int:
+    again = shlex.join(["elastid", *arguments])
+    return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
 
 
 def _ended(message: str, code: int) -> int:

@@ -185,6 +185,7 @@ def report(run: Run) -> None:
         truth=truth(study),
         plan=read_plan(run.path("design")) if study.experiment.simulated is not None else None,
     )
+    shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)
     run.console.say(f"report: {page}")
 

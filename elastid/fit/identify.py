@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.errors import DataError, FitError
+from elastid.errors import DataError, FitError, StudyError
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
@@ -134,7 +134,10 @@ def settle(assembly: Assembly, start: Start, criterion: Criterion) -> tuple[Star
     """Linearise at the result and solve again until x stays: the end, its fit, and a word where it does not."""
     end = start
     for _ in range(ROUNDS):
-        fit = assembly.at(end.x, criterion)
+        try:
+            fit = assembly.at(end.x, criterion)
+        except StudyError as error:
+            raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < SETTLED:
