@@ -17,6 +17,7 @@ from elastid.arrays import BoolArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, noise_of_mean, smoothed
+from elastid.frf.local.response import local_response
 from elastid.frf.passivity import sign_words
 from elastid.frf.periods import trusted
 from elastid.frf.spec import EstimatorSpec
@@ -43,6 +44,8 @@ def estimate(
     Raises DataError where the records do not fit together, the experiments do not tell the inputs apart, or no line
     is excited.
     """
+    if spec.method != "arithmetic":
+        return local_response(records, spec, planned_lines)
     groups = _realisations(records)
     first = groups[0][0]
     lines = analysed_lines(records, spec, planned_lines)
@@ -77,6 +80,12 @@ def estimate(
 def _realisations(records: Sequence[Record]) -> list[list[Record]]:
     """Records by realisation, each of which must hold an experiment per input; DataError where they do not fit."""
     first = records[0]
+    short = [record.name for record in records if record.n_samples < 2 * record.repeat_samples]
+    if short:
+        raise DataError(
+            f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "
+            "arithmetic needs two; measure more, or take estimator.method local_rational"
+        )
     for record in records[1:]:
         for what in ("rate_hz", "period_samples", "half_wave", "hold", "inputs", "outputs", "quantities"):
             a, b = getattr(first, what), getattr(record, what)
