@@ -38,7 +38,7 @@ class LocalFit:
 
     .. math:: cov(vec\, B(0)) = left \otimes C_V + \sum_{pq} vec(M_p)\, A_{pq}\, vec(M_q)^H
 
-    T_left (F, E): cov(T_e(0)) = T_left_e C_V.  condition (F,): of the regressors, infinite where one is a sum of others.
+    T_left (F, E): cov(T_e(0)) = T_left_e C_V.  condition (F,): of the regressors.
     """
 
     B: ComplexArray
@@ -120,8 +120,8 @@ def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: F
     if d == 0:
         return np.zeros((f, 0), dtype=np.complex128)
     X = np.moveaxis(V_X / scale[:, None, None, :], 1, 3).reshape(f, -1, d)
-    whole = np.linalg.norm(np.moveaxis(W_X / scale[:, None, None, :], 1, 3).reshape(f, -1, d), axis=1)
-    size: FloatArray = np.where(whole > 0, whole, 1.0)
+    size = np.linalg.norm(W_X / scale[:, None, None, :], axis=(2, 3))
+    size[size == 0] = 1.0
     guard = np.broadcast_to(_ROUNDING * np.eye(d), (f, d, d))
     Q, L = np.linalg.qr(np.concatenate([X / size[:, None, :], guard], axis=1))
     target = np.concatenate([-(V / scale[:, None, :]).reshape(f, -1, 1), np.zeros((f, d, 1))], axis=1)

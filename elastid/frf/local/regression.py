@@ -14,8 +14,8 @@ from elastid.frf.local.windows import Terms, Windows
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK = 4_000_000
 # A model replaces a simpler one where dof ln(residual power of that / its own) exceeds this in an output; poles that
-# fit mere noise exceed 11 once in 1000 lines.
-_CLEAR_GAIN = 14.0
+# fit mere noise exceed it once in 100 lines.
+_CLEAR_GAIN = 9.0
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 

@@ -1,6 +1,7 @@
 r"""A record's spectra without its transient, and the noise in them, from the bins that are not excited.
 
-The DFT of P whole periods has the excited lines at every P-th bin; the bins between hold transient and noise alone,
+The DFT of P whole periods has the excited lines at every P-th bin; the bins between hold transient and noise alone.
+(In one period of a half-wave record the even bins do, where even nonlinear distortion then counts as noise.)
 
 .. math:: Z(k) = G_{zr}(k) R(k) + T(k) + V(k), \quad A_k(r) T(k + r) = T_k(r)
 
@@ -52,7 +53,7 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
     P = record.n_periods - dropped
     Z, R = _whole_spectra(record, quantity, dropped)
     n_y, bins = len(record.outputs), lines * P
-    rest = _unexcited(Z.shape[0], 2 if record.half_wave and P == 1 else P)
+    rest = _unexcited(len(Z), P, record.half_wave)
     at_lines = Z[bins]
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
     if rest.size:
@@ -88,10 +89,10 @@ def _spectra(signals: FloatArray) -> ComplexArray:
     return spectra
 
 
-def _unexcited(n_bins: int, spacing: int) -> IntArray:
-    """Bins between those that are multiples of spacing, without 0 and the highest."""
+def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
+    """The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines."""
     bins: IntArray = np.arange(1, n_bins - 1)
-    between: IntArray = bins[bins % spacing != 0]
+    between: IntArray = bins[bins % 2 == 0] if half_wave and P == 1 else bins[bins % P != 0]
     return between
 
 
