@@ -14,6 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
+from elastid import stages
+from elastid.console import Console
 from elastid.errors import DataError
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimators import estimate
@@ -25,6 +27,9 @@ from elastid.frf.local.transient import settled_spectra
 from elastid.frf.local.windows import Terms, windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
+from elastid.run import Run
+from elastid.store import read_fit
+from elastid.study import load
 
 RATE, N = 512.0, 512
 LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
@@ -334,20 +339,23 @@ def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatc
 def test_modes_are_found_with_their_bandwidth() -> None:
     """2 zeta f_0 of two modes to 3 %, on a fine grid."""
     freq_hz = np.linspace(20, 120, 4001)
-    found = modes(freq_hz, _modes(freq_hz, np.eye(2)))
+    G = _modes(freq_hz, np.eye(2))
+    found = modes(freq_hz, G, np.zeros(G.shape))
     np.testing.assert_allclose(found.freq_hz, [45, 80], rtol=5e-3)
     np.testing.assert_allclose(found.bandwidth_hz, 2 * 0.02 * found.freq_hz, rtol=0.03)
+    assert len(modes(freq_hz, G, np.full(G.shape, np.abs(G).max() ** 2 / 100)).freq_hz) == 0
 
 
 def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     """With the numbers; a polynomial where one mode is narrower, a rational function where it holds too many modes."""
     G = _modes(FREQ, np.eye(2), zeta=0.05)
+    found = modes(FREQ, G, np.zeros(G.shape))
     span = np.full(len(FREQ), 9.0)
-    (word,) = wide_windows(FREQ, G, span, poles=0)
+    (word,) = wide_windows(found, FREQ, span, poles=0)
     assert "the bandwidth of 2 of 2 modes: 9 Hz at 45 Hz, where the mode is 4." in word
-    assert wide_windows(FREQ, G, span / 3, poles=0) == []
-    assert wide_windows(FREQ, G, span, poles=2) == []
-    assert "2 modes share a window of 90 Hz" in wide_windows(FREQ, G, 10 * span, poles=1)[0]
+    assert wide_windows(found, FREQ, span / 3, poles=0) == []
+    assert wide_windows(found, FREQ, span, poles=2) == []
+    assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0]
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:
@@ -363,3 +371,15 @@ def test_what_cannot_be_estimated_is_refused() -> None:
     with pytest.raises(DataError, match="hold one period, method arithmetic needs two"):
         estimate([once], EstimatorSpec(quantity="velocity"), LINES)
     assert estimate([once], LPM, LINES).n_lines == len(LINES)
+
+
+@pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
+def test_a_study_started_from_rest_finds_its_spring(tiny: Path, tmp_path: Path, method: str) -> None:
+    """estimator.method in study.yml, no period to settle: the true stiffness of 60 N*m/rad to 1 %."""
+    overrides = (f"estimator.method={method}", "experiment.transient_periods=0")
+    run = Run(load(tiny, overrides), tmp_path / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate", "fit"):
+        stages.WORK[stage](run)
+    result = read_fit(run.path("fit"))
+    k_1 = result.values["k_1"]
+    assert k_1 == pytest.approx(60.0, rel=0.01)

@@ -15,6 +15,9 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
 
+# Power of a peak over its variance, so that noise alone does not halve it on both sides.
+_LEAST_SNR = 40.0
+
 
 @dataclass(frozen=True)
 class Modes:
@@ -24,12 +27,15 @@ class Modes:
     bandwidth_hz: FloatArray
 
 
-def modes(freq_hz: FloatArray, G: ComplexArray) -> Modes:
-    """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again."""
+def modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> Modes:
+    """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again.
+
+    Peaks that do not stand out of the variance of G by 16 dB count for none.
+    """
     power = np.sum(np.abs(G) ** 2, axis=(1, 2))
     peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
     found = []
-    for peak in peaks:
+    for peak in peaks[power[peaks] > _LEAST_SNR * variance.sum(axis=(1, 2))[peaks]]:
         below = _half_power(freq_hz[peak::-1], power[peak::-1])
         above = _half_power(freq_hz[peak:], power[peak:])
         if below is not None and above is not None:
@@ -38,9 +44,8 @@ def modes(freq_hz: FloatArray, G: ComplexArray) -> Modes:
     return Modes(f_0, width)
 
 
-def wide_windows(freq_hz: FloatArray, G: ComplexArray, span_hz: FloatArray, poles: int) -> list[str]:
-    """A word on modes that windows of span_hz (F,) are too wide for; poles: degree d, 0 of the polynomial method."""
-    found = modes(freq_hz, G)
+def wide_windows(found: Modes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[str]:
+    """A word on modes that windows of span_hz (F,) at freq_hz are too wide for; poles: degree d, 0 where polynomial."""
     span = np.interp(found.freq_hz, freq_hz, span_hz)
     if poles == 0:
         wide = np.flatnonzero(span > found.bandwidth_hz)

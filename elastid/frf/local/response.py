@@ -21,7 +21,7 @@ from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines, described_lines
-from elastid.frf.local.bandwidth import wide_windows
+from elastid.frf.local.bandwidth import modes, wide_windows
 from elastid.frf.local.block import LocalFit
 from elastid.frf.local.regression import local_fit
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
@@ -79,10 +79,12 @@ def local_response(
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     span_hz = line_frequencies(where.span[usable], first.rate_hz, first.period_samples)
     notes.append(
-        f"{where_at}: {spec.method} of order {terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} "
+        f"{spec.method} of order {terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} "
         f"{'Hz' if first.rate_is_known else 'of the sampling rate'}), {fit.dof:.3g} degrees of freedom"
     )
-    notes += [f"{where_at}: {word}" for word in wide_windows(freq_hz, G, span_hz, terms.poles)]
+    notes += [
+        f"{where_at}: {word}" for word in wide_windows(modes(freq_hz, G, total.variance), freq_hz, span_hz, terms.poles)
+    ]
     return FrequencyResponse(
         freq_hz=freq_hz,
         G=G,

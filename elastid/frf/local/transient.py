@@ -54,9 +54,10 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
     Z, R = _whole_spectra(record, quantity, dropped)
     n_y, bins = len(record.outputs), lines * P
     rest = _unexcited(len(Z), P, record.half_wave)
+    settled = len(rest) > _ORDER + _POLES + 1
     at_lines = Z[bins]
     noise, dof = np.zeros((len(lines), Z.shape[1], Z.shape[1]), dtype=np.complex128), 0.0
-    if rest.size:
+    if settled:
         fit = _transient(Z[rest], rest, bins, n_y)
         at_lines = at_lines - fit.T[:, 0]
         noise, dof = fit.scatter / fit.dof * (1 + fit.T_left[:, 0, None, None]), fit.dof
@@ -65,7 +66,7 @@ def settled_spectra(record: Record, lines: IntArray, quantity: Motion, dropped: 
         U=at_lines[:, n_y:],
         R=None if R is None else R[bins],
         n_periods=P,
-        settled=bool(rest.size),
+        settled=settled,
         noise=noise,
         dof=dof,
     )
