@@ -13,14 +13,18 @@ from elastid.units import Frequency
 class EstimatorSpec:
     """How records become frequency responses.
 
-    method: arithmetic mean of the realisations' responses.  quantity: what the outputs are turned into, exactly, in
+    method: `arithmetic`, `harmonic` or `logarithmic` mean of the realisations' responses; or of all experiments
+    together `h1`, `h2`, `hv`, `joint` (input-output, by the injected torque) or `errors_in_variables`; `auto` takes
+    what closed-loop robot data want and says why.  quantity: what the outputs are turned into, exactly, in
     the frequency domain.  lines: which DFT lines are analysed, within band_hz: those planned (`auto`; for recorded
     data those found `excited` in the inputs), or `full` or `odd`.  transient_periods: left out at the start of a
     record, or `auto`: those that differ from the rest.  outlier_sigma: a period further from the median than so many
     robust standard deviations is left out with a word.
     """
 
-    method: Literal["arithmetic"] = "arithmetic"
+    method: Literal[
+        "auto", "arithmetic", "harmonic", "logarithmic", "h1", "h2", "hv", "joint", "errors_in_variables"
+    ] = "arithmetic"
     quantity: Motion = "acceleration"
     lines: Literal["auto", "excited", "full", "odd"] = "auto"
     band_hz: tuple[Frequency, Frequency] | None = None
