@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,24 +13,31 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import period_spectra, reference_spectrum
 from elastid.record import Record
 
+# Lines whose spectra, of all periods of a record, fit into the processor's cache.
+_AT_ONCE = 256
+
 
 @dataclass(frozen=True)
 class Block:
     """The E experiments of one realisation (or of several), as means over their periods.
 
     U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): the torque that was injected, or None.  periods (E,): how many.
+    input_noise (F, n_u): variance of U in one period, with its degrees of freedom.
     """
 
     U: ComplexArray
     Y: ComplexArray
     R: ComplexArray | None
     periods: FloatArray
+    input_noise: FloatArray
+    dof: int
 
     def on(self, lines: BoolArray) -> Block:
         """The same on some of its lines (F,)."""
         if lines.all():
             return self
-        return Block(self.U[lines], self.Y[lines], None if self.R is None else self.R[lines], self.periods)
+        R = None if self.R is None else self.R[lines]
+        return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
 
 
 @dataclass(frozen=True)
@@ -52,32 +59,38 @@ class Scatter:
 
 @dataclass(frozen=True)
 class Gathered:
-    """A block for each realisation with the scatter of its periods, at the excited and at the detection lines."""
+    """A block for each realisation, the scatter of all their periods, and what was noticed."""
 
     blocks: tuple[Block, ...]
-    scatters: tuple[Scatter, ...]
-    detection: tuple[Block, ...]
-    detection_scatter: Scatter
-    notes: tuple[str, ...]
+    scatter: Scatter
+    notes: tuple[str, ...] = ()
+
+    def on(self, lines: BoolArray) -> Gathered:
+        """The same on some of its lines (F,)."""
+        return Gathered(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
 
 
-@dataclass
 class _Sums:
-    """What is added up over the experiments of one realisation."""
+    """What is added up over experiments: the scatter of their periods."""
 
-    S_Z: ComplexArray | float = 0.0
-    dof: int = 0
+    def __init__(self, F: int, n: int) -> None:
+        self.S_Z: ComplexArray = np.zeros((F, n, n), dtype=np.complex128)
+        self.dof = 0
 
     def add(self, Z: ComplexArray) -> ComplexArray:
-        """Adds the scatter of Z (P, F, n); returns the mean (F, n)."""
+        """Adds the scatter of Z (P, F, n); returns the mean (F, n). In parts that stay in the processor's cache."""
         mean: ComplexArray = Z.mean(axis=0)
-        V = np.moveaxis(Z - mean, 0, 2)
-        self.S_Z = self.S_Z + V @ np.swapaxes(V, 1, 2).conj()
+        for first in range(0, len(mean), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            V = np.moveaxis(Z[:, part] - mean[part], 0, 2)
+            self.S_Z[part] += V @ np.swapaxes(V, 1, 2).conj()
         self.dof += len(Z) - 1
         return mean
 
-    def scatter(self) -> Scatter:
-        return Scatter(np.asarray(self.S_Z), self.dof)
+    def power(self) -> FloatArray:
+        """Sum (F, n) over periods of |Z - mean|^2."""
+        diagonal: FloatArray = np.einsum("fii->fi", self.S_Z).real.copy()
+        return diagonal
 
 
 def gathered(
@@ -85,51 +98,65 @@ def gathered(
     lines: IntArray,
     detection: IntArray,
     spec: EstimatorSpec,
-    with_reference: bool = False,
+    with_reference: bool,
 ) -> Gathered:
-    """Mean spectra at lines (F,) and at detection lines (K,), of one record after another; of r too if asked for."""
+    """Mean spectra at lines (F,) and detection lines (K,), all in order, of one record after another.
+
+    Which periods can be trusted is told by the excited lines.  The spectra of r are there if asked for.
+    """
     everywhere = np.union1d(lines, detection)
-    is_excited = np.isin(everywhere, lines)
+    excited = np.isin(everywhere, lines)
+    sums: _Sums | None = None
     blocks: list[Block] = []
-    detected: list[Block] = []
-    scatters: list[Scatter] = []
     notes: list[str] = []
-    at_detection = _Sums()
     for group in realisations:
-        at_lines, means, more, R, periods = _Sums(), [], [], [], []
+        n_y, n_u = len(group[0].outputs), len(group[0].inputs)
+        sums = sums or _Sums(len(everywhere), n_y + n_u)
+        power, dof = sums.power(), sums.dof
+        means, R, periods = [], [], []
         for record in group:
             spectra = period_spectra(record, everywhere, spec.quantity)
-            kept = trusted(spectra.on(is_excited), spec)
+            kept = trusted(spectra.on(excited), spec)
             notes += kept.notes
             periods.append(len(kept.periods))
-            means.append(at_lines.add(np.concatenate([kept.Y, kept.U], axis=2)))
-            if detection.size:
-                rest = spectra.on(~is_excited)
-                more.append(at_detection.add(np.concatenate([rest.Y, rest.U], axis=2)[kept.periods]))
-            R.append(reference_spectrum(record, lines) if with_reference else None)
-        n_y = len(group[0].outputs)
-        blocks.append(_block(means, R, periods, n_y))
-        scatters.append(at_lines.scatter())
-        if detection.size:
-            detected.append(_block(more, [None], periods, n_y))
-    return Gathered(tuple(blocks), tuple(scatters), tuple(detected), at_detection.scatter(), tuple(notes))
+            means.append(sums.add(spectra.Z if len(kept.periods) == len(spectra.Z) else spectra.Z[kept.periods]))
+            R.append(reference_spectrum(record, everywhere) if with_reference else None)
+        noise = (sums.power() - power)[:, n_y:] / (sums.dof - dof)
+        blocks.append(_block(means, R, periods, noise, sums.dof - dof))
+    assert sums is not None  # there is at least one record
+    return Gathered(tuple(blocks), Scatter(sums.S_Z, sums.dof), tuple(notes))
 
 
-def _block(means: Sequence[ComplexArray], R: Sequence[ComplexArray | None], periods: Sequence[int], n_y: int) -> Block:
-    Z = np.stack(means, axis=2)
+def _block(
+    means: Sequence[ComplexArray],
+    R: Sequence[ComplexArray | None],
+    periods: Sequence[int],
+    input_noise: FloatArray,
+    dof: int,
+) -> Block:
+    Z, n_u = np.stack(means, axis=2), input_noise.shape[1]
     known = [each for each in R if each is not None]
-    reference = np.stack(known, axis=2) if len(known) == len(means) else None
     return Block(
-        np.ascontiguousarray(Z[:, n_y:]), np.ascontiguousarray(Z[:, :n_y]), reference, np.array(periods, dtype=float)
+        U=np.ascontiguousarray(Z[:, -n_u:]),
+        Y=np.ascontiguousarray(Z[:, :-n_u]),
+        R=np.stack(known, axis=2) if len(known) == len(means) else None,
+        periods=np.array(periods, dtype=np.float64),
+        input_noise=input_noise,
+        dof=dof,
     )
 
 
 def pooled(blocks: Sequence[Block]) -> Block:
     """All experiments of all realisations as one block."""
+    if len(blocks) == 1:
+        return blocks[0]
     R = [each.R for each in blocks if each.R is not None]
+    dof = sum(each.dof for each in blocks)
     return Block(
-        np.concatenate([each.U for each in blocks], axis=2),
-        np.concatenate([each.Y for each in blocks], axis=2),
-        np.concatenate(R, axis=2) if len(R) == len(blocks) else None,
-        np.concatenate([each.periods for each in blocks]),
+        U=np.concatenate([each.U for each in blocks], axis=2),
+        Y=np.concatenate([each.Y for each in blocks], axis=2),
+        R=np.concatenate(R, axis=2) if len(R) == len(blocks) else None,
+        periods=np.concatenate([each.periods for each in blocks]),
+        input_noise=np.sum([each.dof / dof * each.input_noise for each in blocks], axis=0),
+        dof=dof,
     )

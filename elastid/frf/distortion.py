@@ -11,13 +11,12 @@ A carrier on an even line mixes both kinds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.frf.blocks import Block, Scatter, pooled
+from elastid.frf.blocks import Gathered, pooled
 from elastid.frf.uncertainty import equation_error
 from elastid.quality import Levels
 
@@ -53,13 +52,12 @@ def detected(
     lines: IntArray,
     spacing_hz: float,
     G: ComplexArray,
-    blocks: Sequence[Block],
-    scatter: Scatter,
+    data: Gathered,
 ) -> Detected:
-    """Distortion at the detection lines (K,) of blocks, G (F, n_y, n_u) being known at lines (F,)."""
-    every, G_k = pooled(blocks), interpolated(detection, lines, G)
+    """Distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
+    every, G_k = pooled(data.blocks), interpolated(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
-    C_V = equation_error(scatter, G_k)
+    C_V = equation_error(data.scatter, G_k)
     amplitude: FloatArray = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2))
     noise: FloatArray = np.sqrt(np.maximum(np.einsum("fii->fi", C_V).real, 0.0) * np.mean(1 / every.periods))
     odd = detection % 2 == 1

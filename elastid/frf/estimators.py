@@ -10,7 +10,7 @@ import numpy as np
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.blocks import Block, Gathered, Scatter, gathered, pooled
+from elastid.frf.blocks import Block, Gathered, gathered, pooled
 from elastid.frf.distortion import Detected, detected, detection_lines, fast_total_error
 from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, smoothed
 from elastid.frf.methods import AVERAGED, METHODS, Estimate
@@ -24,7 +24,6 @@ from elastid.frf.uncertainty import (
     kronecker,
     left_factor,
     noise_covariance,
-    positive,
     total_covariance,
     total_error,
 )
@@ -55,15 +54,16 @@ def estimate(
     first = groups[0][0]
     lines = analysed_lines(records, spec, planned_lines)
     detection = detection_lines(lines, first.half_wave)
-    data = gathered(groups, lines, detection, spec, with_reference=method == "joint")
+    everything = gathered(groups, lines, detection, spec, with_reference=method == "joint")
+    excited = np.isin(np.union1d(lines, detection), lines)
+    data = everything.on(excited)
     notes = [*reason, *(note for record in records for note in record.notes), *data.notes]
-    usable, input_power = _separated_lines(data, groups, method)
+    usable = _separated_lines(data.blocks, groups, method)
     if not usable.all():
         notes.append(_left_out(lines[~usable], usable.any(), first))
-    blocks = [each.on(usable) for each in data.blocks]
-    scatter = _summed(data.scatters).on(usable)
-    notes += _same_phases(blocks, groups)
-    found = METHODS[method](blocks, scatter.C_Z)
+    data = data.on(usable)
+    notes += _same_phases(data.blocks, groups)
+    found = METHODS[method](data.blocks, data.scatter.C_Z)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     response = FrequencyResponse(
         freq_hz=freq_hz,
@@ -75,12 +75,12 @@ def estimate(
         rate_is_known=first.rate_is_known,
     )
     where = first.configuration.name
-    quality = measured_quality(freq_hz, blocks, scatter, found.G, input_power[usable])
+    quality = measured_quality(freq_hz, data, found.G)
     response = replace(response, quality=quality)
-    levels = _detected(detection, lines[usable], freq_hz, found, data)
-    response, words = _with_covariances(response, blocks, found, scatter, levels, lines[usable])
+    levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
+    response, words = _with_covariances(response, data, found, levels, lines[usable])
     notes += [f"configuration {where}: {note}" for note in found.notes]
-    notes += [*words, *input_words(where, first.inputs, blocks, quality)]
+    notes += [*words, *input_words(where, first.inputs, data.blocks, quality)]
     return replace(response, notes=(*notes, *sign_words(response)))
 
 
@@ -136,30 +136,31 @@ def _check_experiments(groups: Sequence[Sequence[Record]], method: str) -> None:
             )
 
 
-def _separated_lines(data: Gathered, groups: Sequence[Sequence[Record]], method: str) -> tuple[BoolArray, FloatArray]:
-    """Lines (F,) where the inputs can be told apart, and the mean of the eigenvalues (F, n_u) of U U^H / E."""
+def _separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
+    """Lines (F,) where the inputs can be told apart: in every realisation if each gives a response, else together."""
     if method in AVERAGED:
-        found = [_separated(*each) for each in zip(data.blocks, data.scatters, groups, strict=True)]
-    else:
-        found = [_separated(pooled(data.blocks), _summed(data.scatters), groups[0])]
-    power: FloatArray = np.mean([power for _, power in found], axis=0)
-    return np.all([separated for separated, _ in found], axis=0), power
+        return np.all([_separated(*each) for each in zip(blocks, groups, strict=True)], axis=0)
+    return _separated(pooled(blocks), groups[0])
 
 
-def _separated(block: Block, scatter: Scatter, group: Sequence[Record]) -> tuple[BoolArray, FloatArray]:
-    """Lines (F,) where every combination of the inputs stands out of the noise, and the eigenvalues of their power.
+def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
+    """Lines (F,) where every combination of the inputs stands out of the noise; DataError where it never does.
 
     The weakest combination has the power lambda_min(U U^H) / E, each input counted relative to its RMS. Dividing by
-    it biases G by a part exp(-power / noise): 2 % where it stands out least.  DataError where it never does.
+    it biases G by a part exp(-power / noise): 2 % where it stands out least.
     """
     U, (_, n_u, E) = block.U, block.U.shape
     rms = np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 2)))
     rms[rms == 0] = 1.0
-    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / np.outer(rms, rms) / E)
-    of_mean = np.einsum("fii->fi", scatter.S_Z).real[:, -n_u:] / scatter.dof * np.mean(1 / block.periods)
-    noise = smoothed((of_mean / rms**2).max(axis=1), scatter.dof)
-    least = np.maximum(LEAST_SNR * noise, _LEAST_POWER_RATIO * power[:, -1])
-    separated: BoolArray = power[:, 0] > least
+    S_U = U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms))
+    of_mean = block.input_noise * np.mean(1 / block.periods)
+    noise = LEAST_SNR * smoothed((of_mean / rms**2).max(axis=1), block.dof)
+    least = np.maximum(noise, _LEAST_POWER_RATIO * np.einsum("fii->f", S_U).real)
+    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs a tenth of an eigenvalue.
+    separated = _weakest_at_least(S_U, least)
+    doubtful = np.flatnonzero(~separated)
+    power = np.linalg.eigvalsh(S_U[doubtful])
+    separated[doubtful] = power[:, 0] > least[doubtful]
     if not separated.any():
         record = group[0]
         ways = int(np.median(np.sum(power > least[:, None], axis=1)))
@@ -168,12 +169,17 @@ def _separated(block: Block, scatter: Scatter, group: Sequence[Record]) -> tuple
             f"the {n_u} inputs ({', '.join(record.inputs)}) in {ways} independent ways only, above the noise; "
             "is a file listed twice, an input not excited, or were the phases the same in all experiments?"
         )
-    return separated, power
+    return separated
 
 
-def _summed(scatters: Sequence[Scatter]) -> Scatter:
-    S_Z: ComplexArray = np.sum([each.S_Z for each in scatters], axis=0)
-    return Scatter(S_Z, sum(each.dof for each in scatters))
+def _weakest_at_least(S_U: ComplexArray, least: FloatArray) -> BoolArray:
+    """Lines (F,) where 1 / tr(S_U^-1) is above the least power; none where some matrix has no inverse at all."""
+    try:
+        bound = 1 / np.einsum("fii->f", np.linalg.inv(S_U)).real
+    except np.linalg.LinAlgError:
+        return np.zeros(len(S_U), dtype=np.bool_)
+    above: BoolArray = bound > least
+    return above
 
 
 def _detected(
@@ -183,21 +189,15 @@ def _detected(
     inside = (detection > lines[0]) & (detection < lines[-1])
     if not inside.any():
         return None
-    blocks = [each.on(inside) for each in data.detection]
-    return detected(detection[inside], lines, freq_hz[0] / lines[0], found.G, blocks, data.detection_scatter.on(inside))
+    return detected(detection[inside], lines, freq_hz[0] / lines[0], found.G, data.on(inside))
 
 
 def _with_covariances(
-    response: FrequencyResponse,
-    blocks: Sequence[Block],
-    found: Estimate,
-    scatter: Scatter,
-    levels: Detected | None,
-    lines: IntArray,
+    response: FrequencyResponse, data: Gathered, found: Estimate, levels: Detected | None, lines: IntArray
 ) -> tuple[FrequencyResponse, list[str]]:
     """Noise, total and distortion of G, and the nonlinear levels in the outputs."""
-    C_V = equation_error(scatter, found.G)
-    noise = noise_covariance(blocks, found, C_V, scatter.dof)
+    blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
+    noise = noise_covariance(blocks, found, C_V, data.scatter.dof)
     total, error = None, total_error(blocks, found)
     if error is not None:
         total = total_covariance(blocks, found, *error)
@@ -207,8 +207,8 @@ def _with_covariances(
     distortion, stochastic = None, None
     if total is not None and error is not None:
         distortion = distortion_covariance(noise, total, len(blocks))
-        of_mean = C_V * np.mean(1 / pooled(blocks).periods)
-        stochastic = np.sqrt(np.maximum(np.einsum("fii->fi", positive(error[0] - of_mean)).real, 0.0))
+        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / pooled(blocks).periods)).real
+        stochastic = np.sqrt(np.maximum(excess, 0.0))
     assert response.quality is not None
     quality = replace(
         response.quality,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
-from elastid.frf.blocks import Block, Scatter, pooled
+from elastid.frf.blocks import Block, Gathered, pooled
 from elastid.quality import Levels, Quality
 
 # An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
@@ -16,11 +16,9 @@ _HARDLY = 100.0
 _WORST_CONDITION = 10.0
 
 
-def measured_quality(
-    freq_hz: FloatArray, blocks: Sequence[Block], scatter: Scatter, G: ComplexArray, input_power: FloatArray
-) -> Quality:
-    """Quality of G, its nonlinear levels excepted; input_power (F, n_u): eigenvalues of U U^H / E, smallest first."""
-    every = pooled(blocks)
+def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Quality:
+    """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
+    every, scatter = pooled(data.blocks), data.scatter
     n_y = G.shape[1]
     Z = np.concatenate([every.Y, every.U], axis=1)
     S = (Z * every.periods) @ np.swapaxes(Z, 1, 2).conj() + scatter.S_Z
@@ -31,11 +29,20 @@ def measured_quality(
         coherence=coherence,
         multiple_coherence=multiple,
         singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=np.sqrt(np.maximum(input_power[:, ::-1], 0.0)),
+        input_singular_values=input_singular_values(every.U),
         input_noise=noise[:, n_y:],
         output_noise=noise[:, :n_y],
         excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / every.periods))),
     )
+
+
+def input_singular_values(U: ComplexArray) -> FloatArray:
+    """Of U (F, n_u, E) / sqrt(E), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
+    rms = np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 2)))
+    rms[rms == 0] = 1.0
+    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / (U.shape[2] * np.outer(rms, rms)))
+    values: FloatArray = np.sqrt(np.maximum(power[:, ::-1], 0.0))
+    return values
 
 
 def coherences(S: ComplexArray, n_y: int) -> tuple[FloatArray, FloatArray]:

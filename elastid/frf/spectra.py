@@ -7,7 +7,7 @@ With this sign a delay turns the phase of Y / U down, and y = Re Y exp(j omega t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.fft import rfft
@@ -24,22 +24,31 @@ _END_WINDOW = 1 / 50
 
 @dataclass(frozen=True)
 class PeriodSpectra:
-    """U (P, F, n_u) and Y (P, F, n_y) of the periods of one record that are used, by their index (P,) in it.
+    """Z = [Y, U] (P, F, n_y + n_u) of the periods of one record that are used, by their index (P,) in it.
 
     Torques in Nm as they act between the samples; outputs all in one quantity.
     """
 
     record: Record
     periods: IntArray
-    U: ComplexArray
-    Y: ComplexArray
+    Z: ComplexArray
     notes: tuple[str, ...] = ()
+
+    @property
+    def Y(self) -> ComplexArray:
+        """Outputs (P, F, n_y)."""
+        return self.Z[:, :, : len(self.record.outputs)]
+
+    @property
+    def U(self) -> ComplexArray:
+        """Inputs (P, F, n_u)."""
+        return self.Z[:, :, len(self.record.outputs) :]
 
     def on(self, lines: BoolArray) -> PeriodSpectra:
         """The same on some of its lines (F,)."""
         if lines.all():
             return self
-        return PeriodSpectra(self.record, self.periods, self.U[:, lines], self.Y[:, lines], self.notes)
+        return replace(self, Z=self.Z[:, lines])
 
 
 def period_spectra(record: Record, lines: IntArray, quantity: Motion) -> PeriodSpectra:
@@ -53,13 +62,15 @@ def period_spectra(record: Record, lines: IntArray, quantity: Motion) -> PeriodS
     j_omega = 2j * np.pi * freq_hz[:, None]
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
     drifts = np.array([each != "acceleration" for each in record.quantities])
-    U = line_spectra(record, record.u, lines, record.hold_response(freq_hz)[:, None])
-    Y = line_spectra(record, record.y, lines, j_omega**order)
-    if not (np.isfinite(U[:, 0]).all() and np.isfinite(Y[:, 0]).all()):
+    P, n_y = record.n_samples // record.repeat_samples, len(record.outputs)
+    Z = np.empty((P, len(lines), n_y + len(record.inputs)), dtype=np.complex128)
+    line_spectra(record, record.y, lines, j_omega**order, out=Z[:, :, :n_y])
+    line_spectra(record, record.u, lines, record.hold_response(freq_hz)[:, None], out=Z[:, :, n_y:])
+    if not np.isfinite(Z[:, 0]).all():
         raise DataError(_missing(record))
     if drifts.any():
-        Y[:, :, drifts] -= _drift_spectra(record, lines, drifts) * j_omega ** order[drifts]
-    return PeriodSpectra(record, np.arange(len(U)), U, Y)
+        Z[:, :, np.flatnonzero(drifts)] -= _drift_spectra(record, lines, drifts) * j_omega ** order[drifts]
+    return PeriodSpectra(record, np.arange(P), Z)
 
 
 def reference_spectrum(record: Record, lines: IntArray) -> ComplexArray | None:
@@ -72,20 +83,24 @@ def reference_spectrum(record: Record, lines: IntArray) -> ComplexArray | None:
 
 
 def line_spectra(
-    record: Record, signals: FloatArray, lines: IntArray, factor: ComplexArray | float = 1.0
+    record: Record,
+    signals: FloatArray,
+    lines: IntArray,
+    factor: ComplexArray | float = 1.0,
+    out: ComplexArray | None = None,
 ) -> ComplexArray:
     """factor times complex amplitudes (P, F, c) at lines (F,) of signals (n_samples, c), one for each repetition."""
     L = record.repeat_samples
     P = record.n_samples // L
     blocks = signals[: P * L].reshape(P, L, -1)
     if not record.half_wave:
-        spectra: ComplexArray = rfft(blocks, axis=1)[:, _contiguous(lines)] * (factor * (2 / L))
+        spectra: ComplexArray = np.multiply(rfft(blocks, axis=1)[:, _contiguous(lines)], factor * (2 / L), out=out)
         return spectra
     # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
     blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
     sign = (-1.0) ** np.arange(P)
-    halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)[:, lines] * (sign[:, None, None] * (2 / L)) * factor
-    return halves
+    halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)[:, lines] * (sign[:, None, None] * (2 / L))
+    return np.multiply(halves, factor, out=out)
 
 
 def _contiguous(lines: IntArray) -> slice | IntArray:
