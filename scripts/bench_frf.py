@@ -1,6 +1,6 @@
 """How fast responses are estimated: 6 x 6 with full noise and total covariance, against the bare FFT and two peers.
 
-    python scripts/bench_frf.py [--quick] [--peer PYTHON]
+    python scripts/bench_frf.py [--quick] [--no-peers] [--case A|B]
 
 P = 8 periods, M = 6 realisations of 6 orthogonal experiments, N = 16384 samples: 36 records, 453 MB. Case A: all 8191
 lines. Case B: 200 odd lines. One process, one thread, CPU time, everything in the same run. The floor is
@@ -18,8 +18,8 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
-import resource
 import time
+import tracemalloc
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -104,7 +104,7 @@ def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], 
         .copy()
         for name in ("u", "y")
     )
-    return lambda: noisy_input(u, y, RATE_HZ, lines, show_warnings=False).frf.G
+    return lambda: noisy_input(u, y, RATE_HZ, lines, show_warnings=False).G
 
 
 def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
@@ -117,8 +117,10 @@ def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
     return min(times)
 
 
-def peak_gb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
+def floor_seconds(records: Sequence[Record], repeats: int) -> float:
+    """The bare FFT of the same data."""
+    blocks = contiguous_periods(records)
+    return cpu_seconds(lambda: [rfft(block, axis=2, workers=1) for block in blocks], repeats)
 
 
 def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:
@@ -126,10 +128,11 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
     N, P, M, n = size
     records = simulated(lines, N, P, M, n)
     data_gb = sum(r.u.nbytes + r.y.nbytes for r in records) / 2**30
-    before = peak_gb()
     spec = EstimatorSpec()
+    tracemalloc.start()
     response = estimate(records, spec, lines)
-    above = peak_gb() - before
+    above = tracemalloc.get_traced_memory()[1] / 2**30
+    tracemalloc.stop()
     assert response.noise is not None
     assert response.total is not None
     error = np.abs(response.G - plant(len(lines), n)) ** 2
@@ -138,9 +141,7 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
         for kind, covariance in (("noise", response.noise), ("total", response.total))
     }
     mine = cpu_seconds(lambda: estimate(records, spec, lines), repeats)
-    blocks = contiguous_periods(records)
-    floor = cpu_seconds(lambda: [rfft(block, axis=2, workers=1) for block in blocks], repeats)
-    del blocks
+    floor = floor_seconds(records, repeats)
     found = {"floor": floor, "elastid": mine, "data_gb": data_gb, "gb_above_data": above, **ratios}
     if peers:
         found["csd"] = cpu_seconds(lambda: by_csd(records, lines), 1)
@@ -151,8 +152,10 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
     for what in ("floor", "elastid", "csd", "best-linear-approximation"):
         if what in found:
             print(f"  {what:<28}{found[what]:>9.3f} s {found[what] / floor:>8.2f} x floor")
-    print(f"  error^2 over variance: noise {ratios['noise variance over true']:.3f}, "
-          f"total {ratios['total variance over true']:.3f}")
+    print(
+        f"  error^2 over variance: noise {ratios['noise variance over true']:.3f}, "
+        f"total {ratios['total variance over true']:.3f}"
+    )
     return found
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -64,6 +65,11 @@ class Gathered:
     blocks: tuple[Block, ...]
     scatter: Scatter
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def every(self) -> Block:
+        """All experiments of all realisations as one block."""
+        return pooled(self.blocks)
 
     def on(self, lines: BoolArray) -> Gathered:
         """The same on some of its lines (F,)."""

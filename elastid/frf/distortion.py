@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.frf.blocks import Gathered, pooled
+from elastid.frf.blocks import Gathered
 from elastid.frf.uncertainty import equation_error
 from elastid.quality import Levels
 
@@ -55,14 +55,14 @@ def detected(
     data: Gathered,
 ) -> Detected:
     """Distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
-    every, G_k = pooled(data.blocks), interpolated(detection, lines, G)
+    every, G_k = data.every, interpolated(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data.scatter, G_k)
-    amplitude: FloatArray = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2))
-    noise: FloatArray = np.sqrt(np.maximum(np.einsum("fii->fi", C_V).real, 0.0) * np.mean(1 / every.periods))
+    amplitude: FloatArray = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2)).astype(np.float64)
+    noise = np.sqrt(np.maximum(np.einsum("fii->fi", C_V).real, 0.0) * np.mean(1 / every.periods)).astype(np.float64)
     odd = detection % 2 == 1
     error = Y_c[odd] @ np.swapaxes(Y_c[odd], 1, 2).conj() / Y_c.shape[2]
-    freq_hz = detection * spacing_hz
+    freq_hz = np.asarray(detection * spacing_hz, dtype=np.float64)
 
     def levels(which: BoolArray) -> Levels | None:
         return Levels(freq_hz[which], amplitude[which], noise[which]) if which.any() else None

@@ -80,7 +80,7 @@ def estimate(
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, words = _with_covariances(response, data, found, levels, lines[usable])
     notes += [f"configuration {where}: {note}" for note in found.notes]
-    notes += [*words, *input_words(where, first.inputs, data.blocks, quality)]
+    notes += [*words, *input_words(where, first.inputs, data.every, quality)]
     return replace(response, notes=(*notes, *sign_words(response)))
 
 
@@ -139,7 +139,8 @@ def _check_experiments(groups: Sequence[Sequence[Record]], method: str) -> None:
 def _separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
     """Lines (F,) where the inputs can be told apart: in every realisation if each gives a response, else together."""
     if method in AVERAGED:
-        return np.all([_separated(*each) for each in zip(blocks, groups, strict=True)], axis=0)
+        in_all: BoolArray = np.all([_separated(*each) for each in zip(blocks, groups, strict=True)], axis=0)
+        return in_all
     return _separated(pooled(blocks), groups[0])
 
 
@@ -207,7 +208,7 @@ def _with_covariances(
     distortion, stochastic = None, None
     if total is not None and error is not None:
         distortion = distortion_covariance(noise, total, len(blocks))
-        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / pooled(blocks).periods)).real
+        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / data.every.periods)).real
         stochastic = np.sqrt(np.maximum(excess, 0.0))
     assert response.quality is not None
     quality = replace(

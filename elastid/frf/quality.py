@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
-from elastid.frf.blocks import Block, Gathered, pooled
+from elastid.frf.blocks import Block, Gathered
 from elastid.quality import Levels, Quality
 
 # An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
@@ -18,7 +18,7 @@ _WORST_CONDITION = 10.0
 
 def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Quality:
     """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
-    every, scatter = pooled(data.blocks), data.scatter
+    every, scatter = data.every, data.scatter
     n_y = G.shape[1]
     Z = np.concatenate([every.Y, every.U], axis=1)
     S = (Z * every.periods) @ np.swapaxes(Z, 1, 2).conj() + scatter.S_Z
@@ -60,9 +60,8 @@ def coherences(S: ComplexArray, n_y: int) -> tuple[FloatArray, FloatArray]:
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
-def input_words(where: str, inputs: Sequence[str], blocks: Sequence[Block], quality: Quality) -> list[str]:
+def input_words(where: str, inputs: Sequence[str], every: Block, quality: Quality) -> list[str]:
     """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
-    every = pooled(blocks)
     power = np.mean(np.abs(every.U) ** 2, axis=2)
     noise = quality.input_noise * np.mean(1 / every.periods)
     weak = power < _HARDLY * noise
