@@ -34,7 +34,7 @@ def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
     _finished(figure, panels[0, 0], response, title)
     unit = style.pretty_unit(MOTION_UNIT[response.quantity])
     figure.supylabel(f"RMS amplitude in dB re 1 {unit}", fontsize=style.NORMAL, x=0.015)
-    style.legend_above(figure, panels.flat, markerscale=2.0)
+    style.legend_above(figure, figure.axes, markerscale=2.0)
     return figure
 
 
@@ -49,10 +49,10 @@ def coherence(response: FrequencyResponse, quality: Quality, title: str) -> Figu
     lost.set_yscale("log")
     lost.set_title("1 − multiple coherence", fontsize=style.NORMAL)
     gains.plot(f, style.in_db(quality.singular_values), lw=0.8, color=style.MEASURED)
-    gains.set_title(f"singular values of G in dB re 1 {style.pretty_unit(response.unit)}", fontsize=style.NORMAL)
+    gains.set_title("singular values of G in dB", fontsize=style.NORMAL)
     inputs.plot(f, style.in_db(quality.input_singular_values), lw=0.8, color=style.START)
     inputs.set_title(
-        f"singular values of the inputs over their RMS in dB (condition {np.median(quality.condition):.3g})",
+        f"singular values of the inputs in dB, condition {np.median(quality.condition):.3g}",
         fontsize=style.NORMAL,
     )
     _finished(figure, lost, response, title)
