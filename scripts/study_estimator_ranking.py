@@ -130,13 +130,14 @@ def errors(
     campaigns: Sequence[Sequence[Record]], lines: np.ndarray
 ) -> tuple[FloatArray, dict[str, FloatArray], dict[str, FloatArray]]:
     """freq_hz (F,), and by method the relative error (F, n_y, n_u), median over campaigns, and that of their mean."""
-    single, of_mean, freq_hz = {}, {}, np.zeros(0)
-    for method in METHODS:
-        found = [estimate(campaign, EstimatorSpec(method=method), lines) for campaign in campaigns]  # type: ignore[arg-type]
-        common = set.intersection(*[set(each.freq_hz.tolist()) for each in found])
-        found = [each.lines(np.isin(each.freq_hz, list(common))) for each in found]
-        freq_hz = found[0].freq_hz
-        stack = np.array([each.G for each in found])
+    found = {
+        method: [estimate(campaign, EstimatorSpec(method=method), lines) for campaign in campaigns]  # type: ignore[arg-type]
+        for method in METHODS
+    }
+    everywhere = set.intersection(*[set(each.freq_hz.tolist()) for responses in found.values() for each in responses])
+    freq_hz, single, of_mean = np.array(sorted(everywhere)), {}, {}
+    for method, responses in found.items():
+        stack = np.array([each.lines(np.isin(each.freq_hz, freq_hz)).G for each in responses])
         G = truth(stack.mean(axis=0), freq_hz)
         single[method] = np.median(np.abs(stack - G) / np.abs(G), axis=0)
         of_mean[method] = np.abs(stack.mean(axis=0) - G) / np.abs(G)

@@ -53,12 +53,12 @@ def total_error(blocks: Sequence[Block], estimate: Estimate) -> tuple[ComplexArr
     .. math:: C_T = \frac{D D^H}{K - 2 n_u + tr(W^H W\, U U^H)}
 
     The denominator is K - n_u where all are excited alike and makes C_T unbiased where they are not.  None for one
-    realisation, whose experiments the estimate fits exactly.
+    realisation, or where no experiment is left over when G is fitted.
     """
-    if len(blocks) < 2:
-        return None
     n_u = estimate.G.shape[2]
     K = sum(len(each.periods) for each in blocks)
+    if len(blocks) < 2 or n_u >= K:
+        return None
     D = [each.Y - estimate.G @ each.U for each in blocks]
     S_D = np.sum([each @ _H(each) for each in D], axis=0)
     S_U = np.sum([each.U @ _H(each.U) for each in blocks], axis=0)
