@@ -9,6 +9,13 @@ linear model of the elastic arm; friction is no part of it but for a viscous one
 those that suit each method best, as in a fit of stiffness and damping that leaves them free.  Errors are medians over
 lines, elements and independent campaigns of |G^ - G| / |G|, in three bands.  Bias is the error of the mean of all
 campaigns.
+
+Found (M = 6, 5 campaigns): on a carrier H1 is the worst, by a factor of two below 10 Hz, as published; the harmonic
+mean beats the arithmetic one by a tenth, as published; the logarithmic mean is no better than the arithmetic one, and
+joint input-output is not bad at low frequency but among the best, with H2: this loop and its friction are the same in
+all realisations.  At rest, where friction sticks, all are far from the linear model, H1 no further than the others, and
+the harmonic mean is the worst below 3 Hz.  So the arithmetic mean, never far from the best, is what `auto` takes.
+
 The last line is one JSON object.
 """
 
@@ -67,7 +74,7 @@ class Case:
 
 
 CASES = (
-    Case("no friction at work: large torque, carrier", QUIET, CarrierSpec(math.radians(10), CYCLES), 400.0),
+    Case("carrier, torque far above friction", QUIET, CarrierSpec(math.radians(10), CYCLES), 400.0),
     Case("carrier, quiet sensors", QUIET, CarrierSpec(math.radians(6), CYCLES), 80.0),
     Case("carrier, noisy sensors", LOUD, CarrierSpec(math.radians(6), CYCLES), 80.0),
     Case("at rest, quiet sensors", QUIET, None, 80.0),

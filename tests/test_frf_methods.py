@@ -269,7 +269,7 @@ def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
     np.testing.assert_allclose(found.G, peer.value, rtol=1e-10)
     assert found.total is not None
     assert found.total.form == "full"
-    np.testing.assert_allclose(found.total.full(), peer.total.covariance, rtol=1e-8, atol=1e-14)
+    np.testing.assert_allclose(found.total.full(), peer.total.cov, rtol=1e-8, atol=1e-14)
 
 
 def test_harmonic_mean_is_the_inverse_of_the_mean_inverse() -> None:

@@ -94,11 +94,10 @@ def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
             f"configuration {where}: estimator.method auto takes h1, over all realisations together: single ones have "
             "fewer experiments than inputs, so that no mean of their responses can be had",
         )
-    if len(groups) == 1:
-        return "arithmetic", ()
-    return "logarithmic", (
-        f"configuration {where}: estimator.method auto takes the logarithmic mean of {len(groups)} realisations: each "
-        "keeps its pairing of torque and motion, which friction in a loop upsets in spectra averaged before division",
+    return "arithmetic", (
+        f"configuration {where}: estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
+        "of torque and motion, which noise and friction in the loop upset in h1; the harmonic mean fails where friction "
+        "sticks, the logarithmic one tells the same",
     )
 
 
