@@ -11,10 +11,11 @@ lines, elements and independent campaigns of |G^ - G| / |G|, in three bands.  Bi
 campaigns.
 
 Found (M = 6, 5 campaigns): on a carrier H1 is the worst, by a factor of two below 10 Hz, as published; the harmonic
-mean beats the arithmetic one by a tenth, as published; the logarithmic mean is no better than the arithmetic one, and
-joint input-output is not bad at low frequency but among the best, with H2: this loop and its friction are the same in
-all realisations.  At rest, where friction sticks, all are far from the linear model, H1 no further than the others, and
-the harmonic mean is the worst below 3 Hz.  So the arithmetic mean, never far from the best, is what `auto` takes.
+mean beats the arithmetic one by a tenth below 10 Hz, as published; the logarithmic mean is no better than the
+arithmetic one; and joint input-output is not bad at low frequency but among the best, with H2, perhaps because this
+simulated loop and its friction do not change from one realisation to the next.  At rest, where friction sticks, all are
+far from the linear model, H1 no further than the others, and the harmonic mean is the worst below 3 Hz.  So the
+arithmetic mean, never far from the best, is what `auto` takes.
 
 The last line is one JSON object.
 """

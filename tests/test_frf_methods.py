@@ -278,3 +278,15 @@ def test_harmonic_mean_is_the_inverse_of_the_mean_inverse() -> None:
     G = complex_normal(rng, 5, 4, 3, 3) + 3 * np.eye(3)
     found = np.linalg.inv(harmonic(blocks_of(np.broadcast_to(np.eye(3, dtype=complex), G.shape), G), G[0]).G)
     np.testing.assert_allclose(found, np.linalg.inv(G).mean(axis=0), atol=1e-12)
+
+
+def test_auto_takes_the_arithmetic_mean_and_says_why() -> None:
+    """What the ranking study supports for closed-loop data with friction."""
+    rng, lines = np.random.default_rng(0), np.arange(4, 40)
+    records = []
+    for m in range(3):
+        U = orthogonal_set(np.ones((36, 1)), rng)[0]
+        records.append(record_of(U, U + 0.01 * complex_normal(rng, 36, 1), lines, m, 0))
+    auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
+    np.testing.assert_array_equal(auto.G, estimate(records, ALL_PERIODS, lines).G)
+    assert "auto takes the arithmetic mean: each realisation keeps its pairing of torque and motion" in auto.notes[0]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tracemalloc
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +17,10 @@ from elastid.frf.quality import coherences
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.uncertainty import distortion_covariance, positive
 from elastid.record import Configuration, Record
+from elastid.report.quality_figures import coherence, levels
 from elastid.response import Covariance
+from elastid.stages import _estimated
+from elastid.store import read_configurations, write_records
 
 RATE, N = 1000.0, 1024
 ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
@@ -271,3 +276,50 @@ def test_lines_of_a_response_take_their_quality_with_them() -> None:
     assert cut.quality.even == response.quality.even
     assert cut.distortion is not None
     assert len(cut.distortion.variance) == keep.sum()
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_the_figures_show_every_level_and_every_output(n: int) -> None:
+    """Levels in dB: excited, noise, stochastic and even; what no input explains of each output."""
+    rng = np.random.default_rng(0)
+    records = []
+    for m in range(2):
+        for e, U in enumerate(orthogonal_set(np.full((len(ODD), n), 0.1), rng)):
+            u = np.tile(synthesise(ODD, U, N), (2, 1))
+            records.append(record_of(u, u + u**2 + 1e-3 * rng.normal(size=u.shape), m, e))
+    response = estimate(records, ALL_PERIODS, ODD)
+    quality = response.quality
+    assert quality is not None
+    assert quality.even is not None
+    figure = levels(response, quality, "title")
+    lines = {line.get_label(): line for line in figure.axes[n - 1].get_lines()}
+    assert set(lines) == {"excited lines", "noise", "stochastic nonlinear", "nonlinear, even"}
+    even = quality.even.amplitude[:, n - 1] ** 2 - quality.even.noise[:, n - 1] ** 2
+    np.testing.assert_allclose(lines["nonlinear, even"].get_ydata(), 10 * np.log10(np.where(even > 0, even, np.nan)))
+    lost, gains, inputs = coherence(response, quality, "title").axes
+    assert (len(lost.get_lines()), len(gains.get_lines()), len(inputs.get_lines())) == (n, n, n)
+
+
+def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) -> None:
+    """Two and six configurations of 1.5 MB of records each: the peak is that of one."""
+    rng, lines = np.random.default_rng(0), np.arange(21, 61, 2)
+
+    def peak(Q: int) -> int:
+        def records() -> Iterator[Record]:
+            for q in range(Q):
+                for m in range(4):
+                    u = np.tile(synthesise(lines, np.exp(2j * np.pi * rng.random((20, 1))), N), (24, 1))
+                    configuration = Configuration(f"q{q}", [0.0])
+                    yield replace(record_of(u, u, m), name=f"q{q}-{m}", configuration=configuration)
+
+        path = tmp_path / f"{Q}.h5"
+        write_records(path, records())
+        tracemalloc.start()
+        for name in read_configurations(path):
+            _estimated(path, name, ALL_PERIODS, lines)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(1)
+    assert peak(6) < 1.1 * peak(2)

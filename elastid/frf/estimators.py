@@ -96,8 +96,8 @@ def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
         )
     return "arithmetic", (
         f"configuration {where}: estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
-        "of torque and motion, which noise and friction in the loop upset in h1; the harmonic mean fails where friction "
-        "sticks, the logarithmic one tells the same",
+        "of torque and motion, which noise and friction in the loop upset in h1; the harmonic mean fails where "
+        "friction sticks, and the logarithmic one tells the same",
     )
 
 
