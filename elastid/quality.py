@@ -56,9 +56,10 @@ class Quality:
 
     @property
     def condition(self) -> FloatArray:
-        """Condition (F,) of the input matrix, each input relative to its RMS."""
-        weakest = np.maximum(self.input_singular_values[:, -1], np.finfo(float).tiny)
-        condition: FloatArray = self.input_singular_values[:, 0] / weakest
+        """Condition (F,) of the input matrix, each input relative to its RMS; inf where it is singular."""
+        largest, smallest = self.input_singular_values[:, 0], self.input_singular_values[:, -1]
+        with np.errstate(over="ignore"):
+            condition: FloatArray = np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0)
         return condition
 
     def lines(self, keep: BoolArray) -> Quality:

@@ -209,7 +209,9 @@ def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
         records.append(record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, 0))
     np.testing.assert_allclose(estimate(records, replace(ALL_PERIODS, method="h1"), lines).G, G, atol=1e-8)
     auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
-    assert "auto takes h1" in auto.notes[0]
+    assert "auto takes errors_in_variables" in auto.notes[0]
+    injected = [replace(record, r=record.u) for record in records]
+    assert "auto takes joint" in estimate(injected, replace(ALL_PERIODS, method="auto"), lines).notes[0]
     for method in AVERAGED:
         with pytest.raises(DataError, match="realisation 0: 1 experiments for 2 inputs"):
             estimate(records, replace(ALL_PERIODS, method=method), lines)

@@ -90,9 +90,12 @@ def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
         return spec.method, ()
     where = groups[0][0].configuration.name
     if any(len(group) < len(group[0].inputs) for group in groups):
-        return "h1", (
-            f"configuration {where}: estimator.method auto takes h1, over all realisations together: single ones have "
-            "fewer experiments than inputs, so that no mean of their responses can be had",
+        known = all(record.r is not None for group in groups for record in group)
+        pooling = "joint" if known else "errors_in_variables"
+        return pooling, (
+            f"configuration {where}: estimator.method auto takes {pooling}, over all realisations together: single "
+            "ones have fewer experiments than inputs, so that no mean of their responses can be had, and h1 is biased by "
+            "what noise and friction feed back",
         )
     return "arithmetic", (
         f"configuration {where}: estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
