@@ -94,8 +94,8 @@ def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
         pooling = "joint" if known else "errors_in_variables"
         return pooling, (
             f"configuration {where}: estimator.method auto takes {pooling}, over all realisations together: single "
-            "ones have fewer experiments than inputs, so that no mean of their responses can be had, and h1 is biased by "
-            "what noise and friction feed back",
+            "ones have fewer experiments than inputs, so that no mean of their responses can be had, and h1 is biased "
+            "by what noise and friction feed back",
         )
     return "arithmetic", (
         f"configuration {where}: estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
