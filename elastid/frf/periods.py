@@ -26,7 +26,7 @@ _NEGLIGIBLE = 1e-4
 # Distances scatter at least by this part of their median; few periods alone would sometimes say less by chance.
 _LEAST_SPREAD = 0.1
 # So many lines, evenly taken, tell a distance as well as all.
-_ENOUGH_LINES = 1000
+_ENOUGH_LINES = 500
 
 
 @dataclass(frozen=True)
