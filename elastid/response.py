@@ -7,35 +7,39 @@ Both wings end in this value. All on the link side, outputs of one quantity (acc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.quality import Quality
 from elastid.record import MOTION_UNIT, Configuration, Motion
 
-CovarianceForm: TypeAlias = Literal["none", "diagonal", "kronecker"]
+CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
 
 @dataclass(frozen=True)
 class Covariance:
     """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
 
+    full:       matrix (F, n_y n_u, n_y n_u) Hermitian
     kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
-    diagonal:   right and left are None; variance (F, n_y, n_u) only.
-    variance is E|dG|^2 of the complex number: each real component carries half of it.
+    diagonal:   the others are None; variance (F, n_y, n_u) only.
+    variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
+    variance scatters by 1 / sqrt(dof) of itself.
     """
 
     variance: FloatArray
     dof: float
     left: ComplexArray | None = None
     right: ComplexArray | None = None
+    matrix: ComplexArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays; refuse negative or non-finite variances."""
         object.__setattr__(self, "variance", frozen(self.variance))
-        for name in ("left", "right"):
+        for name in ("left", "right", "matrix"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen(getattr(self, name), np.complex128))
         if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
@@ -44,16 +48,25 @@ class Covariance:
     @property
     def form(self) -> CovarianceForm:
         """Whether correlations between the elements are known."""
+        if self.matrix is not None:
+            return "full"
         return "diagonal" if self.left is None else "kronecker"
 
     def full(self) -> ComplexArray:
         """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
         F, n_y, n_u = self.variance.shape
+        if self.matrix is not None:
+            return self.matrix
         if self.left is not None and self.right is not None:
             blocks: ComplexArray = np.einsum("fab,fcd->facbd", self.left, self.right)
             return blocks.reshape(F, n_u * n_y, n_u * n_y)
         diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
         return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
+
+    def lines(self, keep: BoolArray) -> Covariance:
+        """The same on some of its lines; keep (F,) is True where a line stays."""
+        left, right, matrix = (None if part is None else part[keep] for part in (self.left, self.right, self.matrix))
+        return Covariance(self.variance[keep], self.dof, left, right, matrix)
 
 
 @dataclass(frozen=True)
@@ -61,8 +74,9 @@ class FrequencyResponse:
     """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
 
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
-    distortion together (from realisations), or None.  distortion is not stored: it is total less noise.
-    rate_is_known is False where freq_hz is in units of the sampling rate.
+    distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
+    distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
+    quality: how well it was measured, or None.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -77,6 +91,8 @@ class FrequencyResponse:
     total: Covariance | None = None
     rate_is_known: bool = True
     notes: tuple[str, ...] = field(default=())
+    distortion: Covariance | None = None
+    quality: Quality | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check them."""
@@ -91,7 +107,7 @@ class FrequencyResponse:
         bad = np.flatnonzero(~np.isfinite(self.G).all(axis=(1, 2)))
         if bad.size:
             raise ValueError(f"{where}: G is not finite at {bad.size} lines, first {self.freq_hz[bad[0]]:g} Hz")
-        for name in ("noise", "total"):
+        for name in ("noise", "total", "distortion"):
             covariance = getattr(self, name)
             if covariance is not None and covariance.variance.shape != shape:
                 raise ValueError(f"{where}: {name} variance has shape {covariance.variance.shape}, expected {shape}")
@@ -115,25 +131,14 @@ class FrequencyResponse:
         """The same response on some of its lines; keep (F,) is True where a line stays."""
 
         def cut(covariance: Covariance | None) -> Covariance | None:
-            if covariance is None:
-                return None
-            left, right = covariance.left, covariance.right
-            return Covariance(
-                covariance.variance[keep],
-                covariance.dof,
-                None if left is None else left[keep],
-                None if right is None else right[keep],
-            )
+            return None if covariance is None else covariance.lines(keep)
 
-        return FrequencyResponse(
-            self.freq_hz[keep],
-            self.G[keep],
-            self.inputs,
-            self.outputs,
-            self.quantity,
-            self.configuration,
-            cut(self.noise),
-            cut(self.total),
-            self.rate_is_known,
-            self.notes,
+        return replace(
+            self,
+            freq_hz=self.freq_hz[keep],
+            G=self.G[keep],
+            noise=cut(self.noise),
+            total=cut(self.total),
+            distortion=cut(self.distortion),
+            quality=None if self.quality is None else self.quality.lines(keep),
         )

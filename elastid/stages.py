@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from elastid.arrays import IntArray
 from elastid.errors import FitError, StudyError
 from elastid.experiment.plan import Experiment, Plan, make_plan
 from elastid.experiment.recorded import RecordedRig
@@ -22,6 +23,7 @@ from elastid.experiment.simulated import SimulatedRig
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
+from elastid.frf.spec import EstimatorSpec
 from elastid.outcome import failure, modes_of, summary, truth
 from elastid.parallel import unordered
 from elastid.record import Record
@@ -123,9 +125,9 @@ def estimate(run: Run) -> None:
     with run.console.progress("estimate") as progress:
         for done, name in enumerate(names):
             progress(done, len(names))
-            records = tuple(read_records(path, name))
-            responses.append(estimate_response(records, study.estimator, lines))
-            said |= {note for record in records for note in record.notes}
+            response, notes = _estimated(path, name, study.estimator, lines)
+            responses.append(response)
+            said |= notes
     write_responses(run.path("estimate"), responses, run.stamps["estimate"])
     _pass_on(run, (note for response in responses for note in response.notes if note not in said))
     counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
@@ -209,6 +211,14 @@ def _conclude(run: Run) -> None:
             run.console.say(str(path))
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+
+
+def _estimated(
+    path: Path, configuration: str, spec: EstimatorSpec, lines: IntArray | None
+) -> tuple[FrequencyResponse, set[str]]:
+    """Response of one configuration and the notes of its records, which are gone before the next are read."""
+    records = tuple(read_records(path, configuration))
+    return estimate_response(records, spec, lines), {note for record in records for note in record.notes}
 
 
 def _rig(run: Run) -> Rig:

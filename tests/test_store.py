@@ -15,6 +15,7 @@ from elastid.errors import DataError
 from elastid.experiment.plan import Plan
 from elastid.fit.result import FitResult, Start
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.quality import Levels, Quality
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 from elastid.store import (
@@ -106,17 +107,42 @@ def responses(draw, name=NAME):
     kronecker = st.builds(
         Covariance, positive(F, n_y, n_u), NUMBER, complex_numbers(F, n_u, n_u), complex_numbers(F, n_y, n_y)
     )
+    full = st.builds(
+        Covariance, positive(F, n_y, n_u), NUMBER, st.none(), st.none(), complex_numbers(F, n_y * n_u, n_y * n_u)
+    )
+    covariances = st.none() | diagonal | kronecker | full
+    freq_hz = np.cumsum(draw(arrays(np.float64, F, elements=st.floats(0.1, 100))))
     return FrequencyResponse(
-        np.cumsum(draw(arrays(np.float64, F, elements=st.floats(0.1, 100)))),
+        freq_hz,
         draw(complex_numbers(F, n_y, n_u)),
         draw(names(n_u)),
         draw(names(n_y)),
         draw(st.sampled_from(["position", "velocity", "acceleration"])),
         Configuration(draw(name), draw(finite(3))),
-        draw(st.none() | diagonal | kronecker),
-        draw(st.none() | diagonal | kronecker),
+        draw(covariances),
+        draw(covariances),
         draw(st.booleans()),
         tuple(draw(st.lists(TEXT, max_size=2))),
+        draw(covariances),
+        draw(st.none() | qualities(freq_hz, n_y, n_u)),
+    )
+
+
+def qualities(freq_hz, n_y, n_u):
+    F = len(freq_hz)
+    levels = st.builds(Levels, st.just(freq_hz), positive(F, n_y), positive(F, n_y))
+    return st.builds(
+        Quality,
+        coherence=positive(F, n_y, n_u),
+        multiple_coherence=positive(F, n_y),
+        singular_values=positive(F, min(n_y, n_u)),
+        input_singular_values=positive(F, n_u),
+        input_noise=positive(F, n_u),
+        output_noise=positive(F, n_y),
+        excited=levels,
+        stochastic=st.none() | positive(F, n_y),
+        even=st.none() | levels,
+        odd=st.none() | levels,
     )
 
 
@@ -132,7 +158,7 @@ def test_a_record_comes_back_to_the_last_bit(tmp_path_factory, record):
 @given(response=responses())
 @QUICK
 def test_a_response_comes_back_to_the_last_bit(tmp_path_factory, response):
-    """Complex numbers, both covariances in every form, or none."""
+    """Complex numbers, all covariances in every form or none, quality or none."""
     path = tmp_path_factory.mktemp("store") / "frf.h5"
     write_responses(path, [response])
     assert same(read_responses(path), (response,))

@@ -26,7 +26,7 @@ _NEGLIGIBLE = 1e-4
 # Distances scatter at least by this part of their median; few periods alone would sometimes say less by chance.
 _LEAST_SPREAD = 0.1
 # So many lines, evenly taken, tell a distance as well as all.
-_ENOUGH_LINES = 1000
+_ENOUGH_LINES = 500
 
 
 @dataclass(frozen=True)
@@ -111,16 +111,15 @@ def _without_outliers(spectra: PeriodSpectra, outlier_sigma: float) -> PeriodSpe
 
 
 def _channels(spectra: PeriodSpectra) -> ComplexArray:
-    step = -(-spectra.U.shape[1] // _ENOUGH_LINES)
-    return np.concatenate([spectra.U[:, ::step], spectra.Y[:, ::step]], axis=2)
+    step = -(-spectra.Z.shape[1] // _ENOUGH_LINES)
+    return spectra.Z[:, ::step]
 
 
 def _only(spectra: PeriodSpectra, keep: IntArray, words: tuple[str, ...]) -> PeriodSpectra:
     return replace(
         spectra,
         periods=spectra.periods[keep],
-        U=spectra.U[keep],
-        Y=spectra.Y[keep],
+        Z=spectra.Z[keep],
         notes=spectra.notes + words,
     )
 
@@ -128,7 +127,7 @@ def _only(spectra: PeriodSpectra, keep: IntArray, words: tuple[str, ...]) -> Per
 def _word(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: str) -> str:
     record = spectra.record
     kind = "half period" if record.half_wave else "period"
-    channels = [f"u {name}" for name in record.inputs] + [f"y {name}" for name in record.outputs]
+    channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
     worst = int(np.argmax((found.D[left_out] / np.maximum(found.limit, _NEGLIGIBLE)).max(axis=0)))
     numbers = spectra.periods[left_out] + 1
     total = record.n_samples // record.repeat_samples

@@ -1,105 +1,113 @@
 r"""Covariance of a mean frequency response: from the scatter of periods (noise) and of realisations (total).
 
-One realisation of E experiments, G^[m] = Y W with W = U^H (U U^H)^-1 and the equation error V = Y - G U, has
+To first order every estimator has the error sum_m V_m W_m with the equation error V = Y - G U and U W = 1, so
 
-.. math:: cov(vec\, G^{[m]}) = (W^T diag(1 / P_e)\, W^*) \otimes C_V
+.. math:: cov(vec\, \hat G) = \sum_m (W_m^T diag(1 / P_e)\, W_m^*) \otimes C_V, \quad
+          C_V = \Gamma C_Z \Gamma^H, \quad \Gamma = [1, -G]
 
-with C_V the covariance (n_y, n_y) of V in one period: V holds the noise of outputs and inputs together (to first
-order), so that neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is ever formed.
+with C_V the covariance (n_y, n_y) of V in one period: it holds the noise of outputs and inputs together, so that
+neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is ever formed.
 (Pintelon and Schoukens, System Identification, 2nd ed., section 2.7, in the form of the equation error.)
+
+Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt(dof) of itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.frf.spectra import PeriodSpectra
+from elastid.arrays import ComplexArray, FloatArray
+from elastid.frf.blocks import Block, Scatter
+from elastid.frf.methods import Estimate, right_inverse
 from elastid.response import Covariance
 
+# A sample covariance of vec G needs twice as many degrees of freedom as it has rows, or its inverse is worthless.
+_FULL = 2
 
-@dataclass(frozen=True)
-class Block:
-    """What one realisation says, from the means over periods of its E experiments.
 
-    G (F, n_y, n_u).  U (F, n_u, E) and W (F, E, n_u) with U W = 1.  left (F, n_u, n_u): cov(vec G) = left (x) C_V.
-    scatter (F, n_y, n_y): the sum of V V^H over all periods of all experiments, of expectation dof C_V.
+def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
+    """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
+    n_y = G.shape[1]
+    S = scatter.S_Z
+    YU, UU = S[:, :n_y, n_y:], S[:, n_y:, n_y:]
+    cross = YU @ _H(G)
+    C_V: ComplexArray = (S[:, :n_y, :n_y] - cross - _H(cross) + G @ UU @ _H(G)) / scatter.dof
+    return C_V
+
+
+def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
+    """Covariance of vec G that the disturbing noise explains: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
+    left = np.sum(
+        [_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True)], axis=0
+    )
+    return kronecker(left, C_V, dof)
+
+
+def total_error(blocks: Sequence[Block], estimate: Estimate) -> tuple[ComplexArray, int] | None:
+    r"""C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
+
+    With D = Y - G U of all of them, U and W side by side,
+
+    .. math:: C_T = \frac{D D^H}{K - 2 n_u + tr(W^H W\, U U^H)}
+
+    The denominator is K - n_u where all are excited alike and makes C_T unbiased where they are not.  None for one
+    realisation, or where no experiment is left over when G is fitted.
     """
-
-    G: ComplexArray
-    U: ComplexArray
-    W: ComplexArray
-    left: ComplexArray
-    scatter: ComplexArray
-    dof: int
-
-    def on(self, lines: BoolArray) -> Block:
-        """The same on some of its lines (F,)."""
-        return Block(self.G[lines], self.U[lines], self.W[lines], self.left[lines], self.scatter[lines], self.dof)
-
-
-def block(spectra: Sequence[PeriodSpectra], separated: BoolArray) -> Block:
-    """G = Y U^H (U U^H)^-1 of one realisation with what its uncertainty is made of; 0 at lines not separated (F,)."""
-    U = np.stack([each.U.mean(axis=0) for each in spectra], axis=2)
-    Y = np.stack([each.Y.mean(axis=0) for each in spectra], axis=2)
-    W = np.zeros((U.shape[0], U.shape[2], U.shape[1]), dtype=np.complex128)
-    W[separated] = right_inverse(U[separated])
-    G = Y @ W
-    P = np.array([len(each.periods) for each in spectra])
-    left = np.swapaxes(W, 1, 2) @ (W.conj() / P[:, None])
-    scatter = np.sum([_equation_error_scatter(each, G) for each in spectra], axis=0)
-    return Block(G, U, W, left, scatter, int(np.sum(P - 1)))
-
-
-def right_inverse(U: ComplexArray) -> ComplexArray:
-    """W (F, E, n_u) with U W = 1, of U (F, n_u, E): U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
-    _, n_u, E = U.shape
-    if n_u == E:
-        return np.linalg.inv(U).astype(np.complex128)
-    return (_H(U) @ np.linalg.inv(U @ _H(U))).astype(np.complex128)
-
-
-def noise_covariance(blocks: Sequence[Block]) -> Covariance:
-    """Covariance of the mean of M blocks that the disturbing noise explains: (1 / M^2) sum_m left_m (x) C_V."""
-    dof = sum(each.dof for each in blocks)
-    C_V = np.sum([each.scatter for each in blocks], axis=0) / dof
-    return _kronecker(np.sum([each.left for each in blocks], axis=0) / len(blocks) ** 2, C_V, dof)
-
-
-def total_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance | None:
-    r"""Covariance of the mean G of M blocks that their scatter shows: noise and stochastic nonlinear distortion.
-
-    With S_m = U_m U_m^H, S_m^-1 = W_m^H W_m and the equation error of a block under the mean, D_m = (G_m - G) U_m,
-
-    .. math:: C_T = \frac{\sum_m D_m D_m^H}{(M - 2) n_u + tr(\sum_m S_m^{-1} \sum_m S_m) / M^2}, \quad
-              cov(vec\, G) = \frac{1}{M^2} \sum_m S_m^{-T} \otimes C_T
-
-    The denominator is (M - 1) n_u where all S_m are alike and makes C_T unbiased where they are not.  None for M = 1.
-    """
-    M, n_u = len(blocks), G.shape[2]
-    if M < 2:
+    n_u = estimate.G.shape[2]
+    K = sum(len(each.periods) for each in blocks)
+    if len(blocks) < 2 or n_u >= K:
         return None
-    S = [each.U @ _H(each.U) for each in blocks]
-    inverse = np.sum([_H(each.W) @ each.W for each in blocks], axis=0)
-    D = [(each.G - G) @ each.U for each in blocks]
-    expected = (M - 2) * n_u + np.einsum("fab,fba->f", inverse, np.sum(S, axis=0)).real / M**2
-    C_T = np.sum([each @ _H(each) for each in D], axis=0) / expected[:, None, None]
-    return _kronecker(np.swapaxes(inverse, 1, 2) / M**2, C_T, (M - 1) * n_u)
+    D = [each.Y - estimate.G @ each.U for each in blocks]
+    S_D = np.sum([each @ _H(each) for each in D], axis=0)
+    S_U = np.sum([each.U @ _H(each.U) for each in blocks], axis=0)
+    S_W = np.sum([_H(W) @ W for W in estimate.W], axis=0)
+    expected = K - 2 * n_u + np.einsum("fab,fba->f", S_W, S_U).real
+    return S_D / expected[:, None, None], K - n_u
 
 
-def _equation_error_scatter(spectra: PeriodSpectra, G: ComplexArray) -> ComplexArray:
-    """Sum over periods of (V - mean) (V - mean)^H, V = Y - G U, as (F, n_y, n_y)."""
-    U = np.moveaxis(spectra.U - spectra.U.mean(axis=0), 0, 2)
-    Y = np.moveaxis(spectra.Y - spectra.Y.mean(axis=0), 0, 2)
-    V = Y - G @ U
-    scatter: ComplexArray = V @ _H(V)
-    return scatter
+def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: int) -> Covariance:
+    """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
+
+    Where the realisations alone give twice as many degrees of freedom as vec G has elements, their sample covariance,
+    which does not suppose that every experiment is disturbed alike.
+    """
+    _, n_y, n_u = estimate.G.shape
+    M = len(blocks)
+    if n_u > 1 and _FULL * n_y * n_u <= M - 1 and all(each.U.shape[2] >= n_u for each in blocks):
+        return _sample_covariance(blocks, estimate.G)
+    return kronecker(left_factor(estimate), C_T, dof)
 
 
-def _kronecker(left: ComplexArray, right: ComplexArray, dof: int) -> Covariance:
+def left_factor(estimate: Estimate) -> ComplexArray:
+    """sum_m W_m^T W_m^* (F, n_u, n_u): the input factor where every experiment's error has the same covariance."""
+    left: ComplexArray = np.sum([_T(W) @ W.conj() for W in estimate.W], axis=0)
+    return left
+
+
+def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covariance:
+    """Covariance of one realisation's vec G by stochastic nonlinear distortion: M (total - noise), no less than zero.
+
+    Negative eigenvalues of the difference, which chance leaves where noise dominates, are set to zero.
+    """
+    if total.left is not None and total.right is not None and noise.left is not None and noise.right is not None:
+        share = np.einsum("fii->f", noise.left).real / np.einsum("fii->f", total.left).real
+        return kronecker(M * total.left, positive(total.right - share[:, None, None] * noise.right), total.dof)
+    if total.matrix is not None:
+        matrix = M * positive(total.matrix - noise.full())
+        return full_covariance(matrix, total.variance.shape, total.dof)
+    return Covariance(M * np.maximum(total.variance - noise.variance, 0.0), total.dof)
+
+
+def positive(A: ComplexArray) -> ComplexArray:
+    """The positive semidefinite matrix next to each Hermitian A (F, n, n)."""
+    value, vector = np.linalg.eigh(A)
+    nearest: ComplexArray = (vector * np.maximum(value, 0.0)[:, None, :]) @ _H(vector)
+    return nearest
+
+
+def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
     """left (x) right, or only its diagonal where fewer degrees of freedom than outputs leave right singular."""
     variance: FloatArray = _real_diagonal(right)[:, :, None] * _real_diagonal(left)[:, None, :]
     if right.shape[1] > dof:
@@ -107,9 +115,44 @@ def _kronecker(left: ComplexArray, right: ComplexArray, dof: int) -> Covariance:
     return Covariance(variance, dof, left, right)
 
 
+def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:
+    """A covariance of vec G (F, n_y n_u, n_y n_u) with its variances in the shape (F, n_y, n_u) of G."""
+    F, n_y, n_u = shape
+    variance = _real_diagonal(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
+    return Covariance(variance, dof, matrix=matrix)
+
+
+def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[str]:
+    """A word where a covariance is more or less than the Kronecker form, by its degrees of freedom."""
+    words = []
+    for what, covariance in (("noise", noise), ("total", total)):
+        if covariance is None or covariance.form == "kronecker":
+            continue
+        n_y, n_u = covariance.variance.shape[1:]
+        kept = (
+            f"variances only: {covariance.dof:g} complex degrees of freedom cannot correlate {n_y} outputs"
+            if covariance.form == "diagonal"
+            else f"the full covariance of its {n_y * n_u} elements, from {covariance.dof:g} complex degrees of freedom"
+        )
+        words.append(f"configuration {where}: the {what} of G has {kept}")
+    return words
+
+
+def _sample_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance:
+    M, shape = len(blocks), G.shape
+    D = np.stack([each.Y @ right_inverse(each.U) for each in blocks])
+    D = D - D.mean(axis=0)
+    vec = D.transpose(1, 3, 2, 0).reshape(shape[0], -1, M)
+    return full_covariance(vec @ _H(vec) / (M - 1) / M, shape, M - 1)
+
+
 def _real_diagonal(A: ComplexArray) -> FloatArray:
     diagonal: FloatArray = np.maximum(np.einsum("fii->fi", A).real, 0.0)
     return diagonal
+
+
+def _T(A: ComplexArray) -> ComplexArray:
+    return np.swapaxes(A, -1, -2)
 
 
 def _H(A: ComplexArray) -> ComplexArray:

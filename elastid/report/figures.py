@@ -15,6 +15,7 @@ from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import frf_magnitude, frf_phase
 from elastid.report.parameter_rows import parameter_rows
+from elastid.report.quality_figures import coherence, levels
 from elastid.response import FrequencyResponse
 
 
@@ -48,6 +49,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             f"{configuration}: phase of the frequency responses, measured and modelled.",
             frf_phase(measured, modelled, title),
         )
+        yield from _quality(name, measured, title)
     if content.result.starts:
         yield Drawing("multistart", "fit", "Cost at which every start of the fit ended.", multistart(content.result))
     if len(rows) > 1:
@@ -59,6 +61,24 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         )
     if content.plan is not None:
         yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
+
+
+def _quality(name: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:
+    if measured.quality is None:
+        return
+    configuration, quality = measured.configuration.name, measured.quality
+    yield Drawing(
+        f"{name}-levels",
+        f"configuration {configuration}",
+        f"{configuration}: the outputs, what nonlinearity adds to them, and noise.",
+        levels(measured, quality, title),
+    )
+    yield Drawing(
+        f"{name}-coherence",
+        f"configuration {configuration}",
+        f"{configuration}: what part of each output no input explains; singular values of responses and inputs.",
+        coherence(measured, quality, title),
+    )
 
 
 def _configuration_title(measured: FrequencyResponse, left_out: bool) -> str:

@@ -12,6 +12,7 @@ from elastid.experiment.plan import Plan
 from elastid.record import MOTION_UNIT, Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.store.quality import read_quality, write_quality
 
 
 def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP) -> None:
@@ -127,6 +128,13 @@ def read_responses(path: Path) -> tuple[FrequencyResponse, ...]:
         return tuple(_read_response(file[key(name)]) for name in texts(file, "configuration"))
 
 
+_COVARIANCES = {
+    "noise": "disturbing noise",
+    "total": "noise and nonlinear distortion",
+    "distortion": "stochastic nonlinear distortion in one realisation",
+}
+
+
 def _write_response(group: Any, response: FrequencyResponse) -> None:
     frequency = scale(group, "freq_hz", response.freq_hz, "frequency", _rate_unit(response, "Hz"))
     outputs = scale(group, "output", response.outputs, "output")
@@ -134,12 +142,14 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
     group.attrs["quantity"] = response.quantity
     group.attrs["rate_is_known"] = response.rate_is_known
     variable(group, "G", response.G, [frequency, outputs, inputs], "frequency response, link side", response.unit)
-    for name, what in (("noise", "disturbing noise"), ("total", "noise and nonlinear distortion")):
+    for name, what in _COVARIANCES.items():
         covariance: Covariance | None = getattr(response, name)
         if covariance is None:
             continue
         part = group.create_group(name)
+        part.attrs["form"] = covariance.form
         part.attrs["dof"] = covariance.dof
+        part.attrs["dof_meaning"] = "complex: the variance scatters by 1/sqrt(dof) of itself"
         axes = [frequency, outputs, inputs]
         variable(part, "variance", covariance.variance, axes, f"variance of G by {what}", f"({response.unit})^2")
         if covariance.left is not None:
@@ -148,6 +158,13 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
         if covariance.right is not None:
             axes = [frequency, outputs, outputs]
             variable(part, "right", covariance.right, axes, "output factor: cov vec G = left (x) right")
+        if covariance.matrix is not None:
+            element = scale(
+                part, "element", np.arange(covariance.matrix.shape[1]), "element of vec G, column by column"
+            )
+            axes = [frequency, element, element]
+            variable(part, "matrix", covariance.matrix, axes, "covariance of vec G", f"({response.unit})^2")
+    write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
     scale(group, "note", response.notes, "note")
 
@@ -165,6 +182,8 @@ def _read_response(group: Any) -> FrequencyResponse:
         _read_covariance(group, "total"),
         known["rate_is_known"],
         texts(group, "note"),
+        _read_covariance(group, "distortion"),
+        read_quality(group),
     )
 
 
@@ -172,8 +191,8 @@ def _read_covariance(group: Any, name: str) -> Covariance | None:
     if name not in group:
         return None
     part = group[name]
-    left, right = (part[factor][:] if factor in part else None for factor in ("left", "right"))
-    return Covariance(part["variance"][:], attributes(part)["dof"], left, right)
+    left, right, matrix = (part[name][:] if name in part else None for name in ("left", "right", "matrix"))
+    return Covariance(part["variance"][:], attributes(part)["dof"], left, right, matrix)
 
 
 def _write_configuration(group: Any, configuration: Configuration) -> None:

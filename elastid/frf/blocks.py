@@ -1,0 +1,168 @@
+"""One configuration's records, one at a time, to what its estimators need: mean spectra and the scatter of periods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.frf.periods import trusted
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import period_spectra, reference_spectrum
+from elastid.record import Record
+
+# Lines whose spectra, of all periods of a record, fit into the processor's cache.
+_AT_ONCE = 256
+
+
+@dataclass(frozen=True)
+class Block:
+    """The E experiments of one realisation (or of several), as means over their periods.
+
+    U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): the torque that was injected, or None.  periods (E,): how many.
+    input_noise (F, n_u): variance of U in one period, with its degrees of freedom.
+    """
+
+    U: ComplexArray
+    Y: ComplexArray
+    R: ComplexArray | None
+    periods: FloatArray
+    input_noise: FloatArray
+    dof: int
+
+    def on(self, lines: BoolArray) -> Block:
+        """The same on some of its lines (F,)."""
+        if lines.all():
+            return self
+        R = None if self.R is None else self.R[lines]
+        return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U]; expectation dof C_Z."""
+
+    S_Z: ComplexArray
+    dof: int
+
+    def on(self, lines: BoolArray) -> Scatter:
+        """The same on some of its lines (F,)."""
+        return self if lines.all() else Scatter(self.S_Z[lines], self.dof)
+
+    @property
+    def C_Z(self) -> ComplexArray:
+        """Covariance of [Y; U] in one period."""
+        return self.S_Z / self.dof
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """A block for each realisation, the scatter of all their periods, and what was noticed."""
+
+    blocks: tuple[Block, ...]
+    scatter: Scatter
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def every(self) -> Block:
+        """All experiments of all realisations as one block."""
+        return pooled(self.blocks)
+
+    def on(self, lines: BoolArray) -> Gathered:
+        """The same on some of its lines (F,)."""
+        return Gathered(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
+
+
+class _Sums:
+    """What is added up over experiments: the scatter of their periods."""
+
+    def __init__(self, F: int, n: int) -> None:
+        self.S_Z: ComplexArray = np.zeros((F, n, n), dtype=np.complex128)
+        self.dof = 0
+
+    def add(self, Z: ComplexArray) -> ComplexArray:
+        """Adds the scatter of Z (P, F, n); returns the mean (F, n). In parts that stay in the processor's cache."""
+        mean: ComplexArray = Z.mean(axis=0)
+        for first in range(0, len(mean), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            V = np.moveaxis(Z[:, part] - mean[part], 0, 2)
+            self.S_Z[part] += V @ np.swapaxes(V, 1, 2).conj()
+        self.dof += len(Z) - 1
+        return mean
+
+    def power(self) -> FloatArray:
+        """Sum (F, n) over periods of |Z - mean|^2."""
+        diagonal: FloatArray = np.einsum("fii->fi", self.S_Z).real.copy()
+        return diagonal
+
+
+def gathered(
+    realisations: Iterable[Sequence[Record]],
+    lines: IntArray,
+    detection: IntArray,
+    spec: EstimatorSpec,
+    with_reference: bool,
+) -> Gathered:
+    """Mean spectra at lines (F,) and detection lines (K,), all in order, of one record after another.
+
+    Which periods can be trusted is told by the excited lines.  The spectra of r are there if asked for.
+    """
+    everywhere = np.union1d(lines, detection)
+    excited = np.isin(everywhere, lines)
+    sums: _Sums | None = None
+    blocks: list[Block] = []
+    notes: list[str] = []
+    for group in realisations:
+        n_y, n_u = len(group[0].outputs), len(group[0].inputs)
+        sums = sums or _Sums(len(everywhere), n_y + n_u)
+        power, dof = sums.power(), sums.dof
+        means, R, periods = [], [], []
+        for record in group:
+            spectra = period_spectra(record, everywhere, spec.quantity)
+            kept = trusted(spectra.on(excited), spec)
+            notes += kept.notes
+            periods.append(len(kept.periods))
+            means.append(sums.add(spectra.Z if len(kept.periods) == len(spectra.Z) else spectra.Z[kept.periods]))
+            R.append(reference_spectrum(record, everywhere) if with_reference else None)
+        noise = (sums.power() - power)[:, n_y:] / (sums.dof - dof)
+        blocks.append(_block(means, R, periods, noise, sums.dof - dof))
+    assert sums is not None  # there is at least one record
+    return Gathered(tuple(blocks), Scatter(sums.S_Z, sums.dof), tuple(notes))
+
+
+def _block(
+    means: Sequence[ComplexArray],
+    R: Sequence[ComplexArray | None],
+    periods: Sequence[int],
+    input_noise: FloatArray,
+    dof: int,
+) -> Block:
+    Z, n_u = np.stack(means, axis=2), input_noise.shape[1]
+    known = [each for each in R if each is not None]
+    return Block(
+        U=np.ascontiguousarray(Z[:, -n_u:]),
+        Y=np.ascontiguousarray(Z[:, :-n_u]),
+        R=np.stack(known, axis=2) if len(known) == len(means) else None,
+        periods=np.array(periods, dtype=np.float64),
+        input_noise=input_noise,
+        dof=dof,
+    )
+
+
+def pooled(blocks: Sequence[Block]) -> Block:
+    """All experiments of all realisations as one block."""
+    if len(blocks) == 1:
+        return blocks[0]
+    R = [each.R for each in blocks if each.R is not None]
+    dof = sum(each.dof for each in blocks)
+    return Block(
+        U=np.concatenate([each.U for each in blocks], axis=2),
+        Y=np.concatenate([each.Y for each in blocks], axis=2),
+        R=np.concatenate(R, axis=2) if len(R) == len(blocks) else None,
+        periods=np.concatenate([each.periods for each in blocks]),
+        input_noise=np.sum([each.dof / dof * each.input_noise for each in blocks], axis=0),
+        dof=dof,
+    )

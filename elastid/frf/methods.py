@@ -1,0 +1,209 @@
+r"""The estimators of the field: one function each, from the blocks of all realisations to G (F, n_y, n_u).
+
+Each takes blocks and the noise covariance C_Z (F, n_y + n_u, n_y + n_u) of [Y; U] in one period, which only
+`errors_in_variables` reads, and returns G with its weights W_m, so that to first order in the equation
+error V = Y - G U
+
+.. math:: \hat G - G = \sum_m V_m W_m, \quad \sum_m U_m W_m = 1
+
+(Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 and Hv
+Maia and Silva, Theoretical and Experimental Modal Analysis, 1997.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.arrays import BoolArray, ComplexArray
+from elastid.errors import DataError, StudyError
+from elastid.frf.blocks import Block, pooled
+
+# Power signal-to-noise ratio of one block's element above which its logarithm is safe: 8 dB.
+LOG_GATE = 10**0.8
+# Noise power of a channel relative to its power, below which it counts as this.
+_LEAST_NOISE = 1e-14
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """G (F, n_y, n_u), the weights W_m (F, E_m, n_u) of every block's equation error, and words on the way."""
+
+    G: ComplexArray
+    W: tuple[ComplexArray, ...]
+    notes: tuple[str, ...] = ()
+
+
+Estimator: TypeAlias = Callable[[Sequence[Block], ComplexArray], Estimate]
+
+
+def arithmetic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
+    G, W = _each(blocks)
+    return Estimate(arithmetic_mean(G), W)
+
+
+def harmonic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """G = [(1/M) sum_m G_m^-1]^-1, for n_y = n_u."""
+    _square(blocks, "harmonic")
+    G, W = _each(blocks)
+    return Estimate(harmonic_mean(G), W)
+
+
+def logarithmic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """G = exp((1/M) sum_m log G_m) element by element where G_m stands 8 dB above its scatter, arithmetic elsewhere.
+
+    An element that is zero or below the noise has no logarithm to speak of.
+    """
+    G, W = _each(blocks)
+    safe = log_is_safe(G)
+    mean = arithmetic_mean(G)
+    note = (
+        f"logarithmic mean at {100 * safe.mean():.3g} % of lines and elements, arithmetic where an element is less "
+        "than 8 dB above its scatter over the realisations"
+    )
+    return Estimate(np.where(safe, logarithmic_mean(G), mean), W, () if safe.all() else (note,))
+
+
+def h1(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
+    return _instrumental(blocks, [each.U for each in blocks])
+
+
+def h2(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
+    _square(blocks, "h2")
+    return _instrumental(blocks, [each.Y for each in blocks])
+
+
+def joint(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
+    R = [each.R for each in blocks if each.R is not None]
+    if len(R) < len(blocks):
+        raise DataError("estimator.method joint needs the injected torque r of every record; take arithmetic")
+    return _instrumental(blocks, R)
+
+
+def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    """Total least squares of each output: as much noise on it as on every input, in their units."""
+    every = pooled(blocks)
+    G = np.empty((len(every.U), every.Y.shape[1], every.U.shape[1]), dtype=np.complex128)
+    for i in range(every.Y.shape[1]):
+        Z = np.concatenate([every.Y[:, i : i + 1], every.U], axis=1)
+        # v^H z = 0 for the weakest direction v.
+        v = np.linalg.eigh(Z @ _H(Z))[1][:, :, 0].conj()
+        G[:, i] = -v[:, 1:] / v[:, :1]
+    return Estimate(G, _least_squares_weights(blocks))
+
+
+def errors_in_variables(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+    r"""Maximum likelihood with the noise of inputs and outputs that the periods show: generalised total least squares.
+
+    .. math:: \hat G = \arg\min_G \sum_e P_e\, V_e^H (\Gamma C_Z \Gamma^H)^{-1} V_e, \quad \Gamma = [1, -G]
+
+    Whitened by C_Z, [Y; U] spans the n_u strongest directions Q: G = Q_y Q_u^-1.
+    (Pintelon and Schoukens, System Identification, 2nd ed., chapter 9, for a nonparametric G.)
+    """
+    every = pooled(blocks)
+    n_y, n_u = every.Y.shape[1], every.U.shape[1]
+    Z = np.concatenate([every.Y, every.U], axis=1) * np.sqrt(every.periods)
+    rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))
+    rms[rms == 0] = 1.0
+    Z, noise = Z / rms[:, :, None], C_Z / (rms[:, :, None] * rms[:, None, :])
+    L = np.linalg.cholesky(noise + _LEAST_NOISE * np.eye(n_y + n_u))
+    white = np.linalg.solve(L, Z)
+    Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ _H(white))[1][:, :, -n_u:])
+    G: ComplexArray = Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:])
+    return Estimate(G, _least_squares_weights(blocks))
+
+
+AVERAGED: dict[str, Estimator] = {"arithmetic": arithmetic, "harmonic": harmonic, "logarithmic": logarithmic}
+POOLED: dict[str, Estimator] = {
+    "h1": h1,
+    "h2": h2,
+    "hv": hv,
+    "joint": joint,
+    "errors_in_variables": errors_in_variables,
+}
+METHODS: dict[str, Estimator] = AVERAGED | POOLED
+
+
+def arithmetic_mean(G: ComplexArray) -> ComplexArray:
+    """(1/M) sum_m G_m of G (M, F, n_y, n_u)."""
+    mean: ComplexArray = G.mean(axis=0)
+    return mean
+
+
+def harmonic_mean(G: ComplexArray) -> ComplexArray:
+    """[(1/M) sum_m G_m^-1]^-1 of G (M, F, n, n)."""
+    mean: ComplexArray = np.linalg.inv(np.linalg.inv(G).mean(axis=0))
+    return mean
+
+
+def logarithmic_mean(G: ComplexArray) -> ComplexArray:
+    """exp((1/M) sum_m log G_m) of each element of G (M, F, n_y, n_u).
+
+    Turned by the phase of the arithmetic mean first, so that no phase has to be unwrapped.
+    """
+    mean = arithmetic_mean(G)
+    turn = np.exp(1j * np.angle(mean))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log = np.log(G / turn).mean(axis=0)
+    result: ComplexArray = np.where(mean == 0, 0.0, turn * np.exp(log))
+    return result
+
+
+def log_is_safe(G: ComplexArray) -> BoolArray:
+    """Elements and lines (F, n_y, n_u) of G (M, F, n_y, n_u) that are 8 dB above their scatter over realisations."""
+    M = len(G)
+    if M < 2:
+        return np.ones(G.shape[1:], dtype=np.bool_)
+    mean = arithmetic_mean(G)
+    scatter = np.sum(np.abs(G - mean) ** 2, axis=0) / (M - 1)
+    safe: BoolArray = (np.abs(mean) ** 2 > LOG_GATE * scatter) & (np.abs(G) > 0).all(axis=0)
+    return safe
+
+
+def right_inverse(U: ComplexArray) -> ComplexArray:
+    """W (F, E, n_u) with U W = 1, of U (F, n_u, E): U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
+    _, n_u, E = U.shape
+    if n_u == E:
+        return np.linalg.inv(U).astype(np.complex128)
+    return (_H(U) @ np.linalg.inv(U @ _H(U))).astype(np.complex128)
+
+
+def _each(blocks: Sequence[Block]) -> tuple[ComplexArray, tuple[ComplexArray, ...]]:
+    """G_m (M, F, n_y, n_u) of every realisation, and the weights of their mean."""
+    inverses = [right_inverse(each.U) for each in blocks]
+    G = np.stack([each.Y @ W for each, W in zip(blocks, inverses, strict=True)])
+    return G, tuple(W / len(blocks) for W in inverses)
+
+
+def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:
+    """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
+    pairs = list(zip(blocks, instruments, strict=True))
+    inverse = np.linalg.inv(np.sum([each.U @ _H(A) for each, A in pairs], axis=0))
+    W = tuple(_H(A) @ inverse for _, A in pairs)
+    G: ComplexArray = np.sum([each.Y @ w for each, w in zip(blocks, W, strict=True)], axis=0)
+    return Estimate(G, W)
+
+
+def _least_squares_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
+    inverse = np.linalg.inv(np.sum([each.U @ _H(each.U) for each in blocks], axis=0))
+    return tuple(_H(each.U) @ inverse for each in blocks)
+
+
+def _square(blocks: Sequence[Block], method: str) -> None:
+    n_y, n_u = blocks[0].Y.shape[1], blocks[0].U.shape[1]
+    if n_y != n_u:
+        raise StudyError(
+            f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic"
+        )
+
+
+def _H(A: ComplexArray) -> ComplexArray:
+    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
+    return adjoint
