@@ -12,7 +12,7 @@ from pathlib import Path
 from elastid import __version__
 from elastid.console import Console
 from elastid.errors import StudyError
-from elastid.provenance import stamps, upstream
+from elastid.provenance import stages_of, stamps, upstream
 from elastid.store import Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
@@ -49,7 +49,7 @@ class Run:
     @property
     def stages(self) -> tuple[str, ...]:
         """The stages that this study has, in order."""
-        return tuple(stage for stage in ARTEFACTS if stage != "design" or self.study.experiment.simulated is not None)
+        return stages_of(self.study)
 
     def path(self, stage: str) -> Path:
         """The file in which a stage leaves its result."""
@@ -77,9 +77,7 @@ class Run:
             if found.inputs != self.stamps[name].inputs:
                 raise StudyError(f"{path} was made from another study, other data or other options: {command}")
             if found.code != self.stamps[name].code:
-                self.console.warn(
-                    f"{path} was made by another version of elastid ({found.version}) and is used as is"
-                )
+                self.console.warn(f"{path} was made by another version of elastid ({found.version}) and is used as is")
 
     @contextmanager
     def logged(self) -> Iterator[None]:

@@ -22,6 +22,7 @@ from elastid.experiment.simulated import SimulatedRig
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
+from elastid.imported import imported_responses
 from elastid.outcome import failure, modes_of, summary, truth
 from elastid.parallel import unordered
 from elastid.record import Record
@@ -67,11 +68,13 @@ def run_all(run: Run) -> None:
 
 def only(run: Run, stage: str) -> None:
     """One stage, whatever it left before; StudyError where a result that it reads is missing or out of date."""
-    run.require(stage)
     if stage not in run.stages:
+        kind = "frequency responses from elsewhere" if run.study.experiment.kind == "responses" else "recorded"
         raise StudyError(
-            f"{run.loaded.path}: the experiment is recorded, there is nothing to design; the first stage is `measure`"
+            f"{run.loaded.path}: the experiment is {kind}, there is nothing to {stage}; the first stage is "
+            f"`{run.stages[0]}`"
         )
+    run.require(stage)
     with run.logged():
         WORK[stage](run)
         if stage == "fit":
@@ -114,7 +117,21 @@ def measure(run: Run) -> None:
 
 
 def estimate(run: Run) -> None:
-    """frf.h5: one response for each configuration, one configuration in memory at a time."""
+    """frf.h5: one response for each configuration, from its records or from a file that was made elsewhere."""
+    responses = _imported(run) if run.study.experiment.kind == "responses" else _estimated(run)
+    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
+    counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
+    run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+
+
+def _imported(run: Run) -> list[FrequencyResponse]:
+    responses = list(imported_responses(run.study, run.loaded.base))
+    _pass_on(run, (note for response in responses for note in response.notes))
+    return responses
+
+
+def _estimated(run: Run) -> list[FrequencyResponse]:
+    """One configuration in memory at a time."""
     study, path = run.study, run.path("measure")
     lines = read_plan(run.path("design")).lines if study.experiment.simulated is not None else None
     responses: list[FrequencyResponse] = []
@@ -126,10 +143,8 @@ def estimate(run: Run) -> None:
             records = tuple(read_records(path, name))
             responses.append(estimate_response(records, study.estimator, lines))
             said |= {note for record in records for note in record.notes}
-    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
     _pass_on(run, (note for response in responses for note in response.notes if note not in said))
-    counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
-    run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+    return responses
 
 
 def fit(run: Run) -> None:

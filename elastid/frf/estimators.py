@@ -17,7 +17,7 @@ from elastid.arrays import BoolArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, noise_of_mean, smoothed
-from elastid.frf.passivity import sign_words
+from elastid.frf.pairing import pairing_words
 from elastid.frf.periods import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, period_spectra
@@ -71,7 +71,7 @@ def estimate(
         total=total_covariance(blocks, G),
         rate_is_known=first.rate_is_known,
     )
-    return replace(response, notes=(*notes, *sign_words(response)))
+    return replace(response, notes=(*notes, *pairing_words(response)))
 
 
 def _realisations(records: Sequence[Record]) -> list[list[Record]]:
