@@ -42,7 +42,7 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     rows = [response.outputs.index(place) for place in places]
     columns = [response.inputs.index(place) for place in places]
     G = response.G[-max(1, round(_HIGHEST * response.n_lines)) :][:, rows][:, :, columns]
-    if np.linalg.cond(G / _geometric_scale(G)).max() > 1 / np.finfo(float).eps:
+    if not np.linalg.cond(G / _geometric_scale(G)).max() < 1 / np.finfo(float).eps:
         return {}
     Lambda = np.median((G * np.swapaxes(np.linalg.inv(G), 1, 2)).real, axis=0)
     _, best = linear_sum_assignment(-Lambda)
@@ -55,7 +55,7 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
 
 def _geometric_scale(G: ComplexArray) -> FloatArray:
     """Scales (n, n) of outputs times inputs, so that units do not pass for a singular matrix."""
-    magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-300)
+    magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-150)
     of_rows = np.sqrt(np.mean(magnitude**2, axis=1))[:, None]
     scale: FloatArray = of_rows * np.sqrt(np.mean((magnitude / of_rows) ** 2, axis=0))
     return scale
