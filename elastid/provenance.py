@@ -68,7 +68,8 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
 def data_files(study: Study) -> tuple[str, ...]:
     """The measured files that a study reads, relative to its folder."""
     recorded, responses = study.experiment.recorded, study.experiment.responses
-    files = [file.path for kind in (recorded, responses) if kind is not None for file in kind.files]
+    files = [path for file in (recorded.files if recorded else ()) for path in (file.path, *file.also)]
+    files += [file.path for file in (responses.files if responses else ())]
     return tuple(dict.fromkeys(files))
 
 

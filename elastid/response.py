@@ -7,7 +7,8 @@ Both wings end in this value. All on the link side, outputs of one quantity (acc
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -62,7 +63,8 @@ class FrequencyResponse:
 
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
     distortion together (from realisations), or None.  distortion is not stored: it is total less noise.
-    rate_is_known is False where freq_hz is in units of the sampling rate.
+    rate_is_known is False where freq_hz is in units of the sampling rate.  repairs: what was mended in its records, and
+    how often.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -77,6 +79,7 @@ class FrequencyResponse:
     total: Covariance | None = None
     rate_is_known: bool = True
     notes: tuple[str, ...] = field(default=())
+    repairs: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check them."""
@@ -125,15 +128,4 @@ class FrequencyResponse:
                 None if right is None else right[keep],
             )
 
-        return FrequencyResponse(
-            self.freq_hz[keep],
-            self.G[keep],
-            self.inputs,
-            self.outputs,
-            self.quantity,
-            self.configuration,
-            cut(self.noise),
-            cut(self.total),
-            self.rate_is_known,
-            self.notes,
-        )
+        return replace(self, freq_hz=self.freq_hz[keep], G=self.G[keep], noise=cut(self.noise), total=cut(self.total))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -141,10 +141,19 @@ def _estimated(run: Run) -> list[FrequencyResponse]:
         for done, name in enumerate(names):
             progress(done, len(names))
             records = tuple(read_records(path, name))
-            responses.append(estimate_response(records, study.estimator, lines))
+            response = estimate_response(records, study.estimator, lines)
+            responses.append(replace(response, repairs=_all_repairs(records)))
             said |= {note for record in records for note in record.notes}
     _pass_on(run, (note for response in responses for note in response.notes if note not in said))
     return responses
+
+
+def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
+    total: dict[str, int] = {}
+    for record in records:
+        for what, count in record.repairs.items():
+            total[what] = total.get(what, 0) + count
+    return total
 
 
 def fit(run: Run) -> None:

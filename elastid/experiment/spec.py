@@ -90,7 +90,8 @@ class ChannelSpec:
     of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`).  unit: of the file after `scale`; default SI.
     Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
-    side: motor.
+    side: motor.  file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.  rate_hz: its own
+    sampling rate where it differs; all channels are brought to the lowest one, band-limited.
     """
 
     role: Literal["r", "u", "y"]
@@ -103,9 +104,13 @@ class ChannelSpec:
     sign: Literal[1, -1] = 1
     torque_constant: TorqueConstant | None = None
     side: Literal["link", "motor"] = "link"
+    file: int = 1
+    rate_hz: Frequency | None = None
 
     def __post_init__(self) -> None:
         """Check that role and quantity agree."""
+        if self.file < 1:
+            raise ValueError(f"file is {self.file}; the first file of an experiment is 1")
         if not self.channel and self.column is None:
             raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
         if self.column is not None and self.column < 1:
@@ -137,13 +142,18 @@ class TextFormatSpec:
 
 @section
 class FileSpec:
-    """One log file: which configuration, realisation and experiment it holds. samples: [first, last) to use of it."""
+    """One log file: which configuration, realisation and experiment it holds. samples: [first, last) to use of it.
+
+    also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
+    it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
+    """
 
     path: str
     configuration: str
     realisation: int = 0
     experiment: int = 0
     samples: tuple[int, int] | None = None
+    also: tuple[str, ...] = ()
 
 
 @section
@@ -153,6 +163,7 @@ class RecordedSpec:
     rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  period: of the excitation in s, or
     period_samples.  text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
     of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
+    time: name of the channel that holds the time in s; what its gaps leave out are missing samples.
     """
 
     rate_hz: Frequency | Literal["unknown"]
@@ -162,9 +173,11 @@ class RecordedSpec:
     period_samples: int | None = None
     text: TextFormatSpec = TextFormatSpec()
     half_wave: bool = False
+    time: str = ""
 
     def __post_init__(self) -> None:
         """Exactly one period; at least one input and one output; a whole number of samples per period."""
+        self._check_files_and_rates()
         if (self.period is None) == (self.period_samples is None):
             raise ValueError("give either period (s) or period_samples")
         if self.rate_hz == "unknown" and self.period is not None:
@@ -181,6 +194,18 @@ class RecordedSpec:
                     f"period {self.period:g} s is {samples:.6g} samples at {self.rate_hz:g} Hz, not a whole number; "
                     "check both, or give period_samples"
                 )
+
+    def _check_files_and_rates(self) -> None:
+        last = 1 + min((len(file.also) for file in self.files), default=0)
+        for channel in self.channels:
+            if channel.file > last:
+                raise ValueError(
+                    f"a channel is in file {channel.file} of an experiment; one has {last} only (path, also)"
+                )
+            if channel.role == "u" and channel.file != 1:
+                raise ValueError("the torques that act (role u) must be in the first file of an experiment")
+        if self.rate_hz == "unknown" and (self.time or any(channel.rate_hz is not None for channel in self.channels)):
+            raise ValueError("with rate_hz: unknown neither time nor a channel's own rate_hz means anything")
 
 
 @section

@@ -82,7 +82,7 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
             f"{log.where}: its period is {T:.3f} samples instead of {N}, and fewer than two of them are there; "
             "measure more periods"
         )
-    result = at_times(signals, np.arange(whole * N, dtype=np.float64) * (T / N), N)
+    result = at_times(signals, np.arange(whole * N, dtype=np.float64) * (T / N), T)
     word = (
         f"the period is {T:.4f} samples instead of {N}: the clocks of generator and log differ by "
         f"{1e6 * (T / N - 1):.1f} ppm; resampled, {100 * drift.left / drift.unexplained:.2g} % of what did not "
@@ -96,7 +96,7 @@ def _period(drivers: FloatArray, N: int, drift: ClockDrift) -> float:
     T = N + drift.excess
     for _ in range(_ROUNDS):
         times = np.arange(int(len(drivers) / max(T, N)) * N, dtype=np.float64) * (T / N)
-        T *= 1 + clock_drift(at_times(drivers, times, N), N).excess / N
+        T *= 1 + clock_drift(at_times(drivers, times, T), N).excess / N
     return T
 
 

@@ -17,7 +17,7 @@ _BETA = 9.0
 _AT_ONCE = 4096
 
 
-def at_times(signals: FloatArray, times: FloatArray, period: int, band: float = 1.0) -> FloatArray:
+def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:
     """Signals (n, c) at times (m,), in samples; beyond their ends they go on as one period before or after.
 
     band: b, below 1 for a lower rate.
@@ -40,10 +40,20 @@ def at_times(signals: FloatArray, times: FloatArray, period: int, band: float = 
     return result
 
 
-def _continued(x: FloatArray, period: int, before: int, after: int) -> FloatArray:
+def _continued(x: FloatArray, period: float, before: int, after: int) -> FloatArray:
     """Both ends continued periodically, each moved so that a drift makes no jump."""
     n = len(x)
-    left = x[np.arange(-before, 0) % period] + (x[0] - x[period] if n > period else 0.0)
-    last = n - period
-    right = x[last + np.arange(after) % period] + (x[-1] - x[last - 1] if last > 0 else 0.0)
-    return np.concatenate([left, x, right])
+    # Each end and what lies beyond it, seen one period further inside.
+    left = _inside(x, np.arange(-before, 1.0) + period, period)
+    right = _inside(x, np.arange(n - 1.0, n + after) - period, period)
+    return np.concatenate([left[:-1] + x[0] - left[-1], x, right[1:] + x[-1] - right[0]])
+
+
+def _inside(x: FloatArray, times: FloatArray, period: float) -> FloatArray:
+    whole = round(period)
+    if period != whole and len(x) > period + 2 * HALF_WIDTH:
+        return at_times(x, times, whole)
+    nearest = np.round(times).astype(np.int64)
+    # Within one period from either end.
+    result: FloatArray = x[np.where(nearest < 0, nearest % whole, np.where(nearest < len(x), nearest, nearest - whole))]
+    return result

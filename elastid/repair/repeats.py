@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from elastid.arrays import BoolArray, FloatArray
 
 # Offsets and shape depend on each other where samples are missing; this many rounds settle them.
-_ROUNDS = 4
+_ROUNDS = 5
+# A sample further from its line than so many median distances does not pull at it.
+_FAR = 9.0
 
 
 def blocks(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
@@ -28,8 +28,10 @@ def expected(x: FloatArray, L: int, sign: int, good: BoolArray, robust: bool) ->
     t = np.linspace(-0.5, 0.5, L)
     line = np.zeros_like(X)
     for _ in range(_ROUNDS):
-        shape = _average(X - line, robust=True)
-        line = _lines(X - shape, t)
+        away = X - _average(X - line, robust=True)
+        from_line = np.abs(away - line)
+        near = from_line <= _FAR * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
+        line = _lines(np.where(near, away, np.nan), t)
     common = line + _average(X - line, robust)
     result: FloatArray = (common * float(sign) ** np.arange(len(X))[:, None]).ravel()
     return result
@@ -43,10 +45,16 @@ def flat(x: FloatArray, L: int, sign: int = 1) -> FloatArray:
 
 
 def _average(X: FloatArray, robust: bool) -> FloatArray:
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice|Mean of empty slice", RuntimeWarning)
-        average: FloatArray = np.nanmedian(X, axis=0) if robust else np.nanmean(X, axis=0)
-    return np.nan_to_num(average).astype(np.float64)
+    """Median or mean (L,) of the finite samples of each column of X (P, L); 0 where there is none."""
+    n = np.isfinite(X).sum(axis=0)
+    if not robust:
+        mean: FloatArray = np.nansum(X, axis=0) / np.maximum(n, 1)
+        return mean
+    # NaN is sorted to the end.
+    ordered = np.sort(X, axis=0)
+    middle = np.stack([np.maximum(n - 1, 0) // 2, np.minimum(n // 2, len(X) - 1)])
+    median: FloatArray = np.where(n > 0, np.take_along_axis(ordered, middle, axis=0).mean(axis=0), 0.0)
+    return median
 
 
 def _lines(X: FloatArray, t: FloatArray) -> FloatArray:

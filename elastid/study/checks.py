@@ -166,13 +166,15 @@ def _without_file(study: Study, files: Sequence[FileSpec | ResponseFileSpec]) ->
 
 def _channels(channels: tuple[ChannelSpec, ...], study: Study) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
-    seen: set[tuple[str, str]] = set()
+    seen: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
         path: KeyPath = ("experiment", study.experiment.kind, "channels", i)
         yield from _channel(channel, path, study)
-        if (channel.role, channel.at) in seen:
+        # r may be in several files, which it brings into step.
+        signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
+        if signal in seen:
             yield Problem((*path, "at"), f"two channels of role {channel.role} at '{channel.at}'")
-        seen.add((channel.role, channel.at))
+        seen.add(signal)
 
 
 def _channel(channel: ChannelSpec, path: KeyPath, study: Study) -> Iterator[Problem]:
