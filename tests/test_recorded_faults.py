@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -240,6 +241,27 @@ def test_a_clipped_torque_is_counted_or_refused(tmp_path: Path) -> None:
     assert record.repairs.keys() == {"samples at a limit"}
     with pytest.raises(DataError, match=r"u \(u at motor 1\): .* it is clipped; measure again with less torque"):
         _of(tmp_path, CLEAN | {"u": np.clip(CLEAN["u"], -0.5, 0.5)})
+
+
+def test_a_slow_carrier_is_no_analysed_line_and_one_that_does_not_repeat_is_named(tmp_path: Path) -> None:
+    """Thirty times the excitation on line 1 of u and y, r without: only the excited lines; off the lines a word."""
+    size = 30 * np.array([CLEAN["u"].std(), CLEAN["y"].std()])
+    for cycles, says in ((1.0, False), (1.37, True)):
+        carrier = np.sin(2 * np.pi * cycles * np.arange(P * N) / N)
+        record = _of(tmp_path, CLEAN | {"u": CLEAN["u"] + size[0] * carrier, "y": CLEAN["y"] + size[1] * carrier})
+        assert any("moves slowly without repeating" in note for note in record.notes) == says
+        if not says:
+            response = estimate([record], EstimatorSpec(quantity="position"))
+            np.testing.assert_allclose(response.freq_hz, LINES * RATE / N)
+
+
+def test_a_drive_that_acts_late_is_told(tmp_path: Path) -> None:
+    """u and y three samples behind r: said, and the response is the same."""
+    late = log(np.arange(P * N) - 3, noise=1e-4)
+    record = _of(tmp_path, {"r": CLEAN["r"], "u": late["u"], "y": late["y"]})
+    (note,) = record.notes
+    assert re.search(r"u at motor 1 lags r by (2\.\d|3\.\d) samples", note)
+    assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
 
 
 def test_records_of_unequal_numbers_of_periods_go_together(tmp_path: Path) -> None:

@@ -18,8 +18,12 @@ from elastid.experiment.repairing import repaired
 from elastid.experiment.signals import link_side_factor, named
 from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec
 from elastid.record import Motion, Record
+from elastid.repair.delay import LEAST_CORRELATION, delay
 from elastid.repair.finding import Log, counts
 from elastid.robot import Robot
+
+# A lag of u behind r that is worth a word, in samples.
+_LATE = 0.75
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, 
     mended = repaired(gathered.signals, drivers, N, recorded.half_wave, log, check)
     signals, findings = mended.signals, (*gathered.findings, *mended.findings)
     words = [*gathered.notes, *(finding.word for finding in findings)]
+    words += _lags(channels, signals, N)
     lost = len(gathered.signals) - len(signals)
     if lost > 0:
         words.append(
@@ -107,6 +112,22 @@ def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, 
         repairs=counts(findings),
         left_out=mended.left_out,
     )
+
+
+def _lags(channels: tuple[ChannelSpec, ...], signals: FloatArray, N: int) -> list[str]:
+    """A word where u follows r late: a delay of the drive, or of one of the two channels."""
+    words = []
+    u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
+    for i, channel in enumerate(channels):
+        if channel.role != "r":
+            continue
+        lag, correlation = delay(signals[:, i], signals[:, u[channel.at]], N)
+        if correlation >= LEAST_CORRELATION and abs(lag) >= _LATE:
+            words.append(
+                f"u at {channel.at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
+                "estimated with the reference only if it changes from experiment to experiment"
+            )
+    return words
 
 
 def _repeat(recorded: RecordedSpec, N: int) -> int:

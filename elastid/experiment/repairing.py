@@ -18,6 +18,7 @@ from elastid.repair.finding import Log, Repaired
 from elastid.repair.missing import filled
 from elastid.repair.quantisation import quantised
 from elastid.repair.spikes import despiked
+from elastid.repair.wander import wandering
 
 # A resampled sample counts as missing where a missing one has this much part in it.
 _TOUCHED = 0.02
@@ -40,6 +41,7 @@ def repaired(
     clean = despiked(whole.signals, L, sign, log)
     as_logged = bridged if clock.findings else clean.signals
     told = (*clipped(as_logged, L, log), *quantised(as_logged, L, sign, log))
+    told += wandering(clean.signals, drivers, L, sign, log)
     findings = (*clock.findings, *in_step.findings, *whole.findings, *clean.findings, *told)
     return Repaired(clean.signals, findings, whole.left_out)
 

@@ -7,6 +7,7 @@
 - spikes:        single samples far off                    -> the same phase of the other periods
 - extremes:      a channel that runs into its limit        -> a word, or refused
 - quantisation:  the steps of an encoder                   -> a word with their noise
+- wander:        a slow movement that does not repeat      -> a word
 - delay:         two logs that started at different times  -> shifted
 
 Arrays in, arrays and findings out. Signals are (n, c), periodic after L samples, with sign -1 as x(t + L) = -x(t).

@@ -1,8 +1,9 @@
 """Single samples far off are replaced by what the other repetitions say of them (Hampel's rule across periods).
 
-    e = x - median over periods,   d = |e - running median of e|,   a spike where d > 8 sigma and d > 3 d beside it
+    e = x - median over periods,   d = |e - running median of e| > 8 sigma
 
-The running median keeps drift, transients and slow changes out; a burst of oscillation has neighbours of its own size.
+and a spike only where e is as far from the parabola through the samples beside it, six times as far as each of those,
+and d six times as large as beside it: drift, transients, steps and bursts of oscillation are none.
 """
 
 from __future__ import annotations
@@ -20,26 +21,26 @@ FEWEST_PERIODS = 3
 # More than this part of a channel are no single spikes.
 MOST = 0.01
 _WINDOW = 11
-_LONGEST = 3
-_BESIDE = 12
-_ABOVE_BESIDE = 3.0
+_LONGEST = 2
+_BESIDE = 6
+_ABOVE_BESIDE = 6.0
 
 
 def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
-    """Signals (P L, c), finite, without spikes of up to three samples; as they are for fewer than three repetitions."""
+    """Signals (P L, c), finite, without spikes of one or two samples; as they are for fewer than three repetitions."""
     if len(signals) // L < FEWEST_PERIODS:
         return Repaired(signals)
     result, findings = signals.copy(), []
     for c, name in enumerate(log.names):
         x = signals[:, c]
-        usual, spikes = _spikes(x, L, sign)
+        spikes, usual = _spikes(x, L, sign)
         if spikes.size == 0:
             continue
         if spikes.size > MOST * len(x):
             word = f"{name}: {spikes.size} of {len(x)} samples stand out of the others; so many are left as they are"
             findings.append(Finding("spikes left", int(spikes.size), word))
             continue
-        result[spikes, c] = usual[spikes]
+        result[spikes, c] = usual
         word = (
             f"{name}: {spikes.size} of {len(x)} samples are spikes, the first is {log.at(spikes[0])}: replaced by the "
             "median of the other periods"
@@ -48,19 +49,37 @@ def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     return Repaired(result, tuple(findings))
 
 
-def _spikes(x: FloatArray, L: int, sign: int) -> tuple[FloatArray, IntArray]:
-    """What is usual (n,) for each sample, and the numbers of the spikes."""
+def _spikes(x: FloatArray, L: int, sign: int) -> tuple[IntArray, FloatArray]:
+    """The numbers (k,) of the spikes, and what is usual (k,) there."""
     from scipy.ndimage import median_filter
 
     e = x - expected(x, L, sign, np.ones(len(x), dtype=np.bool_), robust=True)
-    local = median_filter(e, _WINDOW, mode="mirror")
-    d = np.abs(e - local)
-    usual = x - e + local
-    far = np.flatnonzero(d > max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x)))
-    if far.size == 0:
-        return usual, far
-    runs = np.split(far, np.flatnonzero(np.diff(far) > 1) + 1)
-    return usual, np.concatenate([run for run in runs if _is_alone(d, run)] or [far[:0]])
+    d = np.abs(e - median_filter(e, _WINDOW, mode="mirror"))
+    least = max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x))
+    far = np.flatnonzero(d > least)
+    spikes, usual = [far[:0]], [x[:0]]
+    for run in np.split(far, np.flatnonzero(np.diff(far) > 1) + 1):
+        # Near an end nothing tells a spike from a bend.
+        inside = run.size > 0 and run[0] > _BESIDE and run[-1] < len(e) - _BESIDE
+        if inside and len(run) <= _LONGEST and _is_alone(d, run):
+            local, scatter = _parabola(e, run)
+            away = np.abs(e[run] - local).max()
+            if away > max(least, _ABOVE_BESIDE * scatter):
+                spikes.append(run)
+                usual.append(x[run] - e[run] + local)
+    return np.concatenate(spikes), np.concatenate(usual)
+
+
+def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
+    """The parabola through the samples beside a run, at the run, and how far the worst of those is from it."""
+    first, last = int(run[0]), int(run[-1])
+    beside = np.r_[max(0, first - 1 - _BESIDE) : max(0, first - 1), last + 2 : min(len(e), last + 2 + _BESIDE)]
+    middle = (first + last) / 2
+    powers = np.vander((beside - middle) / _BESIDE, 3)
+    coefficients = np.linalg.lstsq(powers, e[beside], rcond=None)[0]
+    scatter = float(np.abs(e[beside] - powers @ coefficients).max())
+    local: FloatArray = np.vander((run - middle) / _BESIDE, 3) @ coefficients
+    return local, scatter
 
 
 def _threshold(d: FloatArray) -> float:
@@ -72,8 +91,6 @@ def _threshold(d: FloatArray) -> float:
 
 
 def _is_alone(d: FloatArray, run: IntArray) -> bool:
-    if len(run) > _LONGEST:
-        return False
     first, last = int(run[0]), int(run[-1])
-    beside = np.concatenate([d[max(0, first - _BESIDE) : max(0, first - 1)], d[last + 2 : last + 2 + _BESIDE]])
-    return bool(d[run].max() > _ABOVE_BESIDE * beside.max(initial=0.0))
+    beside = np.concatenate([d[max(0, first - 2 * _BESIDE) : first - 1], d[last + 2 : last + 2 + 2 * _BESIDE]])
+    return bool(d[run].max() > _ABOVE_BESIDE * beside.max())
