@@ -193,7 +193,7 @@ def report(run: Run) -> None:
     validation = read_validation(run.path("validate"))
     content = ReportContent(
         title=study.name,
-        verdict=result.message,
+        verdict=validation.verdict,
         warnings=tuple(note for response in responses for note in response.notes),
         result=result,
         frf=tuple(zip(responses, predict(result, study.robot, responses), strict=True)),

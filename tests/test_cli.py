@@ -1,10 +1,12 @@
 """The command line: a thin skin, one clear message for each mistake, no half-written file however it ends."""
 
+import contextlib
 import json
 import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 from unittest.mock import create_autospec
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 
 from elastid import cli, scaffold, stages
+from elastid.interrupt import insisting
 from elastid.run import ARTEFACTS, Run
 from elastid.store import read_fit
 
@@ -91,7 +94,7 @@ def test_a_new_study_passes_check(here: Path, capsys: pytest.CaptureFixture[str]
     capsys.readouterr()
     assert cli.run_command(["check", "mine/study.yml"]) == 0
     said = capsys.readouterr().out
-    for part in ("three-axis elastic arm", "10 coordinates", "17 unknowns", "k_3z", "24 experiments", "288 s"):
+    for part in ("three-axis elastic arm", "10 coordinates", "17 unknowns", "k_3z", "30 experiments", "360 s"):
         assert part in said
 
 
@@ -340,12 +343,12 @@ else:
         page.html = stop
     elif stage != "none":
         setattr(stages, name[stage], stop)
-sys.exit(run_command(["run", sys.argv[3], "--jobs", "1"]))
+sys.exit(run_command(["run", sys.argv[3], "--run", sys.argv[4], "--jobs", "1"]))
 """
 
 
-def driven(stage: str, number: int, study: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", DRIVER, stage, str(number), str(study)]
+def driven(stage: str, number: int, study: Path, folder: str = "runs/tiny") -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", DRIVER, stage, str(number), str(study), folder]
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
@@ -368,12 +371,45 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
         assert not (here / "runs/tiny" / ARTEFACTS[stage]).exists()
     assert driven("none", 0, tiny).returncode == 0
     stopped = tree(here / "runs/tiny")
-    assert cli.run_command(["run", str(tiny), "--run", "whole", "-q"]) == 0
+    assert driven("none", 0, tiny, "whole").returncode == 0
     whole = tree(here / "whole")
     assert stopped.keys() == whole.keys()
     assert [name for name in whole if whole[name] != stopped[name]] == ["run.log"]
 
 
+def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
+    """As CasADi's wrappers do; it does not wait for the work to end by itself."""
+
+    def swallowing() -> None:
+        with insisting() as pressed:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            assert pressed.is_set()
+            for _ in range(1000):
+                time.sleep(0.02)
+
+    with pytest.raises(KeyboardInterrupt):
+        swallowing()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """CasADi makes a RuntimeError of it, or returns None where an array was expected."""
+
+    def disguised(_: Run) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise RuntimeError("Error calling CallbackInternal::finalize") from None
+
+    monkeypatch.setattr(stages, "run_all", disguised)
+    assert cli.run_command(["run", str(tiny)]) == 130
+    assert capsys.readouterr().err.startswith("interrupted; what was finished is kept, and `elastid run ")
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")
 def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
     """kill -9 of the parent leaves no process behind that waits for work for ever."""
     code = "from elastid.parallel import ordered; import time; ordered(time.sleep, [60.0, 60.0], 2)"
@@ -388,8 +424,6 @@ def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
 
 
 def _wait_until(happened: Any, timeout_s: float = 20.0) -> bool:
-    import time
-
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
         if happened():

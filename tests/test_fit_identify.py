@@ -158,7 +158,7 @@ def test_inertia_friction_and_delay_of_a_bench_are_recovered():
     result = identify([response], started_elsewhere(robot, 2.0), spec, seed=3)
     low, high = result.interval("delay")
     assert low < 2e-4 < high
-    assert high - low < 5e-5
+    assert high - low < 1e-4
     assert result.values["f_1"] == result.values["fm_1"]
     names = ("Jm_1", "I_load", "k_1")
     np.testing.assert_allclose([result.values[n] for n in names], [1e-3, 2e-3, 100], rtol=0.02)
@@ -218,8 +218,10 @@ def test_a_prior_decides_what_the_data_do_not():
 
 
 def test_masks_that_leave_nothing_or_name_nothing_are_refused():
-    """No line in the band; an output that was not measured."""
+    """No line in the band; one line for three parameters; an output that was not measured."""
     (response,) = measure(pendulum(), [(0.0,)])
+    with pytest.raises(DataError, match="2 real numbers are left to fit 3 parameters"):
+        identify([response], pendulum(), FitSpec(band_hz=(2.5, 3.5)))
     with pytest.raises(DataError, match="nothing is left to fit"):
         identify([response], pendulum(), FitSpec(band_hz=(200.0, 300.0)))
     with pytest.raises(StudyError, match="no output 'joint 1' was measured"):
@@ -247,17 +249,16 @@ def test_what_was_left_out_is_said():
     assert deviations(result, robot).max() < 3.5
 
 
-def test_exact_data_without_known_variance_give_tight_intervals_from_the_residuals():
-    """Where no noise was measured the residuals say how large it is: about 0.1 % here."""
+def test_without_a_measured_variance_the_residuals_set_the_intervals():
+    """0.14 % of noise that nobody measured: intervals near those of the known noise, far below the floor of 1 %."""
     (response,) = measure(pendulum(), [(0.0,)])
     rng = np.random.default_rng(4)
-    noise = (
-        1e-3 * np.abs(response.G) * (rng.standard_normal(response.G.shape) + 1j * rng.standard_normal(response.G.shape))
-    )
-    bare = replace(response, G=response.G + noise, noise=None)
+    unit = rng.standard_normal(response.G.shape) + 1j * rng.standard_normal(response.G.shape)
+    bare = replace(response, G=response.G + 1e-3 * np.abs(response.G) * unit, noise=None)
     spec = FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=2)
     result = identify([bare], pendulum(), spec)
     known = replace(bare, noise=Covariance(2e-6 * np.abs(response.G) ** 2, np.inf))
     reference = identify([known], pendulum(), replace(spec, weights=WeightSpec(floor=0.0)))
-    assert result.std["k_1"] == pytest.approx(reference.std["k_1"], rel=0.3)
+    assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
+    assert deviations(result, pendulum()).max() < 3
     assert "no variance is known" in result.warnings[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from signal import SIGINT, default_int_handler, getsignal, signal
+from signal import SIGINT, getsignal, signal
 from threading import current_thread, main_thread
 from types import FrameType
 from typing import Any, TypeAlias
@@ -118,7 +118,8 @@ def _run_ipopt(evaluator: _Evaluator, tolerance: float, max_iterations: int) -> 
 @contextmanager
 def _interrupt_kept(evaluator: _Evaluator) -> Iterator[None]:
     """Ctrl-C as an error that the evaluator keeps: raised amid CasADi and its callbacks it would be swallowed."""
-    if current_thread() is not main_thread() or getsignal(SIGINT) is not default_int_handler:
+    before = getsignal(SIGINT)
+    if current_thread() is not main_thread() or not callable(before):
         yield
         return
 
@@ -129,7 +130,7 @@ def _interrupt_kept(evaluator: _Evaluator) -> Iterator[None]:
     try:
         yield
     finally:
-        signal(SIGINT, default_int_handler)
+        signal(SIGINT, before)
 
 
 class _Evaluator:
