@@ -118,7 +118,7 @@ def measure(run: Run) -> None:
 
 def estimate(run: Run) -> None:
     """frf.h5: one response for each configuration, from its records or from a file that was made elsewhere."""
-    responses = _imported(run) if run.study.experiment.kind == "responses" else _estimated(run)
+    responses = _imported(run) if run.study.experiment.kind == "responses" else _from_records(run)
     write_responses(run.path("estimate"), responses, run.stamps["estimate"])
     counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
     run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
@@ -130,7 +130,7 @@ def _imported(run: Run) -> list[FrequencyResponse]:
     return responses
 
 
-def _estimated(run: Run) -> list[FrequencyResponse]:
+def _from_records(run: Run) -> list[FrequencyResponse]:
     """One configuration in memory at a time."""
     study, path = run.study, run.path("measure")
     lines = read_plan(run.path("design")).lines if study.experiment.simulated is not None else None

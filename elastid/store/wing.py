@@ -170,7 +170,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         _read_covariance(group, "total"),
         known["rate_is_known"],
         texts(group, "note"),
-        attributes(group["repairs"]),
+        repairs=attributes(group["repairs"]),
     )
 
 
