@@ -251,8 +251,9 @@ class ResponsesSpec:
     """Frequency responses that were measured elsewhere: MATLAB structs, HDF5, CSV, UFF 58, or frf.h5 of elastid.
 
     channels: what the inputs (role u) and outputs (role y) of the files are; column is their number in the file, the
-    first is 1, or channel their name.  frf.h5 of elastid needs none.  frequency_unit: `auto` is what the file
-    says, or Hz for CSV, HDF5 without units and UFF.  relative_std: standard deviation of G as a part of |G| where a file tells none.
+    first is 1, or channel their name.  frf.h5 of elastid needs none.  frequency_unit: `auto` is what the file says, or
+    Hz for CSV, HDF5 without units and UFF.  relative_std: standard deviation of G as a part of |G| where a file tells
+    none.
     """
 
     files: tuple[ResponseFileSpec, ...]
