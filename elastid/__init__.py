@@ -12,17 +12,17 @@ Two wings end in the same value, FrequencyResponse, and meet in the fit:
 Values (floor 1): `units` and `section` (how a study's numbers and sections are read), `parameters` (names and vectors),
 `record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints, springs, motors).
 
-Measured wing: `excitation` (multisines), `experiment` (the plan; the simulated and the recorded rig), `frf` (records to
-responses and their covariance).
+Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; the simulated and the
+recorded rig; responses of other programs), `frf` (records to responses and their covariance).
 
 Model wing: `model` (equations of motion in CasADi), `friction`, `simulation` (closed loop in time), `linear`
 (equilibrium, linearisation, frequency response and its derivatives, modes).
 
 Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`.
 
-The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance` and `stages` (file to value to file, what
-is current), `outcome` (summary.json), `console`, `overview`, `inspection`, `scaffold`, `tables` (what people see) and
-`cli`.
+The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance`, `imported` and `stages` (file to value
+to file, what is current), `outcome` (summary.json), `console`, `overview`, `inspection`, `scaffold`, `tables` (what
+people see) and `cli`.
 
 The names below are those that a notebook needs; they are loaded when they are first used.
 """

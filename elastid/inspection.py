@@ -6,6 +6,8 @@ from pathlib import Path
 
 from elastid.errors import StudyError
 from elastid.experiment.log_files import contents
+from elastid.experiment.responses.reading import contents_of
+from elastid.experiment.responses.uff import SUFFIXES
 from elastid.experiment.spec import TextFormatSpec
 from elastid.store import described as described_artefact
 from elastid.store import kind_of
@@ -17,10 +19,16 @@ def described(path: Path) -> str:
         raise StudyError(f"{path}: no such file")
     if kind_of(path) is not None:
         return described_artefact(path)
-    signals = contents(path, TextFormatSpec())
-    width = max(map(len, signals), default=0)
-    lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
-    return "\n".join([*lines, *(f"  {name.ljust(width)}  {_shape(shape)}" for name, shape in signals.items())])
+    responses, lines = contents_of(path), []
+    if responses:
+        lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
+        lines += [f"  {response}" for response in responses]
+    if path.suffix.lower() not in SUFFIXES:
+        signals = contents(path, TextFormatSpec())
+        width = max(map(len, signals), default=0)
+        lines.append(f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels")
+        lines += [f"  {name.ljust(width)}  {_shape(shape)}" for name, shape in signals.items()]
+    return "\n".join(lines)
 
 
 def _shape(shape: tuple[int, ...]) -> str:

@@ -46,6 +46,10 @@ def _experiments(study: Study) -> Iterator[str]:
     if experiment.recorded is not None:
         yield f"{len(experiment.recorded.files)} log files of {len(experiment.configurations)} configurations ({names})"
         return
+    if experiment.responses is not None:
+        files = len(experiment.responses.files)
+        yield f"{files} frequency responses from elsewhere of {len(experiment.configurations)} configurations ({names})"
+        return
     n_u, Q, M = len(study.robot.driven), len(experiment.configurations), experiment.realisations
     yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
     if excitation is not None:
@@ -59,12 +63,16 @@ def _experiments(study: Study) -> Iterator[str]:
 
 
 def _plan_of_work(study: Study) -> Iterator[str]:
-    rig = "import the logs" if study.experiment.recorded is not None else "design, simulate the experiments"
+    first = {
+        "simulated": "design, simulate the experiments, estimate the responses",
+        "recorded": "import the logs, estimate the responses",
+        "responses": "import the responses",
+    }[study.experiment.kind]
     left_out = study.validation.left_out
     judged = f"judge it on {', '.join(left_out)}, which it has not seen" if left_out else "judge it on what it has seen"
     log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
     yield (
-        f"will {rig}, estimate the responses in {study.estimator.quantity}, fit from {study.fit.starts} starts "
+        f"will {first} in {study.estimator.quantity}, fit from {study.fit.starts} starts "
         f"({log_first}{study.fit.criterion}), {judged}, write the report"
     )
 

@@ -31,9 +31,18 @@ UPSTREAM: dict[str, tuple[str, ...]] = {
 }
 
 
+# Only a simulated experiment is designed; frequency responses from elsewhere are not measured either.
+_ABSENT: dict[str, tuple[str, ...]] = {"simulated": (), "recorded": ("design",), "responses": ("design", "measure")}
+
+
+def stages_of(study: Study) -> tuple[str, ...]:
+    """The stages that a study has, in order."""
+    return tuple(stage for stage in UPSTREAM if stage not in _ABSENT[study.experiment.kind])
+
+
 def upstream(study: Study, stage: str) -> tuple[str, ...]:
-    """The stages whose results a stage reads; where the experiment is recorded there is no design."""
-    return tuple(name for name in UPSTREAM[stage] if name != "design" or study.experiment.simulated is not None)
+    """The stages whose results a stage reads."""
+    return tuple(name for name in UPSTREAM[stage] if name not in _ABSENT[study.experiment.kind])
 
 
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
@@ -41,17 +50,27 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     study, code = loaded.study, code_hash()
     sections = asdict(study)
     inputs: dict[str, str] = {}
-    for stage, names in _SECTIONS.items():
+    first = stages_of(study)[0]
+    for stage in stages_of(study):
+        # What the stages that a study lacks would have read is read by its first one.
+        names = dict.fromkeys((*(_SECTIONS["measure"] if stage == first else ()), *_SECTIONS[stage]))
         document: list[object] = [stage, [sections[name] for name in names]]
         document += [inputs[name] for name in upstream(study, stage)]
-        if stage == "measure" and study.experiment.recorded is not None:
-            paths = dict.fromkeys(file.path for file in study.experiment.recorded.files)
-            document.append([[path, file_hash(loaded.base / path)] for path in paths])
+        if stage == first:
+            document.append([[path, file_hash(loaded.base / path)] for path in data_files(study)])
         if stage == "report":
             document.append(loaded.text)
         # The order of keys counts: it is the order in which configurations are measured and patterns win.
         inputs[stage] = hashlib.sha256(json.dumps(document).encode()).hexdigest()
     return {stage: Stamp(hash_, code, __version__, study.seed, loaded.text) for stage, hash_ in inputs.items()}
+
+
+def data_files(study: Study) -> tuple[str, ...]:
+    """The measured files that a study reads, relative to its folder."""
+    recorded, responses = study.experiment.recorded, study.experiment.responses
+    files = [path for file in (recorded.files if recorded else ()) for path in (file.path, *file.also)]
+    files += [file.path for file in (responses.files if responses else ())]
+    return tuple(dict.fromkeys(files))
 
 
 def file_hash(path: Path) -> str:

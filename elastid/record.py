@@ -7,6 +7,7 @@ joint), `body arm z` (absolute rotation of a body about one of its own axes).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -42,7 +43,8 @@ class Record:
     r (n_samples, n_u) or None: torque that was injected.  rate_is_known is False where frequencies are in units of
     the sampling rate (rate_hz = 1).  All on the link side.  hold: what the torque does between its samples;
     `zero-order` where u is the controller's command, constant from each sample to the next.  half_wave: odd lines
-    only, so that the second half of a period is minus the first and each half counts as a repetition.
+    only, so that the second half of a period is minus the first and each half counts as a repetition.  repairs: what
+    was mended in the log, and how often.  left_out: repetitions, counted from 0, that are no measurement but filled in.
 
     Raises ValueError where shapes disagree or no whole period is there.
     """
@@ -63,6 +65,8 @@ class Record:
     notes: tuple[str, ...] = field(default=())
     hold: Hold = "band-limited"
     half_wave: bool = False
+    repairs: Mapping[str, int] = field(default_factory=dict)
+    left_out: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes, names and length."""

@@ -7,6 +7,7 @@ Both wings end in this value. All on the link side, outputs of one quantity (acc
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -76,7 +77,7 @@ class FrequencyResponse:
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
     distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
     distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
-    quality: how well it was measured, or None.
+    quality: how well it was measured, or None.  repairs: what was mended in its records, and how often.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -93,6 +94,7 @@ class FrequencyResponse:
     notes: tuple[str, ...] = field(default=())
     distortion: Covariance | None = None
     quality: Quality | None = None
+    repairs: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check them."""

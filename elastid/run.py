@@ -12,7 +12,7 @@ from pathlib import Path
 from elastid import __version__
 from elastid.console import Console
 from elastid.errors import StudyError
-from elastid.provenance import stamps, upstream
+from elastid.provenance import stages_of, stamps, upstream
 from elastid.store import Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
@@ -49,7 +49,7 @@ class Run:
     @property
     def stages(self) -> tuple[str, ...]:
         """The stages that this study has, in order."""
-        return tuple(stage for stage in ARTEFACTS if stage != "design" or self.study.experiment.simulated is not None)
+        return stages_of(self.study)
 
     def path(self, stage: str) -> Path:
         """The file in which a stage leaves its result."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -24,6 +24,7 @@ from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
 from elastid.frf.spec import EstimatorSpec
+from elastid.imported import imported_responses
 from elastid.outcome import failure, modes_of, summary, truth
 from elastid.parallel import unordered
 from elastid.record import Record
@@ -69,11 +70,13 @@ def run_all(run: Run) -> None:
 
 def only(run: Run, stage: str) -> None:
     """One stage, whatever it left before; StudyError where a result that it reads is missing or out of date."""
-    run.require(stage)
     if stage not in run.stages:
+        kind = "frequency responses from elsewhere" if run.study.experiment.kind == "responses" else "recorded"
         raise StudyError(
-            f"{run.loaded.path}: the experiment is recorded, there is nothing to design; the first stage is `measure`"
+            f"{run.loaded.path}: the experiment is {kind}, there is nothing to {stage}; the first stage is "
+            f"`{run.stages[0]}`"
         )
+    run.require(stage)
     with run.logged():
         WORK[stage](run)
         if stage == "fit":
@@ -116,7 +119,21 @@ def measure(run: Run) -> None:
 
 
 def estimate(run: Run) -> None:
-    """frf.h5: one response for each configuration, one configuration in memory at a time."""
+    """frf.h5: one response for each configuration, from its records or from a file that was made elsewhere."""
+    responses = _imported(run) if run.study.experiment.kind == "responses" else _from_records(run)
+    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
+    counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
+    run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+
+
+def _imported(run: Run) -> list[FrequencyResponse]:
+    responses = list(imported_responses(run.study, run.loaded.base))
+    _pass_on(run, (note for response in responses for note in response.notes))
+    return responses
+
+
+def _from_records(run: Run) -> list[FrequencyResponse]:
+    """One configuration in memory at a time."""
     study, path = run.study, run.path("measure")
     lines = read_plan(run.path("design")).lines if study.experiment.simulated is not None else None
     responses: list[FrequencyResponse] = []
@@ -128,10 +145,8 @@ def estimate(run: Run) -> None:
             response, notes = _estimated(path, name, study.estimator, lines)
             responses.append(response)
             said |= notes
-    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
     _pass_on(run, (note for response in responses for note in response.notes if note not in said))
-    counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
-    run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+    return responses
 
 
 def fit(run: Run) -> None:
@@ -218,7 +233,16 @@ def _estimated(
 ) -> tuple[FrequencyResponse, set[str]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read."""
     records = tuple(read_records(path, configuration))
-    return estimate_response(records, spec, lines), {note for record in records for note in record.notes}
+    response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
+    return response, {note for record in records for note in record.notes}
+
+
+def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
+    total: dict[str, int] = {}
+    for record in records:
+        for what, count in record.repairs.items():
+            total[what] = total.get(what, 0) + count
+    return total
 
 
 def _rig(run: Run) -> Rig:

@@ -237,7 +237,7 @@ def test_a_channel_that_is_not_in_the_file(tiny: Path, here: Path, capsys: pytes
     [
         (lambda logs: {n: x[:700] for n, x in logs.items()}, "1 s", ("log.csv", "1.4", "two")),
         (lambda logs: logs, "0.9 s", ("log.csv", "period")),
-        (lambda logs: logs | {"arm": np.where(np.arange(4 * N) == 777, np.nan, logs["arm"])}, "1 s", ("arm", "777")),
+        (lambda logs: logs | {"arm": np.where(np.arange(4 * N) >= 777, np.nan, logs["arm"])}, "1 s", ("arm", "777")),
         (lambda logs: logs | {"motor": np.full(4 * N, 0.25)}, "1 s", ("log.csv", "motor", "constant")),
     ],
     ids=["short", "period", "nan", "constant"],

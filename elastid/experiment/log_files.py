@@ -29,7 +29,7 @@ _LISTED = 40
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
     """Every numeric signal of a log file, by name, with its shape; a text log without headings: its column numbers."""
-    with _opened(path, text) as log:
+    with opened_log(path, text) as log:
         if isinstance(log, TextLog):
             names = log.headings or tuple(f"column {i + 1}" for i in range(log.n_columns))
             return {name: (len(log.number_lines) - log.first,) for name in names}
@@ -42,7 +42,7 @@ def read_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatS
     Raises StudyError for a file that is not there and DataError for a channel that is not in it (naming those that
     are), not numeric, of another length than the others, or of a column that it does not have.
     """
-    with _opened(path, text) as log:
+    with opened_log(path, text) as log:
         if isinstance(log, TextLog):
             return log.columns([_text_column(log, channel) for channel in channels])
         signals = [_signal(path, log, channel) for channel in channels]
@@ -60,7 +60,8 @@ def described(channel: ChannelSpec) -> str:
 
 
 @contextmanager
-def _opened(path: Path, text: TextFormatSpec) -> Iterator[Arrays | TextLog]:
+def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Arrays | TextLog]:
+    """Everything in a log file: arrays by name, read when they are used, or the lines of a text log."""
     if not path.is_file():
         raise StudyError(f"log file {path} is not there; check path under files (it counts from the study's folder)")
     with path.open("rb") as file:
@@ -122,6 +123,11 @@ class _Dataset:
     @property
     def dtype(self) -> Any:
         return self.dataset.dtype[self.field] if self.field else self.dataset.dtype
+
+    @property
+    def units(self) -> str:
+        units = self.dataset.attrs.get("units", "")
+        return units.decode() if isinstance(units, bytes) else str(units)
 
     @property
     def shape(self) -> tuple[int, ...]:

@@ -10,13 +10,20 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.log_files import described, read_channels
+from elastid.experiment.gathering import Gathered, gather, period_samples
+from elastid.experiment.log_files import described
 from elastid.experiment.periodicity import repetition
 from elastid.experiment.plan import Experiment, checked_configurations
-from elastid.experiment.signals import check_values, link_side, link_side_factor
+from elastid.experiment.repairing import repaired
+from elastid.experiment.signals import link_side_factor, named
 from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec
 from elastid.record import Motion, Record
+from elastid.repair.delay import LEAST_CORRELATION, delay
+from elastid.repair.finding import Log, counts
 from elastid.robot import Robot
+
+# A lag of u behind r that is worth a word, in samples.
+_LATE = 0.75
 
 
 @dataclass(frozen=True)
@@ -36,10 +43,10 @@ class RecordedRig:
         checked_configurations(self.spec, self.robot)
         _check_files(self.spec, self._recorded.files, self.base)
         _check_channels(self._recorded.channels, self.robot)
-        if self._recorded.half_wave and _period_samples(self._recorded) % 2:
-            raise StudyError(
-                f"half_wave needs an even number of samples per period, not {_period_samples(self._recorded)}"
-            )
+        rate_hz = 1.0 if isinstance(self._recorded.rate_hz, str) else self._recorded.rate_hz
+        samples = period_samples(self._recorded, rate_hz)
+        if self._recorded.half_wave and samples % 2:
+            raise StudyError(f"half_wave needs an even number of samples per period, not {samples}")
 
     @property
     def _recorded(self) -> RecordedSpec:
@@ -55,34 +62,35 @@ class RecordedRig:
         return tuple(Experiment(configurations[f.configuration], f.realisation, f.experiment) for f in files)
 
     def measure(self, experiment: Experiment) -> Record:
-        """Read one log: its channels in SI on the link side, whole periods only."""
+        """Read one log, or several: channels in SI on the link side, mended where a rule says how, whole periods."""
         recorded = self._recorded
         file = recorded.files[[e.name for e in self.experiments].index(experiment.name)]
-        path = self.base / file.path
-        values, first = _cut(read_channels(path, recorded.channels, recorded.text), file, path)
-        rate_hz = None if isinstance(recorded.rate_hz, str) else recorded.rate_hz
-        still = check_values(recorded.channels, values, first, path, rate_hz)
-        signals, words = zip(
-            *(link_side(c, v, self.robot) for c, v in zip(recorded.channels, values.T, strict=True)), strict=True
-        )
-        notes = tuple(f"record {experiment.name}: {word}" for word in (*still, *words) if word)
-        return _record(experiment, recorded, np.stack(signals, axis=1), notes, path)
+        gathered = gather(recorded, file, self.base, self.robot)
+        rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
+        log = Log(str(self.base / file.path), tuple(named(c) for c in gathered.channels), rate_hz, gathered.first)
+        return _record(experiment, recorded, gathered, log)
 
 
-def _record(
-    experiment: Experiment, recorded: RecordedSpec, signals: FloatArray, notes: tuple[str, ...], path: Path
-) -> Record:
-    roles = {role: [i for i, c in enumerate(recorded.channels) if c.role == role] for role in ("r", "u", "y")}
-    at = [channel.at for channel in recorded.channels]
+def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, log: Log) -> Record:
+    channels, N = gathered.channels, gathered.period_samples
+    roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
+    at = [channel.at for channel in channels]
     # r in the order of the inputs that it acts on.
     roles["r"].sort(key=lambda i: [at[j] for j in roles["u"]].index(at[i]))
-    excitation = signals[:, roles["r"] or roles["u"]]
-    repeat = _checked_repeat(excitation, recorded, path)
-    n = len(signals) // repeat * repeat
-    if n < len(signals):
-        notes += (
-            f"record {experiment.name}: the last {len(signals) - n} of {len(signals)} samples are no whole period of "
-            f"{repeat} samples and are left out",
+
+    def check(excitation: FloatArray) -> None:
+        _check_repeat(excitation, recorded, N, log)
+
+    drivers = np.array(roles["r"] or roles["u"])
+    mended = repaired(gathered.signals, drivers, N, recorded.half_wave, log, check)
+    signals, findings = mended.signals, (*gathered.findings, *mended.findings)
+    words = [*gathered.notes, *(finding.word for finding in findings)]
+    words += _lags(channels, signals, N)
+    lost = len(gathered.signals) - len(signals)
+    if lost > 0:
+        words.append(
+            f"the last {lost} of {len(gathered.signals)} samples are no whole period of {_repeat(recorded, N)} samples "
+            "and are left out"
         )
     rate_is_known = not isinstance(recorded.rate_hz, str)
     return Record(
@@ -90,83 +98,87 @@ def _record(
         configuration=experiment.configuration,
         realisation=experiment.realisation,
         experiment=experiment.experiment,
-        rate_hz=float(recorded.rate_hz) if rate_is_known else 1.0,
-        period_samples=_period_samples(recorded),
+        rate_hz=gathered.rate_hz,
+        period_samples=N,
         inputs=tuple(at[i] for i in roles["u"]),
         outputs=tuple(at[i] for i in roles["y"]),
-        quantities=tuple(cast(Motion, recorded.channels[i].quantity) for i in roles["y"]),
-        u=signals[:n, roles["u"]],
-        y=signals[:n, roles["y"]],
-        r=signals[:n, roles["r"]] if roles["r"] else None,
+        quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
+        u=signals[:, roles["u"]],
+        y=signals[:, roles["y"]],
+        r=signals[:, roles["r"]] if roles["r"] else None,
         rate_is_known=rate_is_known,
-        notes=notes,
+        notes=tuple(f"record {experiment.name}: {word}" for word in words),
         half_wave=recorded.half_wave,
+        repairs=counts(findings),
+        left_out=mended.left_out,
     )
 
 
-def _period_samples(recorded: RecordedSpec) -> int:
-    if recorded.period_samples is not None:
-        return recorded.period_samples
-    return round(cast(float, recorded.period) * float(recorded.rate_hz))
+def _lags(channels: tuple[ChannelSpec, ...], signals: FloatArray, N: int) -> list[str]:
+    """A word where u follows r late: a delay of the drive, or of one of the two channels."""
+    words = []
+    u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
+    for i, channel in enumerate(channels):
+        if channel.role != "r":
+            continue
+        lag, correlation = delay(signals[:, i], signals[:, u[channel.at]], N)
+        if correlation >= LEAST_CORRELATION and abs(lag) >= _LATE:
+            words.append(
+                f"u at {channel.at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
+                "estimated with the reference only if it changes from experiment to experiment"
+            )
+    return words
 
 
-def _checked_repeat(excitation: FloatArray, recorded: RecordedSpec, path: Path) -> int:
-    """After how many samples the excitation (n, n_u) repeats; DataError where it does not, or is too short for two."""
-    n, period = len(excitation), _period_samples(recorded)
-    repeat, sign = (period // 2, -1) if recorded.half_wave else (period, 1)
+def _repeat(recorded: RecordedSpec, N: int) -> int:
+    return N // 2 if recorded.half_wave else N
+
+
+def _check_repeat(excitation: FloatArray, recorded: RecordedSpec, period: int, log: Log) -> None:
+    """DataError where the excitation (n, n_u) does not repeat as the study says, or is there less than twice."""
+    n, path = len(excitation), log.where
+    repeat, sign = _repeat(recorded, period), -1 if recorded.half_wave else 1
     if n < 2 * repeat:
         needed = "one period is" if recorded.half_wave else "two periods are"
         raise DataError(
-            f"{path}: {_span(n, recorded)} are {n / period:.3g} periods of {_span(period, recorded)}; at least "
-            f"{needed} needed{_half_wave_hint(excitation, period, recorded)}"
+            f"{path}: {_span(n, log)} are {n / period:.3g} periods of {_span(period, log)}; at least "
+            f"{needed} needed{_half_wave_hint(excitation, period, recorded, log)}"
         )
     found = repetition(excitation, repeat, sign)
     if found.is_as_stated:
-        return repeat
+        return
     stated = "second half minus first" if recorded.half_wave else "one period to the next"
     problem = (
-        f"{path}: the excitation does not repeat with the period of {_span(period, recorded)} that the study states "
+        f"{path}: the excitation does not repeat with the period of {_span(period, log)} that the study states "
         f"(correlation {found.correlation:.3f}, {stated})"
     )
     if found.best_samples:
         raise DataError(
-            f"{problem}; it repeats every {_span(found.best_samples, recorded)} (correlation "
+            f"{problem}; it repeats every {_span(found.best_samples, log)} (correlation "
             f"{found.best_correlation:.3f}): correct the period or the rate"
         )
     raise DataError(
         f"{problem}, nor at any other lag (best correlation {found.best_correlation:.3f})"
-        f"{_half_wave_hint(excitation, 2 * repeat, recorded)}; elastid needs a periodic excitation"
+        f"{_half_wave_hint(excitation, 2 * repeat, recorded, log)}; elastid needs a periodic excitation"
     )
 
 
-def _half_wave_hint(excitation: FloatArray, period: int, recorded: RecordedSpec) -> str:
+def _half_wave_hint(excitation: FloatArray, period: int, recorded: RecordedSpec, log: Log) -> str:
     """Say so where the second half of a period is minus its first, which one period is then enough for."""
     if recorded.half_wave or period % 2 or len(excitation) < period:
         return ""
     if not repetition(excitation[:period], period // 2, sign=-1).is_as_stated:
         return ""
     return (
-        f". The second half of {_span(period, recorded)} is minus the first: with period_samples: {period} and "
+        f". The second half of {_span(period, log)} is minus the first: with period_samples: {period} and "
         "half_wave: true one period is enough"
     )
 
 
-def _span(samples: float, recorded: RecordedSpec) -> str:
+def _span(samples: float, log: Log) -> str:
     shown = round(samples, 2)
-    seconds = "" if isinstance(recorded.rate_hz, str) else f" ({shown / recorded.rate_hz:.6g} s)"
+    seconds = "" if log.rate_hz is None else f" ({shown / log.rate_hz:.6g} s)"
     return f"{shown:.8g} samples{seconds}"
-
-
-def _cut(values: FloatArray, file: FileSpec, path: Path) -> tuple[FloatArray, int]:
-    if file.samples is None:
-        return values, 0
-    first, last = file.samples
-    if not 0 <= first < last <= len(values):
-        raise DataError(
-            f"{path}: samples [{first}, {last}] do not lie in it; it has {len(values)} samples, the first is 0 and "
-            "last is not included"
-        )
-    return values[first:last], first
 
 
 def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) -> None:
@@ -184,8 +196,9 @@ def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) 
                 f"{key[2]}; number them apart (experiment: same phases or another input; realisation: other phases)"
             )
         seen[key] = file.path
-        if not (base / file.path).is_file():
-            raise StudyError(f"log file {base / file.path} is not there; paths count from the study's folder")
+        for path in (file.path, *file.also):
+            if not (base / path).is_file():
+                raise StudyError(f"log file {base / path} is not there; paths count from the study's folder")
 
 
 def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
@@ -198,10 +211,11 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
                 f"there are {', '.join(robot.motor_locations)}"
             )
     places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}
-    for role, at in places.items():
-        twice = [place for place in at if at.count(place) > 1]
-        if twice:
-            raise StudyError(f"two channels have role {role} at {twice[0]}; list the one to use")
+    # r may be in several files, which it brings into step.
+    signals = [(c.role, c.at, c.file if c.role == "r" else 1) for c in channels]
+    for role, at, _ in signals:
+        if signals.count((role, at, 1)) > 1:
+            raise StudyError(f"two channels have role {role} at {at}; list the one to use")
     if places["r"] and set(places["r"]) != set(places["u"]):
         raise StudyError(
             f"channels with role r act at {', '.join(places['r'])}, those with role u at {', '.join(places['u'])}; "

@@ -1,4 +1,4 @@
-"""One channel of a log: the file's numbers checked, then in SI and on the link side.
+"""One channel of a log: the file's numbers checked, then in SI and on the link side; missing ones stay missing.
 
 value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque
 motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
@@ -33,50 +33,44 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[F
     signal: FloatArray = values * _own_side_factor(channel)
     turns = 0
     if channel.quantity == "position":
-        jumps = np.abs(np.diff(signal))
+        known = np.isfinite(signal)
+        jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
         if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _NEAR_A_TURN):
-            signal, turns = np.unwrap(signal), int(wraps.sum())
+            signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
     word = f"{turns} jumps of a whole turn were taken out of {described(channel)}" if turns else ""
     return signal * _gear_factor(channel, robot), word
 
 
-def check_values(
-    channels: Sequence[ChannelSpec], values: FloatArray, first: int, path: Path, rate_hz: float | None
-) -> tuple[str, ...]:
-    """DataError where samples (n, n_channels) are missing (how many, where) or a channel never changes.
+def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[str, ...]:
+    """DataError where one of the channels' columns (n,), in each of which samples may be missing, never changes.
 
-    first: number of the first sample in the file.  Returns a word for every input that stands still while others
-    move: it is taken as not excited in this experiment.
+    Returns a word for every input that stands still while others move: it is taken as not excited in this experiment.
     """
     still = []
-    for channel, column in zip(channels, values.T, strict=True):
-        who = f"channel {described(channel)} ({channel.role} at {channel.at})"
-        _check_finite(f"{path}: {who}", column, first, rate_hz)
-        if np.ptp(column) > 0:
+    for channel, column in zip(channels, columns, strict=True):
+        who = named(channel)
+        values = column[np.isfinite(column)]
+        if values.size == 0:
+            raise DataError(f"{path}: {who}: none of its {len(column)} samples is a finite number")
+        if np.ptp(values) > 0:
             continue
-        if channel.role == "y" or not _another_moves(channel, channels, values):
+        if channel.role == "y" or not _another_moves(channel, channels, columns):
             raise DataError(
-                f"{path}: {who} is constant at {column[0]:g} over all {len(column)} samples; nothing was logged "
+                f"{path}: {who} is constant at {values[0]:g} over all {len(column)} samples; nothing was logged "
                 "there, or it is another channel that is meant"
             )
-        still.append(f"{who} is constant at {column[0]:g}: taken as not excited in this experiment")
+        still.append(f"{who} is constant at {values[0]:g}: taken as not excited in this experiment")
     return tuple(still)
 
 
-def _check_finite(who: str, column: FloatArray, first: int, rate_hz: float | None) -> None:
-    bad = np.flatnonzero(~np.isfinite(column))
-    if bad.size:
-        sample = first + int(bad[0])
-        when = "" if rate_hz is None else f" ({sample / rate_hz:.6g} s)"
-        raise DataError(
-            f"{who}: {bad.size} of {len(column)} samples are NaN or infinite, the first is sample {sample}{when}; "
-            "cut them off with samples: [first, last], or mend the log"
-        )
+def named(channel: ChannelSpec) -> str:
+    """How words name a channel: as it is called in the file, and what it is on the robot."""
+    return f"channel {described(channel)} ({channel.role} at {channel.at})"
 
 
-def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], values: FloatArray) -> bool:
-    return any(c.role == channel.role and np.ptp(v) > 0 for c, v in zip(channels, values.T, strict=True))
+def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], columns: Sequence[FloatArray]) -> bool:
+    return any(c.role == channel.role and np.nanmax(v) > np.nanmin(v) for c, v in zip(channels, columns, strict=True))
 
 
 def _own_side_factor(channel: ChannelSpec) -> float:

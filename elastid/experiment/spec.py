@@ -90,7 +90,8 @@ class ChannelSpec:
     of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`).  unit: of the file after `scale`; default SI.
     Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
-    side: motor.
+    side: motor.  file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.  rate_hz: its own
+    sampling rate where it differs; all channels are brought to the lowest one, band-limited.
     """
 
     role: Literal["r", "u", "y"]
@@ -103,9 +104,13 @@ class ChannelSpec:
     sign: Literal[1, -1] = 1
     torque_constant: TorqueConstant | None = None
     side: Literal["link", "motor"] = "link"
+    file: int = 1
+    rate_hz: Frequency | None = None
 
     def __post_init__(self) -> None:
         """Check that role and quantity agree."""
+        if self.file < 1:
+            raise ValueError(f"file is {self.file}; the first file of an experiment is 1")
         if not self.channel and self.column is None:
             raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
         if self.column is not None and self.column < 1:
@@ -137,13 +142,18 @@ class TextFormatSpec:
 
 @section
 class FileSpec:
-    """One log file: which configuration, realisation and experiment it holds. samples: [first, last) to use of it."""
+    """One log file: which configuration, realisation and experiment it holds. samples: [first, last) to use of it.
+
+    also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
+    it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
+    """
 
     path: str
     configuration: str
     realisation: int = 0
     experiment: int = 0
     samples: tuple[int, int] | None = None
+    also: tuple[str, ...] = ()
 
 
 @section
@@ -153,6 +163,7 @@ class RecordedSpec:
     rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  period: of the excitation in s, or
     period_samples.  text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
     of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
+    time: name of the channel that holds the time in s; what its gaps leave out are missing samples.
     """
 
     rate_hz: Frequency | Literal["unknown"]
@@ -162,9 +173,11 @@ class RecordedSpec:
     period_samples: int | None = None
     text: TextFormatSpec = TextFormatSpec()
     half_wave: bool = False
+    time: str = ""
 
     def __post_init__(self) -> None:
         """Exactly one period; at least one input and one output; a whole number of samples per period."""
+        self._check_files_and_rates()
         if (self.period is None) == (self.period_samples is None):
             raise ValueError("give either period (s) or period_samples")
         if self.rate_hz == "unknown" and self.period is not None:
@@ -182,13 +195,91 @@ class RecordedSpec:
                     "check both, or give period_samples"
                 )
 
+    def _check_files_and_rates(self) -> None:
+        last = 1 + min((len(file.also) for file in self.files), default=0)
+        for channel in self.channels:
+            if channel.file > last:
+                raise ValueError(
+                    f"a channel is in file {channel.file} of an experiment; one has {last} only (path, also)"
+                )
+            if channel.role == "u" and channel.file != 1:
+                raise ValueError("the torques that act (role u) must be in the first file of an experiment")
+        if self.rate_hz == "unknown" and (self.time or any(channel.rate_hz is not None for channel in self.channels)):
+            raise ValueError("with rate_hz: unknown neither time nor a channel's own rate_hz means anything")
+
+
+@section
+class ResponseColumnsSpec:
+    """Where a CSV or HDF5 file keeps a frequency response: names of columns or datasets.
+
+    In a CSV file {y} and {u} stand for the names (`channel`) or the numbers (`column`) of output and input.  Either
+    real and imaginary, or magnitude and phase.  HDF5: response names a complex dataset with an axis of frequencies;
+    the two others are outputs, inputs.  std: standard deviation of the complex number, sqrt(E|dG|^2), if there is one.
+    """
+
+    frequency: str = "freq_hz"
+    response: str = "G"
+    real: str = "re_{y}_{u}"
+    imaginary: str = "im_{y}_{u}"
+    magnitude: str = ""
+    phase: str = ""
+    std: str = ""
+    magnitude_unit: Literal["1", "dB"] = "1"
+    phase_unit: Literal["deg", "rad"] = "deg"
+
+    def __post_init__(self) -> None:
+        """A magnitude needs its phase."""
+        if bool(self.magnitude) != bool(self.phase):
+            raise ValueError("give magnitude and phase together; without the phase nothing can be fitted")
+
+
+@section
+class ResponseFileSpec:
+    """One file with the frequency response of one configuration.
+
+    response: which response of the file: variable of a MATLAB file, configuration of a frf.h5 of elastid (default:
+    the only one; of frf.h5 the configuration of the same name).
+    """
+
+    path: str
+    configuration: str
+    response: str = ""
+
+
+@section
+class ResponsesSpec:
+    """Frequency responses that were measured elsewhere: MATLAB structs, HDF5, CSV, UFF 58, or frf.h5 of elastid.
+
+    channels: what the inputs (role u) and outputs (role y) of the files are; column is their number in the file, the
+    first is 1, or channel their name.  frf.h5 of elastid needs none.  frequency_unit: `auto` is what the file says, or
+    Hz for CSV, HDF5 without units and UFF.  relative_std: standard deviation of G as a part of |G| where a file tells
+    none.
+    """
+
+    files: tuple[ResponseFileSpec, ...]
+    channels: tuple[ChannelSpec, ...] = ()
+    frequency_unit: Literal["auto", "Hz", "rad/s", "kHz", "rpm"] = "auto"
+    columns: ResponseColumnsSpec = ResponseColumnsSpec()
+    text: TextFormatSpec = TextFormatSpec()
+    relative_std: float | None = None
+
+    def __post_init__(self) -> None:
+        """At least one file; inputs and outputs, or no channels at all."""
+        if not self.files:
+            raise ValueError("files is empty; list at least one file")
+        roles = {channel.role for channel in self.channels}
+        if self.channels and roles != {"u", "y"}:
+            raise ValueError("channels must have roles u (inputs) and y (outputs), at least one of each and no other")
+        if self.relative_std is not None and not self.relative_std > 0:
+            raise ValueError(f"relative_std is {self.relative_std:g}; it must be positive, for example 0.02")
+
 
 @section
 class ExperimentSpec:
     """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
 
     realisations: independent draws of the random phases.  periods: measured after transient_periods that are left out.
-    Exactly one of simulated and recorded.
+    Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
     """
 
     configurations: dict[str, tuple[Angle, ...]]
@@ -197,12 +288,20 @@ class ExperimentSpec:
     transient_periods: int = 1
     simulated: SimulatedSpec | None = None
     recorded: RecordedSpec | None = None
+    responses: ResponsesSpec | None = None
 
     def __post_init__(self) -> None:
-        """Exactly one rig; counts that give a variance."""
-        if (self.simulated is None) == (self.recorded is None):
-            raise ValueError("give exactly one of simulated and recorded")
+        """Exactly one kind; counts that give a variance."""
+        if sum(kind is not None for kind in (self.simulated, self.recorded, self.responses)) != 1:
+            raise ValueError("give exactly one of simulated, recorded and responses")
         if not self.configurations:
             raise ValueError("configurations is empty; name at least one")
         if self.realisations < 1 or self.periods < 2 or self.transient_periods < 0:
             raise ValueError("realisations must be at least 1, periods at least 2 (for the noise level)")
+
+    @property
+    def kind(self) -> Literal["simulated", "recorded", "responses"]:
+        """Where the data come from, which decides what stages a study has."""
+        if self.simulated is not None:
+            return "simulated"
+        return "recorded" if self.recorded is not None else "responses"

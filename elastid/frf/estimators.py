@@ -15,7 +15,7 @@ from elastid.frf.distortion import Detected, detected, detection_lines, fast_tot
 from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, smoothed
 from elastid.frf.local.response import local_response
 from elastid.frf.methods import AVERAGED, METHODS, Estimate
-from elastid.frf.passivity import sign_words
+from elastid.frf.pairing import pairing_words
 from elastid.frf.quality import input_words, measured_quality
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.frf.spectra import refuse_missing
@@ -104,7 +104,7 @@ def _from_periods(
     response, words = _with_covariances(response, data, found, levels, lines[usable])
     notes += [f"configuration {where}: {note}" for note in found.notes]
     notes += [*words, *input_words(where, first.inputs, data.every, quality)]
-    return replace(response, notes=(*notes, *sign_words(response)))
+    return replace(response, notes=(*notes, *pairing_words(response)))
 
 
 def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[str, ...]]:

@@ -102,10 +102,11 @@ def _followed(lines: IntArray, level: FloatArray, found: BoolArray, step: int) -
 
 
 def _input_power(records: Sequence[Record], lines: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Power (F,) of the inputs' means over periods, each input relative to its whole, and the noise (F,) in it."""
+    """Power (F,) of the mean inputs (r, else u), each relative to its whole, and the noise (F,) in it."""
     power, noise, dof = [], [], 0
     for record in records:
-        U = line_spectra(record, record.u, lines)
+        # A slow carrier is in u but not in r.
+        U = line_spectra(record, record.u if record.r is None else record.r, lines)
         # The first period holds the transient, if there are more than two.
         U = U[1:] if len(U) > 2 else U
         power.append(np.abs(U.mean(axis=0)) ** 2)

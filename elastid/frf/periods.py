@@ -49,6 +49,7 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
 
     Raises DataError where transient_periods leaves fewer than two.
     """
+    spectra = _without_left_out(spectra)
     P = len(spectra.periods)
     if spec.transient_periods != "auto":
         if P - spec.transient_periods < 2:
@@ -60,6 +61,14 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     else:
         settled = _without_transient(spectra, spec.outlier_sigma)
     return _without_outliers(settled, spec.outlier_sigma)
+
+
+def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
+    """What the repair of the log could not save; it has said so."""
+    keep = ~np.isin(spectra.periods, spectra.record.left_out)
+    if keep.sum() < 2:
+        raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair")
+    return spectra if keep.all() else _only(spectra, np.flatnonzero(keep), ())
 
 
 def distances(Z: ComplexArray, good: IntArray, outlier_sigma: float) -> Distances:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +96,8 @@ def _write_record(group: Any, record: Record) -> None:
         variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", "N*m")
     _write_configuration(group, record.configuration)
     scale(group, "note", record.notes, "note")
+    scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that are no measurement")
+    _write_repairs(group, record.repairs)
 
 
 def _read_record(group: Any, name: str) -> Record:
@@ -110,6 +112,8 @@ def _read_record(group: Any, name: str) -> Record:
         y=group["y"][:],
         r=group["r"][:] if "r" in group else None,
         notes=texts(group, "note"),
+        repairs=attributes(group["repairs"]),
+        left_out=tuple(group["left_out"][:].tolist()),
         **{field: known[field] for field in _RECORD_ATTRIBUTES},
     )
 
@@ -167,6 +171,7 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
     write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
     scale(group, "note", response.notes, "note")
+    _write_repairs(group, response.repairs)
 
 
 def _read_response(group: Any) -> FrequencyResponse:
@@ -184,6 +189,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         texts(group, "note"),
         _read_covariance(group, "distortion"),
         read_quality(group),
+        repairs=attributes(group["repairs"]),
     )
 
 
@@ -193,6 +199,13 @@ def _read_covariance(group: Any, name: str) -> Covariance | None:
     part = group[name]
     left, right, matrix = (part[name][:] if name in part else None for name in ("left", "right", "matrix"))
     return Covariance(part["variance"][:], attributes(part)["dof"], left, right, matrix)
+
+
+def _write_repairs(group: Any, repairs: Mapping[str, int]) -> None:
+    """What was mended, as attributes of a group of its own: text -> count."""
+    counts = group.create_group("repairs")
+    for what, count in repairs.items():
+        counts.attrs[what] = count
 
 
 def _write_configuration(group: Any, configuration: Configuration) -> None:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from elastid.errors import StudyError
-from elastid.experiment.spec import ChannelSpec, RecordedSpec
+from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import MOTION_UNIT
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
@@ -24,7 +24,10 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     yield from _references(study)
     if study.experiment.recorded is not None:
         yield from _files(study.experiment.recorded, study, base)
-        yield from _channels(study.experiment.recorded, study)
+        yield from _channels(study.experiment.recorded.channels, study)
+    if study.experiment.responses is not None:
+        yield from _response_files(study.experiment.responses, study, base)
+        yield from _channels(study.experiment.responses.channels, study)
 
 
 def _excitation(study: Study) -> Iterator[Problem]:
@@ -84,23 +87,27 @@ def _references(study: Study) -> Iterator[Problem]:
         for j, name in enumerate(mask.configurations):
             if name not in configurations:
                 yield _unknown((*path, "configurations", j), "configuration", name, configurations)
-        if mask.output and mask.output not in outputs:
+        if mask.output and outputs and mask.output not in outputs:
             yield _unknown((*path, "output"), "output", mask.output, outputs)
         if mask.input and mask.input not in inputs:
             yield _unknown((*path, "input"), "input", mask.input, inputs)
 
 
 def _inputs(study: Study) -> list[str]:
-    recorded = study.experiment.recorded
-    if recorded is None:
-        return list(study.robot.motor_locations)
-    return [channel.at for channel in recorded.channels if channel.role == "u"]
+    channels = _channels_of(study)
+    return [channel.at for channel in channels if channel.role == "u"] or list(study.robot.motor_locations)
+
+
+def _channels_of(study: Study) -> tuple[ChannelSpec, ...]:
+    recorded, responses = study.experiment.recorded, study.experiment.responses
+    return next((kind.channels for kind in (recorded, responses) if kind is not None), ())
 
 
 def _outputs(study: Study) -> list[str]:
-    simulated, recorded = study.experiment.simulated, study.experiment.recorded
-    if recorded is not None:
-        return [channel.at for channel in recorded.channels if channel.role == "y"]
+    """None where only a frf.h5 of another run tells them."""
+    simulated, channels = study.experiment.simulated, _channels_of(study)
+    if channels or study.experiment.kind == "responses":
+        return [channel.at for channel in channels if channel.role == "y"]
     return list(simulated.outputs if simulated is not None and simulated.outputs else study.robot.motor_locations)
 
 
@@ -110,13 +117,7 @@ def _files(recorded: RecordedSpec, study: Study, base: Path) -> Iterator[Problem
     seen: dict[tuple[str, int, int], str] = {}
     for i, file in enumerate(recorded.files):
         path: KeyPath = ("experiment", "recorded", "files", i)
-        if not (base / file.path).is_file():
-            where = (base / file.path).parent
-            beside = sorted(p.name for p in where.iterdir() if p.is_file()) if where.is_dir() else []
-            hint = f"; {did_you_mean(Path(file.path).name, beside[:20])}" if beside else ""
-            yield Problem((*path, "path"), f"no such file (looked for {base / file.path}){hint}")
-        if file.configuration not in configurations:
-            yield _unknown((*path, "configuration"), "configuration", file.configuration, configurations)
+        yield from _file(file, path, configurations, base)
         run = (file.configuration, file.realisation, file.experiment)
         if run in seen:
             yield Problem(
@@ -125,21 +126,55 @@ def _files(recorded: RecordedSpec, study: Study, base: Path) -> Iterator[Problem
                 f"{run[2]}; give each file its own realisation or experiment",
             )
         seen[run] = file.path
-    for name in configurations:
-        if name not in {file.configuration for file in recorded.files}:
+    yield from _without_file(study, recorded.files)
+
+
+def _response_files(responses: ResponsesSpec, study: Study, base: Path) -> Iterator[Problem]:
+    """Files of responses exist, one for each configuration."""
+    configurations = list(study.experiment.configurations)
+    seen: dict[str, str] = {}
+    for i, file in enumerate(responses.files):
+        path: KeyPath = ("experiment", "responses", "files", i)
+        yield from _file(file, path, configurations, base)
+        if file.configuration in seen:
+            yield Problem(
+                path,
+                f"{seen[file.configuration]} and {file.path} both claim configuration {file.configuration}; one "
+                "response of each can be fitted: leave one out, or give it a configuration of its own",
+            )
+        seen[file.configuration] = file.path
+    yield from _without_file(study, responses.files)
+
+
+def _file(file: FileSpec | ResponseFileSpec, path: KeyPath, configurations: list[str], base: Path) -> Iterator[Problem]:
+    if not (base / file.path).is_file():
+        where = (base / file.path).parent
+        beside = sorted(p.name for p in where.iterdir() if p.is_file()) if where.is_dir() else []
+        hint = f"; {did_you_mean(Path(file.path).name, beside[:20])}" if beside else ""
+        yield Problem((*path, "path"), f"no such file (looked for {base / file.path}){hint}")
+    if file.configuration not in configurations:
+        yield _unknown((*path, "configuration"), "configuration", file.configuration, configurations)
+
+
+def _without_file(study: Study, files: Sequence[FileSpec | ResponseFileSpec]) -> Iterator[Problem]:
+    for name in study.experiment.configurations:
+        if name not in {file.configuration for file in files}:
+            where = f"experiment.{study.experiment.kind}.files"
             path = ("experiment", "configurations", name)
-            yield Problem(path, f"no file holds configuration {name}; list one in experiment.recorded.files", True)
+            yield Problem(path, f"no file holds configuration {name}; list one in {where}", True)
 
 
-def _channels(recorded: RecordedSpec, study: Study) -> Iterator[Problem]:
+def _channels(channels: tuple[ChannelSpec, ...], study: Study) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
-    seen: set[tuple[str, str]] = set()
-    for i, channel in enumerate(recorded.channels):
-        path: KeyPath = ("experiment", "recorded", "channels", i)
+    seen: set[tuple[str, str, int]] = set()
+    for i, channel in enumerate(channels):
+        path: KeyPath = ("experiment", study.experiment.kind, "channels", i)
         yield from _channel(channel, path, study)
-        if (channel.role, channel.at) in seen:
+        # r may be in several files, which it brings into step.
+        signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
+        if signal in seen:
             yield Problem((*path, "at"), f"two channels of role {channel.role} at '{channel.at}'")
-        seen.add((channel.role, channel.at))
+        seen.add(signal)
 
 
 def _channel(channel: ChannelSpec, path: KeyPath, study: Study) -> Iterator[Problem]:

@@ -47,6 +47,8 @@ def local_response(
     Raises DataError where the lines are too few or the experiments do not tell the inputs apart.
     """
     first = records[0]
+    for record in records:
+        _refuse_gaps(record)
     lines = analysed_lines(records, spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [settled_spectra(record, lines, spec.quantity, dropped) for record in records]
@@ -97,6 +99,16 @@ def local_response(
         rate_is_known=first.rate_is_known,
         notes=tuple(notes),
     )
+
+
+def _refuse_gaps(record: Record) -> None:
+    """DataError for a record of which periods do not count: a local method takes it as one piece."""
+    if record.left_out:
+        periods = ", ".join(str(period + 1) for period in record.left_out)
+        raise DataError(
+            f"record {record.name}: of period {periods} too much is missing, and a local method takes a record as one "
+            "piece; cut it with samples: [first, last], or take another estimator.method"
+        )
 
 
 def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[Terms]:

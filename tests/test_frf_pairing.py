@@ -1,0 +1,65 @@
+"""Exchanged channels are named; scales, signs and strong coupling are no exchange."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.frf.pairing import pairing_words
+from elastid.record import Configuration
+from elastid.response import FrequencyResponse
+
+FREQ_HZ = np.linspace(1.0, 60.0, 60)
+MOTORS = ("motor 1", "motor 2", "motor 3")
+
+
+def arm(seed: int, noise: float = 0.0) -> FrequencyResponse:
+    """Accelerations of three motors, rigidly and elastically coupled by any positive definite inertia."""
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(6, 6))
+    M = A @ A.T + 0.3 * np.eye(6)
+    springs = np.diag(rng.uniform(200, 2000, 3))
+    K = np.block([[springs, -springs], [-springs, springs]])
+    s = 2j * np.pi * FREQ_HZ[:, None, None]
+    G = s**2 * np.linalg.inv(M * s**2 + (K + 1e-3 * s * K))[:, :3, :3]
+    G = G * (1 + noise * (rng.normal(size=G.shape) + 1j * rng.normal(size=G.shape)))
+    return FrequencyResponse(FREQ_HZ, G, MOTORS, MOTORS, "acceleration", Configuration("home", np.zeros(3)))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), scale=st.lists(st.floats(-3, 3), min_size=3, max_size=3))
+def test_no_passive_arm_is_said_to_be_exchanged_whatever_the_scales_of_its_channels(
+    seed: int, scale: list[float]
+) -> None:
+    """The relative gain of a positive definite matrix is at least 1 on its diagonal, in any units."""
+    response = arm(seed)
+    response = replace(response, G=10 ** np.array(scale)[:, None] * response.G)
+    assert not any("exchanged" in word for word in pairing_words(response))
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("axis", [1, 2])
+def test_two_outputs_or_inputs_that_were_exchanged_are_named(seed: int, axis: int) -> None:
+    """Also with noise, another scale and a wrong sign."""
+    response = arm(seed, noise=0.01)
+    G = np.take(response.G, [0, 2, 1], axis=axis) * np.array([1.0, -300.0, 0.01])
+    (word,) = pairing_words(replace(response, G=G))
+    assert "y at motor 2 answers to u at motor 3, y at motor 3 answers to u at motor 2" in word
+
+
+def test_a_ring_of_three_is_named_too_and_an_output_elsewhere_does_not_disturb() -> None:
+    """Each output answers to the next input; the tool is no motor."""
+    response = arm(3)
+    G = np.concatenate([response.G[:, [1, 2, 0]], response.G[:, :1]], axis=1)
+    (word,) = pairing_words(replace(response, G=G, outputs=(*MOTORS, "body tool z")))
+    assert "y at motor 1 answers to u at motor 2, y at motor 2 answers to u at motor 3, y at motor 3" in word
+
+
+def test_a_response_of_zeros_is_no_exchange() -> None:
+    """Nothing can be said of a singular matrix."""
+    response = arm(0)
+    assert pairing_words(replace(response, G=0 * response.G)) == ()

@@ -1,0 +1,302 @@
+"""Logs with the faults of a real robot, from the file to the response: what is mended equals the clean one."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from elastid.arrays import ComplexArray, FloatArray
+from elastid.errors import DataError, StudyError
+from elastid.experiment.recorded import RecordedRig
+from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec
+from elastid.frf.estimators import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Record
+from elastid.response import FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.store import read_records, read_responses, write_records, write_responses
+
+N, P, RATE = 500, 6, 500.0
+LINES = np.arange(3, 100)
+ROBOT = Robot("one axis", (Body("arm", joints=(Joint("1", "z", Spring(1e3), Motor(1e-2)),), inertia=1.0),))
+CHANNELS = (
+    ChannelSpec("r", "motor 1", "r"),
+    ChannelSpec("u", "motor 1", "u"),
+    ChannelSpec("y", "motor 1", "y", quantity="position"),
+)
+
+
+def plant(freq_hz: FloatArray) -> ComplexArray:
+    """Angle per torque with a resonance at 30 Hz of 4 % damping and an antiresonance at 20 Hz."""
+    s = 2j * np.pi * freq_hz
+    w, a = 2 * np.pi * 30, 2 * np.pi * 20
+    return np.asarray(10 * (s**2 + 0.06 * a * s + a**2) / (s**2 * (s**2 + 0.08 * w * s + w**2)))
+
+
+def log(t: FloatArray, seed: int = 0, noise: float = 0.0) -> dict[str, FloatArray]:
+    """r, u (the loop turns and damps r) and y at times t, in samples of the generator's clock."""
+    rng = np.random.default_rng(seed)
+    R = np.exp(2j * np.pi * rng.random(len(LINES))) / np.sqrt(len(LINES))
+    f = LINES * RATE / N
+    U = R * (2j * np.pi * f) / (2j * np.pi * f + 2 * np.pi * 2)
+    phasors = np.exp(2j * np.pi * np.outer(np.asarray(t) / N, LINES))
+    signals = {name: (phasors @ X).real for name, X in (("r", R), ("u", U), ("y", U * plant(f)))}
+    return {name: x + noise * x.std() * rng.normal(size=len(t)) for name, x in signals.items()}
+
+
+CLEAN = log(np.arange(P * N), noise=1e-4)
+
+
+def _spec(path: str = "log.mat", **changes: Any) -> ExperimentSpec:
+    keys: dict[str, Any] = {"rate_hz": RATE, "period_samples": N, "channels": CHANNELS}
+    keys["files"] = (FileSpec(path, "home"),)
+    return ExperimentSpec({"home": (0.0,)}, recorded=RecordedSpec(**(keys | changes)))
+
+
+def _measure(base: Path, spec: ExperimentSpec) -> Record:
+    rig = RecordedRig(ROBOT, spec, base)
+    return rig.measure(rig.experiments[0])
+
+
+def _of(base: Path, signals: Mapping[str, FloatArray]) -> Record:
+    savemat(base / "log.mat", dict(signals))
+    return _measure(base, _spec())
+
+
+def _error(record: Record) -> float:
+    """The largest error of the response relative to the plant, at all lines."""
+    response = estimate([record], EstimatorSpec(quantity="position"), LINES)
+    assert response.n_lines == len(LINES)
+    return float(np.max(np.abs(response.G[:, 0, 0] / plant(response.freq_hz) - 1)))
+
+
+def _spoilt(name: str, at: Any, value: Any) -> dict[str, FloatArray]:
+    column = CLEAN[name].copy()
+    column[at] = value
+    return CLEAN | {name: column}
+
+
+def _all(change: Any) -> dict[str, FloatArray]:
+    return {name: change(column) for name, column in CLEAN.items()}
+
+
+AT_ONCE = np.random.default_rng(7)
+FAULTS: list[tuple[str, dict[str, FloatArray], dict[str, int], float]] = [
+    ("nothing", CLEAN, {}, 1.0),
+    ("missing samples", _spoilt("y", [10, 11, 900, 2999], np.nan), {"missing samples filled": 4}, 1.2),
+    ("a gap in all", _all(lambda x: np.r_[x[:800], np.full(30, np.inf), x[830:]]), {"missing samples filled": 90}, 1.5),
+    (
+        "most of a period missing",
+        _all(lambda x: np.r_[x[:1100], np.full(200, np.nan), x[1300:]]),
+        {"missing samples filled": 600, "repetitions left out": 1},
+        1.5,
+    ),
+    (
+        "spikes",
+        _spoilt("y", [77, 1234, 2500], 5 * CLEAN["y"].max()),
+        {"spikes replaced": 3},
+        1.2,
+    ),
+    (
+        "a spike of the torque",
+        _spoilt("u", [1777], -5.0),
+        {"spikes replaced": 1},
+        1.2,
+    ),
+    (
+        "lost samples",
+        _all(lambda x: np.delete(x, [1700, 1701])),
+        {"lost samples put back": 2, "missing samples filled": 6},
+        1.5,
+    ),
+    ("a drift", CLEAN | {"y": CLEAN["y"] + 100 * CLEAN["y"].std() * np.linspace(0, 1, P * N)}, {}, 1.2),
+]
+
+
+@pytest.mark.parametrize(("signals", "repairs", "worse"), [f[1:] for f in FAULTS], ids=[f[0] for f in FAULTS])
+def test_the_response_of_a_mended_log_is_as_exact_as_that_of_a_clean_one(
+    signals: dict[str, FloatArray], repairs: dict[str, int], worse: float, tmp_path: Path
+) -> None:
+    """At most half as wrong again as with the noise alone (1e-4 of each signal); every repair counted and said."""
+    clean, mended = _of(tmp_path, CLEAN), _of(tmp_path, signals)
+    assert _error(clean) < 0.02
+    assert _error(mended) < worse * _error(clean) + 1e-12
+    assert mended.repairs == repairs
+    assert len(mended.notes) >= bool(repairs)
+    assert all(note.startswith("record home-r0-e0: ") for note in mended.notes)
+
+
+def test_without_its_repair_each_fault_would_spoil_the_response(tmp_path: Path) -> None:
+    """The test above can fail: a spike alone makes the response thirty times worse."""
+    record = _of(tmp_path, CLEAN)
+    y = record.y.copy()
+    y[[77, 1234, 2500], 0] = 5 * y.max()
+    plain = replace(record, y=y)
+    response = estimate([plain], EstimatorSpec(quantity="position", outlier_sigma=1e9), LINES)
+    assert np.max(np.abs(response.G[:, 0, 0] / plant(response.freq_hz) - 1)) > 30 * _error(record)
+
+
+@pytest.mark.parametrize("ppm", [300.0, -120.0])
+def test_a_log_whose_clock_differs_gives_the_same_response(ppm: float, tmp_path: Path) -> None:
+    """0.15 samples a period: 20 times better than as it was logged, at lines up to a fifth of the rate."""
+    t = np.arange(P * N + 5) / (1 + ppm * 1e-6)
+    record = _of(tmp_path, log(t, noise=1e-4))
+    assert record.repairs == {"samples resampled": P * N}
+    assert f"differ by {ppm:.0f}" in record.notes[0]
+    assert _error(record) < 4e-3
+    savemat(tmp_path / "wrong.mat", log(np.arange(P * N) / 1.002))
+    with pytest.raises(DataError, match=r"does not repeat .* it repeats every 501"):
+        _measure(tmp_path, _spec("wrong.mat"))
+
+
+def test_a_clock_that_differs_and_missing_samples_go_together(tmp_path: Path) -> None:
+    """What is missing stays missing while the log is resampled, and is filled then."""
+    signals = log(np.arange(P * N + 5) / (1 + 2e-4))
+    signals["y"][[600, 601, 1900]] = np.nan
+    record = _of(tmp_path, signals)
+    assert record.repairs["samples resampled"] == P * N
+    assert record.repairs["missing samples filled"] >= 3
+    assert _error(record) < 5e-3
+
+
+def test_gaps_in_a_column_of_times_are_filled(tmp_path: Path) -> None:
+    """Seven samples left out of the file, all channels alike."""
+    keep = np.delete(np.arange(P * N), [100, 1200, 1201, 1202, 1203, 2700, 2701])
+    signals = {name: x[keep] for name, x in CLEAN.items()}
+    savemat(tmp_path / "log.mat", signals | {"t": keep / RATE + 12.5})
+    record = _measure(tmp_path, _spec(time="t"))
+    assert record.repairs == {"samples missing in time": 7, "missing samples filled": 21}
+    assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
+    savemat(tmp_path / "log.mat", signals | {"t": keep / 300.0})
+    with pytest.raises(DataError, match=r"steps in time are no whole samples at 500 Hz"):
+        _measure(tmp_path, _spec(time="t"))
+
+
+@pytest.mark.parametrize("late", [123.4, -37.0, 700.25])
+def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: float, tmp_path: Path) -> None:
+    """y and r in a second file, late by any fraction: the delay found to 1e-2 samples, no phase error left."""
+    other = log(np.arange(P * N) - late, noise=1e-4)
+    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    savemat(tmp_path / "encoder.mat", {"r": other["r"], "y": other["y"]})
+    channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
+    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.mat", "home", also=("encoder.mat",)),)))
+    wrapped = (late + N / 2) % N - N / 2
+    assert f"encoder.mat lags log.mat by {wrapped:.2f}" in record.notes[0].replace("-0.00", "0.00")
+    assert record.repairs == {"logs shifted": 1}
+    assert record.n_periods >= P - 2
+    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
+
+
+def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
+    """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
+    signals = log(np.arange(P * N) + 211, noise=1e-4)
+    savemat(tmp_path / "log.mat", {"u": signals["u"], "y": signals["y"]})
+    savemat(tmp_path / "sent.mat", {"r": log(np.arange(N))["r"]})
+    channels = (replace(CHANNELS[0], file=2), *CHANNELS[1:])
+    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.mat", "home", also=("sent.mat",)),)))
+    assert record.r is not None
+    assert record.n_periods == P
+    np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
+    assert "sent.mat lags log.mat by 211.000 samples" in record.notes[0]
+
+
+def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
+    """No r in the second file, or another one."""
+    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    savemat(tmp_path / "encoder.mat", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
+    files = (FileSpec("log.mat", "home", also=("encoder.mat",)),)
+    y = replace(CHANNELS[2], file=2)
+    with pytest.raises(DataError, match=r"encoder.mat: nothing tells when it started \(it has no complete channel"):
+        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], y), files=files))
+    with pytest.raises(DataError, match=r"nothing tells when it started \(best correlation 0\.\d+ at motor 1"):
+        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
+
+
+def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
+    """The encoder at four times the rate of the torques; a rate without a whole number of samples is refused."""
+    fast = log(np.arange(4 * P * N) / 4)["y"]
+    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    channels = (*CHANNELS[:2], replace(CHANNELS[2], rate_hz=4 * RATE))
+    record = _measure(tmp_path, _spec(channels=channels))
+    assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
+    assert record.repairs == {"channels brought to another rate": 1}
+    assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
+    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    slow = replace(CHANNELS[2], rate_hz=333.3)
+    with pytest.raises(StudyError, match=r"at 333.3 Hz the period of 1 s is 333.3 samples, not a whole number"):
+        _measure(tmp_path, _spec(channels=(*CHANNELS[:2], slow)))
+
+
+def test_a_clipped_torque_is_counted_or_refused(tmp_path: Path) -> None:
+    """At its largest 4 % a word; at a tenth refused with what to do."""
+    limit = float(np.quantile(np.abs(CLEAN["u"]), 0.96))
+    record = _of(tmp_path, CLEAN | {"u": np.clip(CLEAN["u"], -limit, limit)})
+    assert record.repairs.keys() == {"samples at a limit"}
+    with pytest.raises(DataError, match=r"u \(u at motor 1\): .* it is clipped; measure again with less torque"):
+        _of(tmp_path, CLEAN | {"u": np.clip(CLEAN["u"], -0.5, 0.5)})
+
+
+def test_a_slow_carrier_is_no_analysed_line_and_one_that_does_not_repeat_is_named(tmp_path: Path) -> None:
+    """Thirty times the excitation on line 1 of u and y, r without: only the excited lines; off the lines a word."""
+    size = 30 * np.array([CLEAN["u"].std(), CLEAN["y"].std()])
+    for cycles, says in ((1.0, False), (1.37, True)):
+        carrier = np.sin(2 * np.pi * cycles * np.arange(P * N) / N)
+        record = _of(tmp_path, CLEAN | {"u": CLEAN["u"] + size[0] * carrier, "y": CLEAN["y"] + size[1] * carrier})
+        assert any("moves slowly without repeating" in note for note in record.notes) == says
+        if not says:
+            response = estimate([record], EstimatorSpec(quantity="position"))
+            np.testing.assert_allclose(response.freq_hz, LINES * RATE / N)
+
+
+def test_a_drive_that_acts_late_is_told(tmp_path: Path) -> None:
+    """u and y three samples behind r: said, and the response is the same."""
+    late = log(np.arange(P * N) - 3, noise=1e-4)
+    record = _of(tmp_path, {"r": CLEAN["r"], "u": late["u"], "y": late["y"]})
+    (note,) = record.notes
+    assert re.search(r"u at motor 1 lags r by (2\.\d|3\.\d) samples", note)
+    assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
+
+
+def test_records_of_unequal_numbers_of_periods_go_together(tmp_path: Path) -> None:
+    """Realisations of 4 and 7 periods: the response is exact, its noise variance that of the mean of both."""
+    estimated, errors = [], []
+    for seed in range(12):
+        for m, periods in enumerate((4, 7)):
+            savemat(tmp_path / f"{m}.mat", log(np.arange(periods * N), seed=100 * seed + m, noise=1e-2))
+        files = tuple(FileSpec(f"{m}.mat", "home", realisation=m) for m in (0, 1))
+        rig = RecordedRig(ROBOT, _spec(files=files), tmp_path)
+        records = [rig.measure(experiment) for experiment in rig.experiments]
+        assert [record.n_periods for record in records] == [4, 7]
+        response = estimate(records, EstimatorSpec(quantity="position"), LINES)
+        assert response.noise is not None
+        truth = plant(response.freq_hz)
+        estimated.append(response.noise.variance[:, 0, 0] / np.abs(truth) ** 2)
+        errors.append(np.abs(response.G[:, 0, 0] / truth - 1) ** 2)
+    assert np.mean(np.median(estimated, axis=0) / np.mean(errors, axis=0)) == pytest.approx(1.0, abs=0.3)
+
+
+def test_repairs_are_kept_in_the_files(tmp_path: Path) -> None:
+    """records.h5 and frf.h5 hold counts and the repetitions that are no measurement."""
+    record = _of(tmp_path, FAULTS[3][1])
+    assert record.left_out == (2,)
+    write_records(tmp_path / "records.h5", [record])
+    (again,) = read_records(tmp_path / "records.h5")
+    assert (again.repairs, again.left_out) == (record.repairs, record.left_out)
+    response = FrequencyResponse(
+        np.array([1.0]),
+        np.ones((1, 1, 1)),
+        ("motor 1",),
+        ("motor 1",),
+        "position",
+        Configuration("home", np.zeros(1)),
+        repairs=record.repairs,
+    )
+    write_responses(tmp_path / "frf.h5", [response])
+    assert read_responses(tmp_path / "frf.h5")[0].repairs == record.repairs

@@ -1,0 +1,409 @@
+"""Frequency responses of other programs: one analytic plant through every format, and refusals that say why."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from elastid import stages
+from elastid.arrays import ComplexArray, FloatArray
+from elastid.console import Console
+from elastid.errors import DataError, ElastidError, StudyError
+from elastid.experiment.responses.reading import link_side_response, read_table
+from elastid.experiment.spec import ChannelSpec, ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
+from elastid.frf.conversion import in_quantity
+from elastid.inspection import described
+from elastid.record import Configuration, Motion
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.run import Run
+from elastid.store import read_responses
+from elastid.study import load
+
+RATIO, CONSTANT, DELAY = -50.0, 0.5, 2e-3
+ROBOT = Robot(
+    "two axes",
+    (
+        Body("turret", joints=(Joint("1", motor=Motor(1e-3, RATIO), spring=Spring(1e5)),), inertia=1.0),
+        Body("arm", "turret", joints=(Joint("2", "y", Spring(1e5), Motor(1e-3)),), inertia=1.0),
+    ),
+)
+HOME = Configuration("home", np.zeros(2))
+FREQ_HZ = np.array([2.0, 3.0, 5.0, 7.5, 11.0, 20.0])
+# Current of motor 1 in mA and motor side, torque of motor 2 turned round; speed of motor 1 in rpm, angle of joint 2.
+CHANNELS = (
+    ChannelSpec("u", "motor 1", column=1, quantity="current", unit="mA", torque_constant=CONSTANT, side="motor"),
+    ChannelSpec("u", "motor 2", column=2, sign=-1),
+    ChannelSpec("y", "motor 1", column=1, quantity="velocity", unit="rpm", side="motor"),
+    ChannelSpec("y", "joint 2", column=2, quantity="position", unit="deg"),
+)
+
+
+def plant(freq_hz: FloatArray) -> ComplexArray:
+    """Acceleration per torque of two coupled motors behind a delay: -w^2 e^{-jwT} (K + jwD - w^2 J)^-1."""
+    J, D, K = np.diag([2.0, 1.0]), np.array([[3.0, -1], [-1, 2]]), np.array([[900.0, -600], [-600, 1500]])
+    w = 2 * np.pi * freq_hz[:, None, None]
+    return np.asarray(-(w**2) * np.exp(-1j * w * DELAY) * np.linalg.inv(K + 1j * w * D - w**2 * J))
+
+
+def in_file() -> ComplexArray:
+    """The same as rpm and deg, motor side, per mA and turned torque."""
+    s = 2j * np.pi * FREQ_HZ
+    G = plant(FREQ_HZ)
+    outputs = np.stack([RATIO / s * 60 / (2 * np.pi), 180 / np.pi / s**2], axis=1)
+    inputs = np.array([RATIO * CONSTANT * 1e-3, -1.0])
+    return np.asarray(outputs[:, :, None] * G * inputs)
+
+
+def _spec(path: str, **changes: Any) -> ResponsesSpec:
+    return ResponsesSpec(**({"files": (ResponseFileSpec(path, "home"),), "channels": CHANNELS} | changes))
+
+
+def _read(base: Path, spec: ResponsesSpec, quantity: Motion = "acceleration") -> FrequencyResponse:
+    file = spec.files[0]
+    return link_side_response(read_table(base / file.path, spec, file.response), spec, HOME, ROBOT, quantity)
+
+
+def _struct(**changes: Any) -> dict[str, Any]:
+    G = np.moveaxis(in_file(), 0, 2)
+    return {"ResponseData": G, "Frequency": 2 * np.pi * FREQ_HZ[:, None], "FrequencyUnit": "rad/TimeUnit"} | changes
+
+
+def _matlab(base: Path) -> ResponsesSpec:
+    savemat(base / "frf.mat", {"G": _struct(), "junk": np.arange(3)})
+    return _spec("frf.mat")
+
+
+def _matlab_with_names_in_hz(base: Path) -> ResponsesSpec:
+    names = {
+        "InputName": np.array([["torque 2"], ["current 1"]], dtype=object),
+        "OutputName": np.array([["speed"], ["angle"]], dtype=object),
+    }
+    G = np.moveaxis(in_file()[:, :, ::-1], 0, 2)
+    savemat(base / "frf.mat", {"G": _struct(ResponseData=G, FrequencyUnit="Hz", Frequency=FREQ_HZ, **names), "b": 1.0})
+    labels = ("current 1", "torque 2", "speed", "angle")
+    channels = tuple(replace(c, channel=name, column=None) for c, name in zip(CHANNELS, labels, strict=True))
+    return _spec("frf.mat", channels=channels)
+
+
+def _matlab_73(base: Path) -> ResponsesSpec:
+    G = np.moveaxis(in_file(), 0, 2)
+    with h5py.File(base / "new.mat", "w", userblock_size=512) as file:
+        data = np.zeros(G.T.shape, dtype=[("real", "f8"), ("imag", "f8")])
+        data["real"], data["imag"] = G.T.real, G.T.imag
+        file["s/ResponseData"], file["s/Frequency"] = data, FREQ_HZ[None] * 2 * np.pi
+        file["s/Units"] = np.array([[ord(c)] for c in "rad/s"], dtype=np.uint16).T
+    with (base / "new.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
+    return _spec("new.mat")
+
+
+def _hdf5(base: Path) -> ResponsesSpec:
+    with h5py.File(base / "frf.h5", "w") as file:
+        file["data/G"], file["data/w"] = np.moveaxis(in_file(), 0, 2), 2 * np.pi * FREQ_HZ
+        file["data/w"].attrs["units"] = "rad/s"
+    return _spec("frf.h5", columns=ResponseColumnsSpec(frequency="data/w", response="data/G"))
+
+
+def _csv_of(base: Path, parts: dict[str, FloatArray]) -> None:
+    columns = {"freq_hz": FREQ_HZ} | parts
+    rows = [",".join(f"{v:.17g}" for v in row) for row in zip(*columns.values(), strict=True)]
+    (base / "frf.csv").write_text("\n".join([",".join(columns), *rows]))
+
+
+def _elements(*parts: tuple[str, Callable[[ComplexArray], FloatArray]]) -> dict[str, FloatArray]:
+    G = in_file()
+    return {f"{name}_{i + 1}_{j + 1}": f(G[:, i, j]) for i in range(2) for j in range(2) for name, f in parts}
+
+
+def _csv(base: Path) -> ResponsesSpec:
+    _csv_of(base, _elements(("re", np.real), ("im", np.imag)))
+    return _spec("frf.csv")
+
+
+def _csv_in_db_and_degrees(base: Path) -> ResponsesSpec:
+    _csv_of(
+        base,
+        _elements(("mag", lambda g: 20 * np.log10(np.abs(g))), ("arg", lambda g: np.degrees(np.unwrap(np.angle(g))))),
+    )
+    columns = ResponseColumnsSpec(magnitude="mag_{y}_{u}", phase="arg_{y}_{u}", magnitude_unit="dB")
+    return _spec("frf.csv", columns=columns)
+
+
+def _uff_set(x: FloatArray, g: ComplexArray, response: tuple[int, int], reference: tuple[int, int], what: int) -> str:
+    """A data set 58 of double precision complex numbers at uneven frequencies, as the format's description has it."""
+    head = ["    -1", "    58", *("line" for _ in range(5))]
+    head.append(
+        f"{4:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{response[0]:10d}{response[1]:4d} {'NONE':10s}{reference[0]:10d}"
+        f"{reference[1]:4d}"
+    )
+    head.append(f"{6:10d}{len(x):10d}{0:10d}{0.0:13.5E}{0.0:13.5E}{0.0:13.5E}")
+    head += [f"{kind:10d}{0:5d}{0:5d}{0:5d} {'NONE':20s} {'NONE':20s}" for kind in (18, what, 13, 0)]
+    data = [f"{f:13.5E}{v.real:20.12E}{v.imag:20.12E}" for f, v in zip(x, g, strict=True)]
+    return "\n".join([*head, *data, "    -1", ""])
+
+
+def _uff(base: Path) -> ResponsesSpec:
+    pytest.importorskip("pyuff")
+    G, signs = in_file(), np.array([[1, -1], [1, -1]])  # motor 2 is driven along -z
+    places = {"rsp": [(11, 6), (12, 6)], "ref": [(1, 6), (2, -6)]}
+    sets = [
+        _uff_set(FREQ_HZ, signs[i, j] * G[:, i, j], places["rsp"][i], places["ref"][j], (11, 8)[i])
+        for i in range(2)
+        for j in range(2)
+    ]
+    (base / "frf.uff").write_text("".join(sets))
+    channels = tuple(
+        replace(c, channel=name, column=None) for c, name in zip(CHANNELS, ("1rz", "2rz", "11rz", "12rz"), strict=True)
+    )
+    return _spec("frf.uff", channels=channels)
+
+
+WRITERS = [_matlab, _matlab_with_names_in_hz, _matlab_73, _hdf5, _csv, _csv_in_db_and_degrees, _uff]
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
+    write: Callable[[Path], ResponsesSpec], tmp_path: Path
+) -> None:
+    """Phase (a delay turns it down), units, sides, signs, quantities, names: not conjugated, not transposed."""
+    response = _read(tmp_path, write(tmp_path))
+    np.testing.assert_allclose(response.freq_hz, FREQ_HZ, rtol=1e-5 if write is _uff else 1e-14)
+    np.testing.assert_allclose(response.G, plant(FREQ_HZ), rtol=1e-4 if write is _uff else 1e-12)
+    assert (response.inputs, response.outputs) == (("motor 1", "motor 2"), ("motor 1", "joint 2"))
+    assert (response.quantity, response.noise, response.notes) == ("acceleration", None, ())
+
+
+def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path: Path) -> None:
+    """CovarianceData holds real and imaginary part, std of a CSV the complex number: both end at 1 % and 3 % of |G|."""
+    G = in_file()
+    covariance = np.zeros((2, 2, len(FREQ_HZ), 2, 2))
+    covariance[..., 0, 0] = np.moveaxis((0.006 * np.abs(G)) ** 2, 0, 2)
+    covariance[..., 1, 1] = np.moveaxis((0.008 * np.abs(G)) ** 2, 0, 2)
+    savemat(tmp_path / "frf.mat", {"G": _struct(CovarianceData=covariance)})
+    _csv_of(tmp_path, _elements(("re", np.real), ("im", np.imag), ("std", lambda g: 0.03 * np.abs(g))))
+    cases = (
+        (_spec("frf.mat", relative_std=0.5), 0.01),
+        (_spec("frf.csv", columns=ResponseColumnsSpec(std="std_{y}_{u}")), 0.03),
+        (_spec("frf.csv", relative_std=0.02), 0.02),
+    )
+    for spec, relative in cases:
+        response = _read(tmp_path, spec, "velocity")
+        assert response.noise is not None
+        np.testing.assert_allclose(np.sqrt(response.noise.variance), relative * np.abs(response.G), rtol=1e-10)
+
+
+def test_conversion_of_the_quantity_and_back_is_the_identity_with_its_covariance() -> None:
+    """G (j omega)^2 and its full covariance, then divided again."""
+    rng = np.random.default_rng(0)
+    left, right = (
+        a @ np.swapaxes(a, 1, 2).conj() for a in rng.normal(size=(2, 6, 2, 2)) + 1j * rng.normal(size=(6, 2, 2))
+    )
+    variance = np.einsum("fyy,fuu->fyu", right, left).real
+    places = ("motor 1", "motor 2")
+    a = FrequencyResponse(
+        FREQ_HZ, plant(FREQ_HZ), places, places, "position", HOME, total=Covariance(variance, 3, left, right)
+    )
+    b = in_quantity(a, "acceleration")
+    assert a.total is not None
+    assert b.total is not None
+    np.testing.assert_allclose(b.G, a.G * -((2 * np.pi * FREQ_HZ) ** 2)[:, None, None], rtol=1e-13)
+    np.testing.assert_allclose(b.total.full(), a.total.full() * ((2 * np.pi * FREQ_HZ) ** 4)[:, None, None], rtol=1e-13)
+    np.testing.assert_allclose(
+        np.einsum("faa->fa", b.total.full()).real, np.swapaxes(b.total.variance, 1, 2).reshape(6, 4)
+    )
+    np.testing.assert_allclose(in_quantity(b, "position").G, a.G, rtol=1e-13)
+
+
+def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) -> None:
+    """A line at 0 Hz has no acceleration; a NaN would spoil the fit."""
+    G = in_file()
+    G[3, 0, 1] = np.nan
+    s = _struct(ResponseData=np.moveaxis(G, 0, 2), Frequency=np.r_[0, FREQ_HZ[1:]], FrequencyUnit="Hz")
+    savemat(tmp_path / "frf.mat", {"G": s})
+    response = _read(tmp_path, _spec("frf.mat"))
+    assert response.notes == ("frf.mat: 2 of 6 lines are left out: 1 at 0 Hz and 1 not finite",)
+    np.testing.assert_allclose(response.freq_hz, FREQ_HZ[[1, 2, 4, 5]])
+
+
+Two = dict[str, Any]
+
+
+@pytest.mark.parametrize(
+    ("variables", "changes", "message"),
+    [
+        ({"G": _struct(FrequencyUnit="")}, {}, "does not say the unit of its frequencies; set frequency_unit"),
+        ({"G": _struct(), "H": _struct()}, {}, r"no response '' in it \(say which with response\); .* G, H"),
+        ({"x": np.arange(5)}, {}, r"responses in it: none; an idfrd object .* s = struct\('ResponseData'"),
+        ({"G": {"ResponseData": np.ones((2, 2, 6))}}, {}, "has no G.Frequency beside it"),
+        ({"G": _struct(Frequency=FREQ_HZ[:5])}, {}, r"5 frequencies and a response of shape \(6, 2, 2\)"),
+        ({"G": _struct(Frequency=np.r_[2.0, FREQ_HZ[:5]])}, {}, "Hz is there twice"),
+        ({"G": _struct(CovarianceData=np.ones((2, 2, 6)))}, {}, "CovarianceData has shape"),
+        (
+            {"G": _struct()},
+            {"channels": (replace(CHANNELS[0], column=3), *CHANNELS[1:])},
+            "no input is '3'; there are 2",
+        ),
+    ],
+)
+def test_a_matlab_file_that_cannot_be_used_is_refused_with_what_it_holds(
+    variables: Two, changes: Two, message: str, tmp_path: Path
+) -> None:
+    """No unit, two responses, none, no frequencies, shapes that disagree, a line twice, a channel too many."""
+    savemat(tmp_path / "frf.mat", variables)
+    with pytest.raises(DataError, match=message):
+        _read(tmp_path, _spec("frf.mat", **changes))
+
+
+def test_a_text_or_hdf5_file_without_its_columns_is_refused_with_those_it_has(tmp_path: Path) -> None:
+    """Named by the study, not in the file."""
+    _csv(tmp_path)
+    _hdf5(tmp_path)
+    columns = ResponseColumnsSpec(real="Re {y}/{u}")
+    for spec, message in (
+        (_spec("frf.csv", columns=columns), r"no column Re 1/1, Re 1/2, .* There are freq_hz, re_1_1"),
+        (_spec("frf.h5"), r"no G in it; name response and frequency under columns. There are data/G \(2 x 2 x 6\)"),
+    ):
+        with pytest.raises(DataError, match=message):
+            _read(tmp_path, spec)
+
+
+def test_universal_files_say_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An element that is not there, another quantity than the channel's, and the extra that reads them."""
+    spec = _uff(tmp_path)
+    text = (tmp_path / "frf.uff").read_text()
+    (tmp_path / "frf.uff").write_text("    -1\n    58" + "    -1\n    58".join(text.split("    -1\n    58")[1:4]))
+    with pytest.raises(DataError, match="the response of 12rz to 2rz is not in it"):
+        _read(tmp_path, spec)
+    channels = (*spec.channels[:2], replace(spec.channels[2], quantity="acceleration", unit=""), spec.channels[3])
+    with pytest.raises(StudyError, match="output 11rz is of quantity velocity, its channel says acceleration"):
+        _read(tmp_path, replace(spec, channels=channels))
+    monkeypatch.setitem(sys.modules, "pyuff", None)
+    with pytest.raises(StudyError, match=r"pip install 'elastid\[uff\]'"):
+        _read(tmp_path, spec)
+
+
+def test_inspect_shows_the_responses_of_a_file(tmp_path: Path) -> None:
+    """By the name that a study gives them, with sizes, band and unit."""
+    _matlab(tmp_path)
+    shown = described(tmp_path / "frf.mat")
+    assert "response G: 2 outputs x 2 inputs, 6 lines, 12.5664 to 125.664 rad/TimeUnit" in shown
+    assert "junk" in shown
+    _uff(tmp_path)
+    assert "response of 11rz (velocity) to 2rz: 6 lines, 2 to 20 Hz" in described(tmp_path / "frf.uff")
+
+
+STUDY = """\
+name: elsewhere
+robot: robot.yml
+experiment:
+  configurations: {a: [0], b: [30 deg]}
+  responses:
+    relative_std: 0.01
+    channels:
+      - {role: u, at: motor 1, column: 1}
+      - {role: y, at: motor 1, column: 1, quantity: velocity}
+    files:
+      - {path: a.mat, configuration: a}
+      - {path: b.mat, configuration: b}
+fit:
+  starts: 2
+  weights: {floor: 0}
+  parameters: {k_1: {}, d_1: {}}
+report: {formats: [png]}
+"""
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, tiny_texts: tuple[str, str]) -> Path:
+    """A study of the robot of one elastic joint: stiffness 60, damping 0.01, from velocity responses with 1 % noise."""
+    freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
+    s = 2j * np.pi * freq_hz
+    k, d, J, load_inertia, friction = 60.0, 0.01, 1e-3, 1e-3, 1e-3
+    through = k + d * s
+    G = (
+        s
+        * (load_inertia * s**2 + through)
+        / ((J * s**2 + friction * s + through) * (load_inertia * s**2 + through) - through**2)
+    )
+    for name in ("a", "b"):
+        noise = 0.01 * np.abs(G) * (rng.normal(size=60) + 1j * rng.normal(size=60)) / np.sqrt(2)
+        s_ = {"ResponseData": (G + noise)[None, None], "Frequency": freq_hz, "Units": "Hz"}
+        savemat(tmp_path / f"{name}.mat", {"G": s_})
+    (tmp_path / "robot.yml").write_text(tiny_texts[1])
+    (tmp_path / "study.yml").write_text(STUDY)
+    return tmp_path / "study.yml"
+
+
+def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Path) -> None:
+    """estimate (import), fit, validate, report: the true stiffness within its interval; again from that frf.h5."""
+    folder = elsewhere.parent / "run"
+    run = Run(load(elsewhere), folder, 1, Console(-1))
+    assert run.stages == ("estimate", "fit", "validate", "report")
+    stages.run_all(run)
+    found = json.loads((folder / "summary.json").read_text())
+    low, high = found["parameters"]["k_1"]["interval95"]
+    assert low < 60 < high
+    assert high - low < 0.5
+    assert (folder / "report.html").is_file()
+    assert not (folder / "records.h5").exists()
+    assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
+    with pytest.raises(StudyError, match="there is nothing to measure; the first stage is `estimate`"):
+        stages.only(run, "measure")
+    again = elsewhere.with_name("again.yml")
+    text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
+    again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
+    stages.estimate(Run(load(again), folder / "again", 1, Console(-1)))
+    for old, new in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
+        np.testing.assert_array_equal(old.G, new.G)
+        assert old.noise is not None
+        assert new.noise is not None
+        np.testing.assert_array_equal(old.noise.variance, new.noise.variance)
+
+
+def test_another_file_makes_the_import_out_of_date(elsewhere: Path) -> None:
+    """The stamp of the first stage holds the hashes of the files."""
+    folder = elsewhere.parent / "run"
+    stages.estimate(Run(load(elsewhere), folder, 1, Console(-1)))
+    assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
+    (elsewhere.parent / "a.mat").write_bytes((elsewhere.parent / "b.mat").read_bytes())
+    assert not Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("path: a.mat", "path: c.mat", "files.*no such file"),
+        ("b.mat, configuration: b", "b.mat, configuration: a", "both claim configuration a"),
+        ("b.mat, configuration: b", "b.mat, configuration: c", "no configuration is called 'c'"),
+        ("at: motor 1, column: 1}", "at: motor 7, column: 1}", "no motor is called 'motor 7'"),
+        ("    relative_std: 0.01", "    relative_std: 0", "relative_std is 0; it must be positive"),
+        ("      - {role: u, at: motor 1, column: 1}\n", "", "channels must have roles u"),
+    ],
+)
+def test_a_study_that_contradicts_its_files_is_refused_by_check(
+    old: str, new: str, message: str, elsewhere: Path
+) -> None:
+    """With the key at fault."""
+    elsewhere.write_text(STUDY.replace(old, new, 1))
+    with pytest.raises(ElastidError, match=message):
+        load(elsewhere)
+
+
+def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
+    """frf.h5 of elastid knows its configuration."""
+    folder = elsewhere.parent / "run"
+    stages.estimate(Run(load(elsewhere), folder, 1, Console(-1)))
+    text = STUDY.replace("a.mat", "run/frf.h5").replace("b: [30 deg]", "b: [40 deg]").replace("b.mat", "run/frf.h5")
+    elsewhere.write_text(text)
+    with pytest.raises(StudyError, match=r"b was measured at .* the study's b is at"):
+        stages.estimate(Run(load(elsewhere), folder / "again", 1, Console(-1)))
