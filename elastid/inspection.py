@@ -7,6 +7,7 @@ from pathlib import Path
 from elastid.errors import StudyError
 from elastid.experiment.log_files import contents
 from elastid.experiment.spec import TextFormatSpec
+from elastid.experiment.text_logs import described_format, guessed
 from elastid.store import described as described_artefact
 from elastid.store import kind_of
 
@@ -17,9 +18,12 @@ def described(path: Path) -> str:
         raise StudyError(f"{path}: no such file")
     if kind_of(path) is not None:
         return described_artefact(path)
-    signals = contents(path, TextFormatSpec())
+    text = guessed(path)
+    signals = contents(path, text)
     width = max(map(len, signals), default=0)
     lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
+    if text != TextFormatSpec():
+        lines.append(f"  its numbers are written with {described_format(text)}")
     return "\n".join([*lines, *(f"  {name.ljust(width)}  {_shape(shape)}" for name, shape in signals.items())])
 
 
