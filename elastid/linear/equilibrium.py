@@ -18,6 +18,7 @@ from elastid.record import Configuration
 
 MAX_STEPS = 60
 LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
+LEAST_INERTIA = 1e-13  # of the weakest movement over the strongest; rounding leaves about 1e-16 where there is none
 SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
 
 
@@ -40,7 +41,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
 
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side.
-    StudyError where the number of angles is wrong, a joint finds no rest or gives way under gravity.
+    StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
     held = np.array([model.index(motor) for motor in model.inputs])
     free = np.setdiff1d(np.arange(model.n_q), held)
@@ -60,6 +61,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(K).max()
     _check_rest(model, configuration, free, torque, rounding)
     _check_stable(model, configuration, free, K)
+    _check_inertia(model, configuration, model.mass(q, theta).full())
     return OperatingPoint(configuration, q, lambda_, model.B.T @ torque)
 
 
@@ -112,4 +114,14 @@ def _check_stable(model: ElasticModel, configuration: Configuration, free: IntAr
             f"configuration {configuration.name}: {model.coordinates[worst]} tips over, springs and gravity together "
             f"have a stiffness of {stiffness[0]:.3g} N*m/rad there with the motors held; raise its stiffness, or let a "
             "joint without spring hang down"
+        )
+
+
+def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:
+    inertia, movements = np.linalg.eigh(M)
+    if not inertia[0] > LEAST_INERTIA * inertia[-1]:
+        worst = int(np.argmax(np.abs(movements[:, 0])))
+        raise StudyError(
+            f"configuration {configuration.name}: {model.coordinates[worst]} moves no inertia; "
+            "give a mass or an inertia to the body that it carries, or to one beyond"
         )
