@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -24,6 +25,9 @@ INTERRUPTED = 130
 
 def main() -> None:
     """The program `elastid`."""
+    # A program that was started without them (`>&-`) has None here, which nothing below expects.
+    sys.stdout = sys.stdout or io.StringIO()
+    sys.stderr = sys.stderr or io.StringIO()
     sys.exit(run_command(sys.argv[1:]))
 
 
