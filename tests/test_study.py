@@ -97,6 +97,15 @@ WRONG = [
     ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
     ("  starts: 2", "  mask: [{input: motor 2}]", "fit.mask[0].input", "did you mean 'motor 1'?"),
     ("    noise:", "    outputs: [joint 3]\n    noise:", "experiment.simulated.outputs[0]", "not a place on robot"),
+    (
+        "    noise:",
+        "    outputs: [motor 1, joint 1, motor 1]\n    noise:",
+        "experiment.simulated.outputs",
+        "its lines would count twice",
+    ),
+    ("  starts: 2", "  start_factor: .nan", "fit.start_factor", "expected a finite number"),
+    ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
+    ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "periods is 1; it must be at least 2"),
     ("    noise:", "    carrier: {amplitude: 80 deg}\n    noise:", "experiment.configurations.b[0]", "the carrier's"),
 ]
 
