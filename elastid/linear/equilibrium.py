@@ -18,7 +18,7 @@ from elastid.record import Configuration
 
 MAX_STEPS = 60
 LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
-LEAST_INERTIA = 1e-13  # of the weakest movement over the strongest; rounding leaves about 1e-16 where there is none
+SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
 SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
 
 
@@ -118,10 +118,13 @@ def _check_stable(model: ElasticModel, configuration: Configuration, free: IntAr
 
 
 def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:
-    inertia, movements = np.linalg.eigh(M)
-    if not inertia[0] > LEAST_INERTIA * inertia[-1]:
-        worst = int(np.argmax(np.abs(movements[:, 0])))
-        raise StudyError(
-            f"configuration {configuration.name}: {model.coordinates[worst]} moves no inertia; "
-            "give a mass or an inertia to the body that it carries, or to one beyond"
-        )
+    scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
+    eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
+    share = np.linalg.norm(modes[:, eigenvalues <= SINGULAR], axis=1)
+    names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
+    if not names:
+        return
+    raise StudyError(
+        f"configuration {configuration.name}: the mass matrix is singular, motion of {names} moves no inertia; give "
+        "the bodies that it moves a mass off the joint's axis or an inertia about it"
+    )
