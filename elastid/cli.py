@@ -60,6 +60,8 @@ def _explained(error: Exception) -> int:
         case click.ClickException():
             error.show()
             return error.exit_code
+        case MemoryError():
+            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
             return _ended(f"{where}{error.strerror or error}", 1)
