@@ -130,6 +130,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
 # The same in the robot's own file.
 WRONG_ROBOT = [
     ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "the gear ratio is 0"),
+    ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb friction is -1"),
     ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0]", "no body has the principal inertias"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia", "or a list of 3"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]", "unit 'kg' measures kg"),
