@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shlex
 import sys
 from collections.abc import Callable, Sequence
@@ -24,6 +25,9 @@ INTERRUPTED = 130
 
 def main() -> None:
     """The program `elastid`."""
+    # A program that was started without them (`>&-`) has None here, which nothing below expects.
+    sys.stdout = sys.stdout or io.StringIO()
+    sys.stderr = sys.stderr or io.StringIO()
     sys.exit(run_command(sys.argv[1:]))
 
 
@@ -56,6 +60,8 @@ def _explained(error: Exception) -> int:
         case click.ClickException():
             error.show()
             return error.exit_code
+        case MemoryError():
+            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
             return _ended(f"{where}{error.strerror or error}", 1)

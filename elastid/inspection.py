@@ -9,6 +9,7 @@ from elastid.experiment.log_files import contents
 from elastid.experiment.responses.reading import contents_of
 from elastid.experiment.responses.uff import SUFFIXES
 from elastid.experiment.spec import TextFormatSpec
+from elastid.experiment.text_logs import described_format, guessed
 from elastid.store import described as described_artefact
 from elastid.store import kind_of
 
@@ -24,9 +25,12 @@ def described(path: Path) -> str:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
         lines += [f"  {response}" for response in responses]
     if path.suffix.lower() not in SUFFIXES:
-        signals = contents(path, TextFormatSpec())
+        text = guessed(path)
+        signals = contents(path, text)
         width = max(map(len, signals), default=0)
         lines.append(f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels")
+        if text != TextFormatSpec():
+            lines.append(f"  its numbers are written with {described_format(text)}")
         lines += [f"  {name.ljust(width)}  {_shape(shape)}" for name, shape in signals.items()]
     return "\n".join(lines)
 

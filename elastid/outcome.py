@@ -28,8 +28,10 @@ def truth(study: Study) -> dict[str, float] | None:
     if simulated is None:
         return None
     numbers = {name: value for name, (value, _) in study.robot.parameters().items()} | {DELAY: 0.0}
-    # Coulomb friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone.
-    sticking = {f"fm_{joint.name}" for joint in study.robot.driven if joint.motor is not None and joint.motor.coulomb}
+    # Coulomb friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
+    # nor that of a joint which turns rigidly with its motor.
+    rough = [joint for joint in study.robot.driven if joint.motor is not None and joint.motor.coulomb]
+    sticking = {f"fm_{joint.name}" for joint in rough} | {f"f_{joint.name}" for joint in rough if not joint.is_flexible}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
 
 

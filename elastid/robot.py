@@ -87,8 +87,9 @@ class Motor:
             raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
         if not self.inertia > 0:
             raise ValueError(f"the motor's inertia is {self.inertia:g} kg*m^2; it must be positive")
-        if self.viscous < 0 or self.coulomb < 0:
-            raise ValueError(f"friction must not be negative (viscous {self.viscous:g}, coulomb {self.coulomb:g})")
+        for name, friction in (("viscous", self.viscous), ("coulomb", self.coulomb)):
+            if friction < 0:
+                raise ValueError(f"{name} friction is {friction:g}; it must not be negative")
 
 
 @section

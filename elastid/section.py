@@ -11,7 +11,7 @@ from typing import TypeVar, dataclass_transform
 T = TypeVar("T")
 
 # Read by pydantic when `study` validates the class, plain data otherwise. A name such as 1 needs no quotes.
-_CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True}
+_CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": False}
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))

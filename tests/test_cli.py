@@ -457,3 +457,19 @@ def test_processes_default_to_all_cores(tiny: Path, here: Path, monkeypatch: pyt
     cli.run_command(["run", str(tiny)])
     (run,), _ = run_all.call_args
     assert run.jobs == (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
+
+
+def test_a_study_that_asks_for_more_memory_than_there_is_gets_a_message(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It is the study that is wrong, and no traceback says so."""
+    monkeypatch.setattr(stages, "run_all", create_autospec(stages.run_all, side_effect=MemoryError("87 TiB")))
+    assert cli.run_command(["run", str(tiny)]) == 2
+    assert "more memory than there is (87 TiB)" in capsys.readouterr().err
+
+
+def test_a_command_without_stdout_works(tiny: Path, here: Path) -> None:
+    """As a service or a shell with `>&-` starts it."""
+    program = [sys.executable, "-m", "elastid", "check", str(tiny)]
+    closed = subprocess.run(["sh", "-c", '"$@" >&-', "sh", *program], capture_output=True, text=True, check=False)
+    assert (closed.returncode, closed.stderr) == (0, "")

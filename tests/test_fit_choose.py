@@ -94,3 +94,10 @@ def test_what_cannot_be_chosen_is_refused_with_the_way_out(specs, says):
     """Unknown names, zero starts, bounds that exclude the start, ties to nothing, nothing free."""
     with pytest.raises(StudyError, match=says):
         parameters(**specs)
+
+
+def test_friction_may_end_far_above_a_data_sheets_number():
+    """Coulomb friction of 0.4 Nm slid at 2 rad/s looks like 0.2 Nms/rad beside 8e-4 viscous (Manutec r3, axis 1)."""
+    friction, damping = (parameters(**{name: ParameterSpec()})[name] for name in ("fm_1", "d_1"))
+    assert friction.upper >= 0.2 / 8e-4 * friction.value
+    assert damping.upper == pytest.approx(100 * damping.value)

@@ -143,3 +143,15 @@ def test_wrong_number_of_angles_is_refused():
     model = serial(two_links())
     with pytest.raises(StudyError, match=r"configuration c: 3 angles .* has 2 driven joints \(1, 2\)"):
         equilibrium(model, model.theta, Configuration("c", (0, 0, 0)))
+
+
+def test_a_joint_that_moves_no_inertia_is_named() -> None:
+    """A massless hand on a spring: its mass matrix is singular, which no solver below can say."""
+    joint = Joint("2", "y", spring=Spring(1e3))
+    arm = Body("arm", joints=(Joint("1", "y", Spring(1e3), Motor(1e-3, 50)),), mass=1.0, inertia=0.1)
+    robot = Robot("light", (arm, Body("hand", "arm", joints=(joint,))))
+    model = serial(robot)
+    with pytest.raises(
+        StudyError, match="configuration home: the mass matrix is singular, motion of joint 2 moves no inertia"
+    ):
+        equilibrium(model, model.theta, Configuration("home", np.zeros(1)))

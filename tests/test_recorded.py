@@ -16,10 +16,12 @@ from scipy.io import savemat
 
 from elastid.errors import DataError, ElastidError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.log_files import contents
+from elastid.experiment.log_files import contents, read_channels
 from elastid.experiment.periodicity import repetition
 from elastid.experiment.recorded import RecordedRig
 from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec, TextFormatSpec
+from elastid.experiment.text_logs import described_format, guessed
+from elastid.inspection import described as inspected
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
@@ -447,3 +449,52 @@ def test_a_log_of_an_industrial_robot_is_read_and_refused_as_not_periodic() -> N
     )
     with pytest.raises(ElastidError, match="needs a periodic excitation"):
         _measure(path.parent, _spec(path.name, channels, rate_hz=250.0, period_samples=250))
+
+
+@pytest.mark.parametrize(
+    ("delimiter", "decimal", "encoding"),
+    [(";", ",", "utf-8-sig"), ("\t", ".", "cp1252"), (",", ".", "utf-16"), ("  ", ",", "utf-8")],
+)
+def test_inspect_and_messages_tell_how_a_text_log_is_written(
+    delimiter: str, decimal: str, encoding: str, tmp_path: Path
+) -> None:
+    """Semicolons, tabs, blanks, decimal commas; UTF-8, UTF-16 and what Windows loggers write; the text fits a study."""
+    path = tmp_path / "log.csv"
+    numbers = np.random.default_rng(0).standard_normal((50, 3))
+    rows = [delimiter.join(("u", "°C", "yl")), *(delimiter.join(f"{x:.6f}" for x in row) for row in numbers)]
+    path.write_text("\n".join([rows[0], *(row.replace(".", decimal) for row in rows[1:])]), encoding=encoding)
+    assert contents(path, guessed(path)) == dict.fromkeys(("u", "°C", "yl"), (50,))
+    page, text = inspected(path), guessed(path)
+    assert page.count("50") == 3
+    if text == TextFormatSpec():
+        return
+    assert described_format(text) in page
+    with pytest.raises(DataError, match=re.escape(described_format(text))):
+        read_channels(path, [ChannelSpec("u", "motor 1", "u")], TextFormatSpec())
+
+
+def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path: Path) -> None:
+    """The first of two equal headings was taken in silence, and column with it was not looked at."""
+    path = tmp_path / "log.csv"
+    path.write_text("x,x,y\n1,2,3\n4,5,6\n")
+
+    def read(name: str, column: int | None) -> list[float]:
+        values = read_channels(path, [ChannelSpec("u", "motor 1", name, column)], TextFormatSpec())
+        return [float(v) for v in values[:, 0]]
+
+    assert read("x", 2) == [2, 5]
+    assert read("y", 3) == read("y", None) == [3, 6]
+    with pytest.raises(DataError, match="'x' is the heading of column 1, 2; say which one"):
+        read("x", None)
+    with pytest.raises(DataError, match="column 1 is not headed 'y', but column 3 is"):
+        read("y", 1)
+
+
+def test_an_hdf5_log_that_is_cut_short_is_named(tmp_path: Path) -> None:
+    """The message of the library below does not say which of many files it was."""
+    path = tmp_path / "cut.h5"
+    with h5py.File(path, "w") as file:
+        file["u"] = np.arange(5000.0)
+    path.write_bytes(path.read_bytes()[:20000])
+    with pytest.raises(DataError, match=r"cut\.h5: damaged or cut short"):
+        contents(path, TextFormatSpec())

@@ -97,6 +97,15 @@ WRONG = [
     ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
     ("  starts: 2", "  mask: [{input: motor 2}]", "fit.mask[0].input", "did you mean 'motor 1'?"),
     ("    noise:", "    outputs: [joint 3]\n    noise:", "experiment.simulated.outputs[0]", "not a place on robot"),
+    (
+        "    noise:",
+        "    outputs: [motor 1, joint 1, motor 1]\n    noise:",
+        "experiment.simulated.outputs",
+        "its lines would count twice",
+    ),
+    ("  starts: 2", "  start_factor: .nan", "fit.start_factor", "expected a finite number"),
+    ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
+    ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "periods is 1; it must be at least 2"),
     ("    noise:", "    carrier: {amplitude: 80 deg}\n    noise:", "experiment.configurations.b[0]", "the carrier's"),
 ]
 
@@ -121,6 +130,7 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
 # The same in the robot's own file.
 WRONG_ROBOT = [
     ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "the gear ratio is 0"),
+    ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb friction is -1"),
     ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0]", "no body has the principal inertias"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia", "or a list of 3"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]", "unit 'kg' measures kg"),

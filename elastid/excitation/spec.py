@@ -7,6 +7,9 @@ from typing import Literal
 from elastid.section import section
 from elastid.units import Frequency, Time, Torque
 
+# A day at 1 kHz; whatever is longer is a slip of the pen.
+MOST_SAMPLES = 1e8
+
 
 @section
 class MultisineSpec:
@@ -28,8 +31,14 @@ class MultisineSpec:
     def __post_init__(self) -> None:
         """Check the band against the rate, the period against the rate, amplitudes against zero."""
         samples = self.period * self.rate_hz
-        if not self.rate_hz > 0 or not self.period > 0:
-            raise ValueError(f"rate_hz is {self.rate_hz:g} and period {self.period:g} s; both must be positive")
+        for name, number in (("rate_hz", self.rate_hz), ("period", self.period)):
+            if not number > 0:
+                raise ValueError(f"{name} is {number:g}; it must be positive")
+        if samples > MOST_SAMPLES:
+            raise ValueError(
+                f"period: {self.period:g} s at {self.rate_hz:g} Hz are {samples:.3g} samples, more than a record can "
+                f"hold ({MOST_SAMPLES:.0e}); shorten the period or lower rate_hz"
+            )
         if abs(samples - round(samples)) > 1e-6 * samples:
             raise ValueError(
                 f"a period of {self.period:g} s is {samples:.6g} samples at {self.rate_hz:g} Hz, not a whole number; "

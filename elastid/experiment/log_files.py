@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
 from elastid.experiment.spec import ChannelSpec, TextFormatSpec
-from elastid.experiment.text_logs import TextLog, open_text
+from elastid.experiment.text_logs import TextLog, open_text, otherwise_written
 
 Arrays: TypeAlias = Mapping[str, Any]
 _LISTED = 40
@@ -71,8 +71,11 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Arrays | TextLog]:
         # The only h5py beside the store's: these are logs of other programs.
         import h5py
 
-        with h5py.File(path, "r") as hdf5:
-            yield dict(_datasets(hdf5, "", is_matlab=head.startswith(b"MATLAB")))
+        try:
+            with h5py.File(path, "r") as hdf5:
+                yield dict(_datasets(hdf5, "", is_matlab=head.startswith(b"MATLAB")))
+        except OSError as error:
+            raise DataError(f"{path}: damaged or cut short ({error}); copy or export it again") from None
     elif path.suffix.lower() == ".mat" or head.startswith(b"MATLAB"):
         yield dict(_matlab_variables(path))
     else:
@@ -188,16 +191,31 @@ def _signal(path: Path, log: Arrays, channel: ChannelSpec) -> FloatArray:
 
 
 def _text_column(log: TextLog, channel: ChannelSpec) -> int:
-    if channel.channel and channel.channel in log.headings:
-        return log.headings.index(channel.channel)
-    if channel.channel and (log.headings or channel.column is None):
-        rows = len(log.number_lines) - log.first
-        names = log.headings or tuple(f"column: {i + 1}" for i in range(log.n_columns))
-        raise DataError(_missing(log.path, channel, dict.fromkeys(names, (rows,))))
-    column = channel.column or 1
+    column = channel.column
+    if channel.channel and (log.headings or column is None):
+        headed = [i for i, heading in enumerate(log.headings, start=1) if heading == channel.channel]
+        if not headed:
+            raise DataError(_not_headed(log, channel))
+        if column not in (headed if len(headed) > 1 else (None, *headed)):
+            listed = ", ".join(map(str, headed))
+            raise DataError(
+                f"{log.path}: '{channel.channel}' is the heading of column {listed}; say which one with column"
+                if column is None
+                else f"{log.path}: column {column} is not headed '{channel.channel}', but column {listed} is"
+            )
+        return (column or headed[0]) - 1
+    column = column or 1
     if column > log.n_columns:
         raise DataError(f"{log.path}: there is no column {column}; it has {log.n_columns}, the first is column 1")
     return column - 1
+
+
+def _not_headed(log: TextLog, channel: ChannelSpec) -> str:
+    """What is in a text log instead of a channel, and where its data were taken to start."""
+    rows = len(log.number_lines) - log.first
+    names = log.headings or tuple(f"column: {i + 1}" for i in range(log.n_columns))
+    start = f"; data were taken to start in line {log.first + 1} (text.header_lines says otherwise)"
+    return _missing(log.path, channel, dict.fromkeys(names, (rows,))) + start + otherwise_written(log.path, log.format)
 
 
 def _missing(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:

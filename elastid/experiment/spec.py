@@ -77,7 +77,9 @@ class SimulatedSpec:
     substeps: int = 2
 
     def __post_init__(self) -> None:
-        """Refuse a simulation without steps."""
+        """Refuse a simulation without steps, and outputs that would count twice."""
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
         if self.substeps < 1:
             raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
 
@@ -296,8 +298,13 @@ class ExperimentSpec:
             raise ValueError("give exactly one of simulated, recorded and responses")
         if not self.configurations:
             raise ValueError("configurations is empty; name at least one")
-        if self.realisations < 1 or self.periods < 2 or self.transient_periods < 0:
-            raise ValueError("realisations must be at least 1, periods at least 2 (for the noise level)")
+        for name, number, least in (
+            ("realisations", self.realisations, "1"),
+            ("periods", self.periods, "2, for the noise level"),
+            ("transient_periods", self.transient_periods, "0"),
+        ):
+            if number < int(least[0]):
+                raise ValueError(f"{name} is {number}; it must be at least {least}")
 
     @property
     def kind(self) -> Literal["simulated", "recorded", "responses"]:

@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
 from elastid.experiment.spec import TextFormatSpec
+
+# The usual ways to write numbers in columns, the most usual first: delimiter and decimal.
+_WRITTEN: tuple[tuple[str, Literal[".", ","]], ...] = (
+    (",", "."),
+    (";", "."),
+    (";", ","),
+    ("tab", "."),
+    ("tab", ","),
+    ("whitespace", "."),
+    ("whitespace", ","),
+)
+# Bytes at the start of a log that tell how it is written, and how many whole lines at their end.
+_LOOKED_AT = 65536
+_LINES_LOOKED_AT = 20
 
 
 @dataclass(frozen=True)
@@ -68,7 +84,7 @@ def open_text(path: Path, text: TextFormatSpec) -> TextLog:
         raise StudyError(
             f"text: delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is mostly ';'"
         )
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    lines = _decoded(path.read_bytes()).splitlines()
     numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
@@ -76,10 +92,46 @@ def open_text(path: Path, text: TextFormatSpec) -> TextLog:
     if first >= len(numbers):
         raise DataError(
             f"{path}: no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
-            f"'{text.delimiter}'; set delimiter, decimal and header_lines under text"
+            f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}"
         )
     n_columns = len(_fields(numbers[first], text))
     return TextLog(path, text, numbers, _headings(lines[:first], text, n_columns), first, n_columns)
+
+
+def guessed(path: Path) -> TextFormatSpec:
+    """How a text log seems to be written: the delimiter and decimal that make most of its fields numbers."""
+    with path.open("rb") as file:
+        lines = _decoded(file.read(_LOOKED_AT)).splitlines()[-_LINES_LOOKED_AT - 1 : -1]
+    formats = [TextFormatSpec(delimiter, decimal) for delimiter, decimal in _WRITTEN]
+    return max(formats, key=lambda text: sum(_numbers_less_words(line, text) for line in lines))
+
+
+def otherwise_written(path: Path, text: TextFormatSpec) -> str:
+    """The end of a message about a log that cannot be read as stated: how it seems to be written, if otherwise."""
+    seems = guessed(path)
+    if (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
+        return ""
+    return f"; it seems to be written with {described_format(seems)}"
+
+
+def described_format(text: TextFormatSpec) -> str:
+    """A format as a study states it."""
+    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
+
+
+def _numbers_less_words(line: str, text: TextFormatSpec) -> int:
+    fields = _fields(line.replace(",", ".") if text.decimal == "," else line, text)
+    return sum(1 if _is_number(field) else -1 for field in fields)
+
+
+def _decoded(raw: bytes) -> str:
+    """UTF-8, UTF-16 with a byte order mark, or what Windows loggers in Europe write."""
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return raw.decode("utf-16", errors="replace")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
 
 
 def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:

@@ -17,8 +17,10 @@ from elastid.linear.linear_model import DELAY
 from elastid.parameters import Parameter, ParameterSet, Prior
 from elastid.robot import Robot
 
-# Default bounds: a logarithmic parameter within this factor of its start, the delay in s.
+# Default bounds: a logarithmic parameter within this factor of its start, the delay in s. Friction may end higher:
+# Coulomb friction looks viscous to a multisine, the more the slower it slides, by far more than a data sheet's number.
 REACH = 100.0
+REACH_OF_FRICTION = 1e4
 DELAY_BOUNDS = (0.0, 0.01)
 
 
@@ -107,5 +109,5 @@ def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[fl
     if wish.bounds is not None:
         return float(wish.bounds[0]), float(wish.bounds[1])
     if log:
-        return start / REACH, start * REACH
+        return start / REACH, start * (REACH_OF_FRICTION if name.startswith(("f_", "fm_")) else REACH)
     return DELAY_BOUNDS if name == DELAY else (-math.inf, math.inf)

@@ -18,6 +18,7 @@ from elastid.record import Configuration
 
 MAX_STEPS = 60
 LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
+SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
 SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
 
 
@@ -40,7 +41,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
 
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side.
-    StudyError where the number of angles is wrong, a joint finds no rest or gives way under gravity.
+    StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
     held = np.array([model.index(motor) for motor in model.inputs])
     free = np.setdiff1d(np.arange(model.n_q), held)
@@ -60,6 +61,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(K).max()
     _check_rest(model, configuration, free, torque, rounding)
     _check_stable(model, configuration, free, K)
+    _check_inertia(model, configuration, model.mass(q, theta).full())
     return OperatingPoint(configuration, q, lambda_, model.B.T @ torque)
 
 
@@ -113,3 +115,16 @@ def _check_stable(model: ElasticModel, configuration: Configuration, free: IntAr
             f"have a stiffness of {stiffness[0]:.3g} N*m/rad there with the motors held; raise its stiffness, or let a "
             "joint without spring hang down"
         )
+
+
+def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:
+    scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
+    eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
+    share = np.linalg.norm(modes[:, eigenvalues <= SINGULAR], axis=1)
+    names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
+    if not names:
+        return
+    raise StudyError(
+        f"configuration {configuration.name}: the mass matrix is singular, motion of {names} moves no inertia; give "
+        "the bodies that it moves a mass off the joint's axis or an inertia about it"
+    )

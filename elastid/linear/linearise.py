@@ -16,14 +16,10 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
 from elastid.record import Configuration, Motion
-
-# Smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain.
-SINGULAR = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +53,6 @@ class Linearisation:
         point = equilibrium(model, theta, configuration)
         triangles, slopes = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
-        _check_inertia(model, configuration, M)
         return LinearModel(
             configuration=configuration,
             parameters=(*model.parameters, DELAY),
@@ -100,16 +95,3 @@ def _slopes(model: ElasticModel, jacobian: FloatArray) -> dict[str, Slope]:
             M, D, K = (_symmetric(part, model.n_q) if np.any(part) else None for part in np.split(column, 3))
             slopes[name] = Slope(M, D, K)
     return slopes
-
-
-def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:
-    scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
-    eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    share = np.linalg.norm(modes[:, eigenvalues <= SINGULAR], axis=1)
-    names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
-    if not names:
-        return
-    raise StudyError(
-        f"configuration {configuration.name}: the mass matrix is singular, motion of {names} moves no inertia; give "
-        "the bodies that it moves a mass off the joint's axis or an inertia about it"
-    )

@@ -71,6 +71,8 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
         message = str(error["ctx"]["error"])
         path = _key_spoken_of(message, path, at(data, path))
         return Problem(path, message.removeprefix(f"{path[-1]}: ") if path else message)
+    if kind == "finite_number":
+        return Problem(path, "expected a finite number")
     return Problem(path, f"expected {describe(type_at(root, path))}")
 
 
