@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.errors import StudyError
+from elastid.excitation.lines import planned_lines
+from elastid.excitation.phases import hadamard
+from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.spec import ChannelSpec, RecordedSpec
+from elastid.fit.choose import choose
 from elastid.record import MOTION_UNIT
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
@@ -33,6 +38,8 @@ def _excitation(study: Study) -> Iterator[Problem]:
         if study.experiment.simulated is not None:
             yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
         return
+    yield from _lines(study, excitation)
+    yield from _realisations(study, excitation)
     torque_rms = excitation.torque_rms
     if isinstance(torque_rms, tuple) and len(torque_rms) != len(driven):
         names = ", ".join(joint.name for joint in driven)
@@ -42,10 +49,48 @@ def _excitation(study: Study) -> Iterator[Problem]:
         )
 
 
+def _lines(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
+    """Enough lines for an orthogonal set and for the unknowns."""
+    try:
+        lines = planned_lines(excitation, study.seed).excited
+    except StudyError as error:
+        yield Problem(("excitation", "lines" if excitation.grid == "lines" else "band_hz"), str(error))
+        return
+    try:
+        unknowns = len(choose(study.fit, study.robot).free)
+    except StudyError:
+        return  # what is wrong with the unknowns is said elsewhere
+    for count, what in ((len(study.robot.driven), "motors"), (unknowns, "unknowns")):
+        if len(lines) < count:
+            period = math.ceil(excitation.period * count / len(lines))
+            yield Problem(
+                ("excitation", "lines" if excitation.grid == "lines" else "period"),
+                f"grid: {excitation.grid} has {len(lines)} lines for {count} {what}; it must not be fewer. Take a "
+                f"period of about {period} s, widen band_hz, or choose a denser grid",
+            )
+            return
+
+
+def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
+    """Signals that are drawn once can be realised once; Hadamard matrices are not there for every robot."""
+    if study.experiment.realisations > 1 and not excitation.is_new_in_every_realisation:
+        yield Problem(
+            ("excitation", "phases"),
+            f"{excitation.phases} gives the same signal in each of {study.experiment.realisations} realisations, which "
+            "tells nothing about nonlinear distortion; set experiment.realisations: 1, or random or optimised phases",
+        )
+    try:
+        if excitation.orthogonal == "hadamard":
+            hadamard(len(study.robot.driven))
+    except StudyError as error:
+        yield Problem(("excitation", "orthogonal"), str(error))
+
+
 def _configurations(study: Study) -> Iterator[Problem]:
     """One angle for each driven joint, within its limits, the carrier's swing included."""
     driven, simulated = study.robot.driven, study.experiment.simulated
-    swing = simulated.carrier.amplitude if simulated is not None and simulated.carrier is not None else 0.0
+    carrier = simulated.carrier if simulated is not None else None
+    swing = carrier.amplitude or 0.0 if carrier is not None else 0.0
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         try:
