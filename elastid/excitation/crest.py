@@ -5,7 +5,7 @@ r"""Crest factors made small: phases that minimise the peaks of several signals 
 
 over all experiments e of an orthogonal set and all linear outputs o, with p growing from 4 to 2048: each step begins
 where the last one ended (L-BFGS with the exact gradient, two FFTs). Lines without amplitude stay without. (The L_p
-method of Guillaume, Schoukens, Pintelon and Kollar, IEEE Transactions on Instrumentation and Measurement 40 (1991) 982.)
+method of Guillaume, Schoukens, Pintelon and Kollar, IEEE Trans. Instrumentation and Measurement 40 (1991) 982.)
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def schroeder(amplitude: FloatArray) -> FloatArray:
 
 
 def newman(n_lines: int) -> FloatArray:
-    """phi_k = pi (k - 1)^2 / F, k = 1 ... F. Newman, Proceedings of the AMS 16 (1965) 1287; Boyd, IEEE TCAS 33 (1986)."""
+    """phi_k = pi (k - 1)^2 / F for k = 1 ... F. Boyd, IEEE Trans. Circuits and Systems 33 (1986) 1018, eq. (7)."""
     phases: FloatArray = np.pi * np.arange(n_lines) ** 2 / n_lines
     return phases
 

@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray, frozen
+from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
 from elastid.errors import DataError, StudyError
 from elastid.excitation.crest import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
@@ -27,7 +27,8 @@ from elastid.parallel import Progress, ordered, silent
 from elastid.record import Configuration
 from elastid.robot import Robot
 
-# `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit.
+# `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the
+# measured periods.
 QUANTITIES = ("torque", "position", "velocity", "acceleration", "turning back")
 UNITS = ("N*m", "rad", "rad/s", "rad/s^2", "rad/s")
 
@@ -91,10 +92,11 @@ def within_limits(
     torque_rms: limits is scaled up or down, motor by motor; numbers are scaled down where they must be, all motors of a
     configuration alike.  Raises StudyError where a limit leaves no room for any excitation.
     """
-    assert experiment.simulated is not None  # a recorded experiment has no design
-    experiment = replace(experiment, simulated=replace(experiment.simulated, truth={}))
+    simulated = experiment.simulated
+    assert simulated is not None  # a recorded experiment has no design
+    experiment = replace(experiment, simulated=replace(simulated, truth={}))
     rig = SimulatedRig(robot, experiment, plan, seed)
-    limit = np.array([_limits(robot, c, experiment.simulated.carrier, plan) for c in plan.configurations])
+    limit = np.array([_limits(robot, c, simulated.carrier, plan) for c in plan.configurations])
     allowed = (1 - excitation.margin) * limit
     first = {e.configuration.name: e for e in reversed(plan.experiments)}
     base = np.array([_moving(rig, first[c.name]) for c in plan.configurations])
@@ -155,7 +157,7 @@ def _filling(plan: Plan, q: int, experiment: ExperimentSpec, robot: Robot, room:
     )
     response = loop.of(("torque", "position", "velocity", "acceleration"))
 
-    def used(a: FloatArray, realisations: FloatArray) -> FloatArray:
+    def used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
         S = np.einsum("foi,mefi->meof", response, realisations * a)
         peak = np.max([signal_peaks(plan.lines, one, _SAMPLES_PER_CYCLE).max(axis=0) for one in S], axis=0)
         peak = peak.reshape(4, -1)
@@ -193,8 +195,8 @@ def _rehearsed(
         factor = np.where(open_[:, None], factor * (_SPARE * np.minimum(growth, 10.0))[:, None], factor)
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
-        f"configuration {names}: after {_ROUNDS} rehearsals with ever smaller amplitudes the peaks are still beyond the "
-        "limits; lower excitation.torque_rms, or raise excitation.margin or the limits"
+        f"configuration {names}: after {_ROUNDS} rehearsals with ever smaller amplitudes the peaks are still beyond "
+        "the limits; lower excitation.torque_rms, or raise excitation.margin or the limits"
     )
 
 
@@ -219,18 +221,18 @@ def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
         assert rig.spec.simulated is not None
         limit = _limits(rig.robot, experiment.configuration, rig.spec.simulated.carrier, rig.plan)
         return np.where(np.isfinite(limit), 2 * limit, 0.0)
-    return _peaks(rig, experiment, position, torque)
+    return peaks_of_run(rig, experiment, position, torque)
 
 
 def _moving(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
     """Peaks (5, n_u) without multisine; StudyError where even so a motor is lost."""
     try:
-        return _peaks(rig, experiment, *rig.rehearse(experiment, 0.0))
+        return peaks_of_run(rig, experiment, *rig.rehearse(experiment, 0.0))
     except DataError as error:
         raise StudyError(f"without any excitation the robot does not stay: {error}") from None
 
 
-def _peaks(rig: SimulatedRig, experiment: Experiment, position: FloatArray, torque: FloatArray) -> FloatArray:
+def peaks_of_run(rig: SimulatedRig, experiment: Experiment, position: FloatArray, torque: FloatArray) -> FloatArray:
     """Peaks (5, n_u) of motor angles and torques (n, n_u) of a whole run."""
     plan = rig.plan
     velocity, acceleration = _derivatives(position, plan.rate_hz)
@@ -241,8 +243,9 @@ def _peaks(rig: SimulatedRig, experiment: Experiment, position: FloatArray, torq
     back = np.zeros(len(plan.inputs))
     if carrier is not None and carrier.kind == "offset":
         v = carrier.velocities(len(plan.inputs))
-        steady = slice(plan.first_sample, plan.run_samples - plan.first_sample)
-        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * velocity[steady]).min(axis=0))
+        end = plan.run_samples - plan.first_sample
+        measured = velocity[end - plan.periods * plan.period_samples : end]
+        back = np.maximum(0.0, np.abs(v) - (np.sign(v) * measured).min(axis=0))
     return np.array([*largest, back])
 
 

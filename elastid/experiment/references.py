@@ -16,8 +16,11 @@ from elastid.arrays import FloatArray, frozen
 from elastid.experiment.movement import movement
 from elastid.experiment.plan import Plan
 from elastid.experiment.spec import CarrierSpec
+from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
+from elastid.model.serial import serial
 from elastid.record import Configuration
+from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
 
 
@@ -47,6 +50,13 @@ class Reference:
         sample = np.arange(-self.first_sample, len(self.scale) - self.first_sample)
         r: FloatArray = self.scale[:, None] * period[sample % len(period)]
         return r
+
+
+def references(plan: Plan, carrier: CarrierSpec | None, robot: Robot) -> tuple[Reference, ...]:
+    """The references of all configurations of a plan, with the nominal robot's feed-forward torque."""
+    model = serial(robot)
+    rest = (equilibrium(model, model.theta, configuration).q for configuration in plan.configurations)
+    return tuple(reference(plan, carrier, model, q0, c) for q0, c in zip(rest, plan.configurations, strict=True))
 
 
 def reference(

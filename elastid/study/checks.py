@@ -32,13 +32,34 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
         yield from _channels(study.experiment.recorded, study)
 
 
+def check_lines(study: Study) -> Iterator[Problem]:
+    """Enough lines for an orthogonal set and for the unknowns of a study without contradictions."""
+    excitation = study.excitation
+    if excitation is None or study.experiment.simulated is None:
+        return
+    path: KeyPath = ("excitation", "lines" if excitation.grid == "lines" else "band_hz")
+    try:
+        lines = planned_lines(excitation, study.seed).excited
+        unknowns = len(choose(study.fit, study.robot).free)
+    except StudyError as error:
+        yield Problem(path, str(error))
+        return
+    needed, what = max((len(study.robot.driven), "motors"), (unknowns, "unknowns"))
+    if len(lines) < needed:
+        period = math.ceil(excitation.period * needed / len(lines))
+        yield Problem(
+            path,
+            f"the grid {excitation.grid} has {len(lines)} lines there for {needed} {what}; it needs as many at least: "
+            f"take a period of about {period} s, a wider band or a denser grid",
+        )
+
+
 def _excitation(study: Study) -> Iterator[Problem]:
     excitation, driven = study.excitation, study.robot.driven
     if excitation is None:
         if study.experiment.simulated is not None:
             yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
         return
-    yield from _lines(study, excitation)
     yield from _realisations(study, excitation)
     torque_rms = excitation.torque_rms
     if isinstance(torque_rms, tuple) and len(torque_rms) != len(driven):
@@ -47,28 +68,6 @@ def _excitation(study: Study) -> Iterator[Problem]:
             ("excitation", "torque_rms"),
             f"{len(torque_rms)} torques for {len(driven)} motors; give one for all or one for each of joints {names}",
         )
-
-
-def _lines(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
-    """Enough lines for an orthogonal set and for the unknowns."""
-    try:
-        lines = planned_lines(excitation, study.seed).excited
-    except StudyError as error:
-        yield Problem(("excitation", "lines" if excitation.grid == "lines" else "band_hz"), str(error))
-        return
-    try:
-        unknowns = len(choose(study.fit, study.robot).free)
-    except StudyError:
-        return  # what is wrong with the unknowns is said elsewhere
-    for count, what in ((len(study.robot.driven), "motors"), (unknowns, "unknowns")):
-        if len(lines) < count:
-            period = math.ceil(excitation.period * count / len(lines))
-            yield Problem(
-                ("excitation", "lines" if excitation.grid == "lines" else "period"),
-                f"grid: {excitation.grid} has {len(lines)} lines for {count} {what}; it must not be fewer. Take a "
-                f"period of about {period} s, widen band_hz, or choose a denser grid",
-            )
-            return
 
 
 def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
