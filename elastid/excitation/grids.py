@@ -112,10 +112,11 @@ def _of(step: int) -> str:
 
 def _quasi_logarithmic(lines: IntArray, ratio: float) -> IntArray:
     """From line to line the nearest one to `ratio` times the last, and at least the next one."""
+    half_step = (lines[1] - lines[0]) / 2 if len(lines) > 1 else 0.5
     chosen = [0]
     while True:
-        nearest = int(np.argmin(np.abs(lines - lines[chosen[-1]] * ratio)))
-        following = max(nearest, chosen[-1] + 1)
-        if following >= len(lines) or lines[chosen[-1]] * ratio > lines[-1] * math.sqrt(ratio):
+        target = lines[chosen[-1]] * ratio
+        following = max(int(np.argmin(np.abs(lines - target))), chosen[-1] + 1)
+        if following >= len(lines) or target > lines[-1] + half_step:
             return lines[chosen]
         chosen.append(following)
