@@ -13,7 +13,7 @@ from elastid import __version__
 from elastid.console import Console
 from elastid.errors import StudyError
 from elastid.provenance import stamps, upstream
-from elastid.store import Stamp, read_stamp
+from elastid.store import Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 ARTEFACTS = {
@@ -83,6 +83,7 @@ class Run:
     def logged(self) -> Iterator[None]:
         """Everything said goes to run.log in the folder too, and how the work ended."""
         with self.console.logging_to(self.folder):
+            remove_leftovers(self.folder)
             self.console.detail(f"elastid {__version__}, {self.loaded.path}, {self.jobs} processes")
             try:
                 yield

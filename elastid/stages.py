@@ -185,7 +185,7 @@ def report(run: Run) -> None:
     validation = read_validation(run.path("validate"))
     content = ReportContent(
         title=study.name,
-        verdict=result.message,
+        verdict=validation.verdict,
         warnings=tuple(note for response in responses for note in response.notes),
         result=result,
         frf=tuple(zip(responses, predict(result, study.robot, responses), strict=True)),
@@ -201,6 +201,7 @@ def report(run: Run) -> None:
         truth=truth(study),
         plan=read_plan(run.path("design")) if study.experiment.simulated is not None else None,
     )
+    shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)
     run.console.say(f"report: {page}")
 
