@@ -23,6 +23,11 @@ from elastid.experiment.prior import closed_loop_response
 from elastid.experiment.references import references
 from elastid.experiment.simulated import SimulatedRig
 from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.frf.estimators import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linearise import linearise
+from elastid.linear.transfer import frequency_response
+from elastid.model.serial import serial
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store import read_peaks, read_plan, write_plan
 
@@ -187,6 +192,18 @@ def test_a_motor_without_any_limit_cannot_be_scaled_to_it() -> None:
     """The message says which motor, and both ways out."""
     with pytest.raises(StudyError, match=r"limits needs a limit of every motor, and motor 1, motor 2 has none"):
         designed(robot=arm(Limits()))
+
+
+def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_friction() -> None:
+    """The planned movement's drift of angle and weight is taken out of the log; 3 % where sliding never stops."""
+    plan, _, rig = designed(CarrierSpec(kind="offset", velocity=0.1))
+    records = [rig.measure(e) for e in rig.experiments]
+    G = estimate(records, EstimatorSpec(), plan.lines).G
+    model = serial(arm())
+    linear = linearise(model, plan.configurations[0], model.theta, model.inputs, "acceleration")
+    true = frequency_response(linear, linear.theta_ref, plan.freq_hz)
+    error = np.abs(np.einsum("fii->fi", G - true)) / np.abs(np.einsum("fii->fi", true))
+    assert np.median(error, axis=0).max() < 0.03
 
 
 @pytest.mark.parametrize("flat", ["position", "velocity", "acceleration"])

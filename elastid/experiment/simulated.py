@@ -17,7 +17,7 @@ from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
 from elastid.experiment.movement import check_movement
 from elastid.experiment.plan import Experiment, Plan
-from elastid.experiment.references import reference
+from elastid.experiment.references import Reference, reference
 from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
@@ -36,7 +36,8 @@ class SimulatedRig:
 
     A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
     u: what the controller commands and the log sees, held from sample to sample.  y: positions, of a motor as its
-    encoder reads it, of a body as its angle from the equilibrium, small.
+    encoder reads it, of a body as its angle from the equilibrium, small.  Under a carrier of constant velocity both are
+    about the planned movement, which does not repeat: its angles and its torque are taken out of the log.
 
     Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
     leaves the joints' limits.
@@ -80,11 +81,15 @@ class SimulatedRig:
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
         plan = self.plan
-        plant, q0 = self._prepared(experiment)
+        plant, q0, given = self._prepared(experiment)
         noise = _draw(self.simulated.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
         end = plan.run_samples - plan.first_sample  # the way out is not measured
-        trajectory = self._moved(plant, q0, experiment, noise, 1.0, end)
+        trajectory = self._moved(plant, q0, given, experiment, noise, 1.0, end)
         measured = slice(end - plan.periods * plan.period_samples, end)
+        u, y = trajectory.u + noise.torque[:end], _sensed(trajectory, plant.model, q0, self.outputs, noise)
+        if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
+            C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model)
+            u, y = u - given.feed_forward[:end], y - (given.position[:end] - experiment.configuration.angles) @ C.T
         position: Motion = "position"
         return Record(
             name=experiment.name,
@@ -96,8 +101,8 @@ class SimulatedRig:
             inputs=plan.inputs,
             outputs=self.outputs,
             quantities=(position,) * len(self.outputs),
-            u=(trajectory.u + noise.torque[:end])[measured],
-            y=_sensed(trajectory, plant.model, q0, self.outputs, noise)[measured],
+            u=u[measured],
+            y=y[measured],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
             hold="zero-order",
@@ -108,25 +113,31 @@ class SimulatedRig:
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
-        plant, q0 = self._prepared(experiment)
+        plant, q0, given = self._prepared(experiment)
         noise = _draw(self.simulated.noise, self.plan, len(self.outputs), (self.seed, *_indices(self.plan, experiment)))
-        trajectory = self._moved(plant, q0, experiment, noise, factor, self.plan.run_samples)
+        trajectory = self._moved(plant, q0, given, experiment, noise, factor, self.plan.run_samples)
         return trajectory.q @ plant.model.B, trajectory.u
 
-    def _prepared(self, experiment: Experiment) -> tuple[_Plant, FloatArray]:
-        """The true robot and its equilibrium."""
+    def _prepared(self, experiment: Experiment) -> tuple[_Plant, FloatArray, Reference]:
+        """The true robot, its equilibrium, and what its controller is given."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
         plant = _plant(true_robot(self.robot, spec.truth), rate_hz, spec.substeps, spec.noise.encoder_counts)
         q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
         _check_steps(plant, q0, experiment, spec.substeps, rate_hz)
-        return plant, q0
+        return plant, q0, reference(self.plan, spec.carrier, plant.model, q0, experiment.configuration)
 
     def _moved(
-        self, plant: _Plant, q0: FloatArray, experiment: Experiment, noise: _Noise, factor: float, n: int
+        self,
+        plant: _Plant,
+        q0: FloatArray,
+        given: Reference,
+        experiment: Experiment,
+        noise: _Noise,
+        factor: float,
+        n: int,
     ) -> Trajectory:
         """The first n samples of a run, from rest where the reference begins."""
         spec = self.simulated
-        given = reference(self.plan, spec.carrier, plant.model, q0, experiment.configuration)
         gains = tuned(plant.model, q0, spec.controller.bandwidth_hz, spec.controller.damping_ratio)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
@@ -233,14 +244,17 @@ def _sensed(
 
 
 def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:
-    """A word for every motor that needed more torque or speed than its limits allow; the simulation does not clip."""
+    """A word for every motor that went beyond its limits; the simulation does not clip."""
     torque = np.abs(trajectory.u).max(axis=0)
-    speed = np.abs(np.diff(trajectory.q @ B, axis=0)).max(axis=0) * rate_hz
+    velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
+    speed = np.abs(velocity).max(axis=0)
+    acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
     notes = []
     for i, joint in enumerate(robot.driven):
         for peak, limit, unit in (
             (torque[i], joint.limits.torque, "N*m"),
             (speed[i], joint.limits.velocity, "rad/s"),
+            (acceleration[i], joint.limits.acceleration, "rad/s^2"),
         ):
             if peak > limit:
                 notes.append(
