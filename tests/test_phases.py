@@ -35,10 +35,10 @@ def test_hadamard_matrices_are_signs_and_orthogonal(n: int) -> None:
     np.testing.assert_array_equal(H.T @ H, n * np.eye(n))
 
 
-@pytest.mark.parametrize("n", [3, 6, 10])
-def test_there_is_no_hadamard_matrix_of_three_six_or_ten(n: int) -> None:
+@pytest.mark.parametrize("n", [3, 6, 10, 28])
+def test_without_a_hadamard_matrix_the_dft_is_offered(n: int) -> None:
     """The message says for which numbers there is one, and what to take instead."""
-    with pytest.raises(StudyError, match=rf"no Hadamard matrix for {n} inputs .* take orthogonal: dft"):
+    with pytest.raises(StudyError, match=rf"no Hadamard matrix for {n} inputs is known here .* take orthogonal: dft"):
         hadamard(n)
 
 

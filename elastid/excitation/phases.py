@@ -62,18 +62,25 @@ def hadamard(n: int) -> FloatArray:
     """
     if n == 1:
         return np.ones((1, 1))
-    if n == 2 or (n % 4 == 0 and not _is_prime(n - 1)):
+    if n % 4 == 0 and _is_prime(n - 1):
+        return _paley(n - 1)
+    if n == 2 or n % 8 == 0:
         half = hadamard(n // 2)
         return np.block([[half, half], [half, -half]])
-    if n % 4:
-        raise StudyError(f"there is no Hadamard matrix for {n} inputs (1, 2 or a multiple of 4); take orthogonal: dft")
-    q = n - 1
+    raise StudyError(
+        f"no Hadamard matrix for {n} inputs is known here (there are those for 1, 2, 4, 8, 12, 16, 20 and 24); take "
+        "orthogonal: dft"
+    )
+
+
+def _paley(q: int) -> FloatArray:
+    """H (q + 1, q + 1) = I + S from the squares modulo a prime q = 3 (mod 4)."""
     square = np.isin(np.arange(q), np.arange(1, q) ** 2 % q)
     residue = np.where(square, 1.0, -1.0)
     residue[0] = 0.0
     Q = residue[(np.arange(q)[:, None] - np.arange(q)) % q]
     S = np.block([[np.zeros((1, 1)), np.ones((1, q))], [-np.ones((q, 1)), Q]])
-    H: FloatArray = np.eye(n) + S
+    H: FloatArray = np.eye(q + 1) + S
     return H
 
 
