@@ -21,7 +21,7 @@ Grid: TypeAlias = Literal["full", "odd", "odd-odd", "odd-random", "quasi-log", "
 
 # Of consecutive lines of a grid: which line comes first, and after how many the next.
 _STEP = {"full": 1, "odd": 2, "odd-odd": 4, "odd-random": 2, "quasi-log": 1, "odd-quasi-log": 2, "lines": 1}
-_MULTIPLES = {1: "multiples", 2: "odd multiples", 4: "1, 5, 9 ... times"}
+_MULTIPLES = {1: "multiples of", 2: "odd multiples of", 4: "1, 5, 9 ... times"}
 
 # A band edge meant to lie on a line must find it in spite of rounding; in lines.
 _ON_A_LINE = 1e-6
@@ -66,7 +66,7 @@ def grid_lines(
     lines = lines[lines % step == 1 % step]
     if lines.size == 0:
         raise StudyError(
-            f"band_hz [{band_hz[0]:g}, {band_hz[1]:g}] holds no line: the lines are {_MULTIPLES[step]} {_of(step)}"
+            f"band_hz [{band_hz[0]:g}, {band_hz[1]:g}] holds no line: the lines are {_MULTIPLES[step]} "
             f"{spacing:g} Hz below {rate_hz / 2:g} Hz; widen band_hz or take a longer period"
         )
     return (_quasi_logarithmic(lines, ratio) if grid.endswith("quasi-log") else lines).astype(np.int64)
@@ -104,10 +104,6 @@ def zippered(n_lines: int, n_u: int) -> IntArray:
             "or take a longer period"
         )
     return np.arange(n_lines) % n_u
-
-
-def _of(step: int) -> str:
-    return "" if step == 4 else "of "
 
 
 def _quasi_logarithmic(lines: IntArray, ratio: float) -> IntArray:

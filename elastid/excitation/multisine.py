@@ -37,8 +37,8 @@ def experiments(
     between = np.zeros((F, n_u))
     if phases == "optimised":
         base = with_phases(basis, amplitude, between, between)
-        power = np.einsum("foi,efi->eof", responses, base)
-        scale = np.sqrt(np.mean(np.sum(np.abs(power) ** 2, axis=2), axis=0) / 2)
+        outputs = np.einsum("foi,efi->eof", responses, base)
+        scale = np.sqrt(np.mean(np.sum(np.abs(outputs) ** 2, axis=2), axis=0) / 2)
         inside, between = minimised(Signals(lines, base, responses, scale), rng, effort)
     elif phases == "random":
         inside, between = random_phases((2, F, n_u), rng)
