@@ -32,7 +32,8 @@ class MultisineSpec:
     torque_rms: link-side, one number for all motors or one for each, lowered where a limit of the robot is in the way;
     or `limits`: as much as each motor may have.  margin: part of every limit that stays free.
     flat: what has, closed loop and nominal robot, the same amplitude at all lines: the injected `torque`, the motor's
-    `position`, `velocity` or `acceleration`, or the `precision` of its response under the noise of the simulated rig.
+    `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), or the `precision`
+    of its response under the noise of the simulated rig.
     power: amplitude times frequency to this power.  spectrum: relative amplitude as (frequency, amplitude) points,
     straight lines on log-log axes.
 

@@ -24,6 +24,10 @@ from elastid.experiment.spec import ControllerSpec, ExperimentSpec, NoiseSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 
+# A resonance may be so far from where the nominal robot has it (springs off by a fifth): a motion is flattened by the
+# largest response nearby, or a resonance that has moved to a strong line would take the robot out of its limits.
+_NEARBY = np.linspace(0.9, 1.1, 9)
+
 
 def injected(
     excitation: MultisineSpec,
@@ -52,9 +56,16 @@ def injected(
         simulated = experiment.simulated
         controller = simulated.controller if simulated is not None else ControllerSpec()
         noise = simulated.noise if simulated is not None else NoiseSpec()
-        loop = closed_loop_response(robot, controller, configuration, freq_hz, excitation.rate_hz)
-        relative = relative * _flattening(excitation, loop, noise, robot)
-        responses = loop.of(excitation.compress)
+
+        def loop_at(frequencies: FloatArray) -> ClosedLoopResponse:
+            return closed_loop_response(robot, controller, configuration, frequencies, excitation.rate_hz)
+
+        if excitation.flat == "precision":
+            relative = relative * _precision(loop_at(freq_hz), noise, robot)
+        elif excitation.flat != "torque":
+            nearby = [getattr(loop_at(freq_hz * factor), excitation.flat) for factor in _NEARBY]
+            relative = relative / np.max([_own(response) for response in nearby], axis=0)
+        responses = loop_at(freq_hz).of(excitation.compress)
     amplitude = amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
     return np.array([experiments(*how, np.random.default_rng(d), responses, excitation.effort) for d in draws])
@@ -87,12 +98,15 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
     return np.array(rms)
 
 
-def _flattening(excitation: MultisineSpec, loop: ClosedLoopResponse, noise: NoiseSpec, robot: Robot) -> FloatArray:
-    """Relative amplitude (F, n_u) that makes the wanted signal of each motor flat, the others at rest."""
-    torque, position = (np.abs(np.diagonal(T, axis1=1, axis2=2)) for T in (loop.torque, loop.position))
-    if excitation.flat != "precision":
-        wanted: FloatArray = np.abs(np.diagonal(getattr(loop, excitation.flat), axis1=1, axis2=2))
-        return 1 / wanted
+def _own(response: ComplexArray) -> FloatArray:
+    """|T_ii| (F, n_u): of each motor to its own torque."""
+    magnitude: FloatArray = np.abs(np.diagonal(response, axis1=1, axis2=2))
+    return magnitude
+
+
+def _precision(loop: ClosedLoopResponse, noise: NoiseSpec, robot: Robot) -> FloatArray:
+    """Relative amplitude (F, n_u) that makes the relative variance of each motor's own response flat."""
+    torque, position = _own(loop.torque), _own(loop.position)
     counts = np.array([noise.encoder_counts * abs(robot.ratio(joint.name)) for joint in robot.driven])
     step = np.divide(2 * np.pi, counts, out=np.zeros(len(counts)), where=counts > 0)
     angle = noise.angle_std**2 + step**2 / 12
