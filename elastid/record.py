@@ -44,7 +44,7 @@ class Record:
     `zero-order` where u is the controller's command, constant from each sample to the next.  half_wave: odd lines
     only, so that the second half of a period is minus the first and each half counts as a repetition.
 
-    Raises ValueError where shapes disagree or the period is not there twice (once where half_wave).
+    Raises ValueError where shapes disagree or no whole period is there.
     """
 
     name: str
@@ -82,10 +82,10 @@ class Record:
             raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
         if self.half_wave and self.period_samples % 2:
             raise ValueError(f"record {self.name}: half_wave needs an even period, not {self.period_samples} samples")
-        if n < 2 * self.repeat_samples:
+        if n < self.period_samples:
             raise ValueError(
                 f"record {self.name}: {n} samples are {n / self.period_samples:.2f} periods of {self.period_samples}; "
-                f"at least {'one period is' if self.half_wave else 'two periods are'} needed"
+                "at least one is needed"
             )
 
     @property

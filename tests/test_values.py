@@ -30,7 +30,7 @@ def test_a_record_counts_its_whole_periods() -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"n": 99}, "1.98 periods of 50"),
+        ({"n": 49}, "0.98 periods of 50"),
         ({"y": np.ones((100, 2))}, "y has shape"),
         ({"quantities": ()}, "1 outputs but 0 quantities"),
         ({"r": np.ones((3, 1))}, "r has shape"),

@@ -17,6 +17,7 @@ from elastid.arrays import BoolArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, noise_of_mean, smoothed
+from elastid.frf.local.response import local_response
 from elastid.frf.passivity import sign_words
 from elastid.frf.periods import trusted
 from elastid.frf.spec import EstimatorSpec
@@ -36,13 +37,16 @@ def estimate(
 ) -> FrequencyResponse:
     """G (F, n_y, n_u) of one configuration with noise and total covariance, from all of its records.
 
-    Records are grouped by realisation; each needs as many experiments as there are inputs, or more.  planned_lines:
-    the excited DFT lines where a plan tells them.  total is None for one realisation.  What was left out or looks
-    wrong is said in notes.
+    By the method of the spec; what follows is said of the arithmetic mean.  Records are grouped by realisation; each
+    needs as many experiments as there are inputs, or more.  planned_lines: the excited DFT lines where a plan tells
+    them.  total is None for one realisation.  What was left out or looks wrong is said in notes.
 
     Raises DataError where the records do not fit together, the experiments do not tell the inputs apart, or no line
     is excited.
     """
+    _check_together(records)
+    if spec.method != "arithmetic":
+        return local_response(records, spec, planned_lines)
     groups = _realisations(records)
     first = groups[0][0]
     lines = analysed_lines(records, spec, planned_lines)
@@ -75,17 +79,14 @@ def estimate(
 
 
 def _realisations(records: Sequence[Record]) -> list[list[Record]]:
-    """Records by realisation, each of which must hold an experiment per input; DataError where they do not fit."""
+    """Records by realisation, each of which must hold an experiment per input, of two periods; else DataError."""
     first = records[0]
-    for record in records:
-        _check_finite(record)
-        for what in ("rate_hz", "period_samples", "half_wave", "hold", "inputs", "outputs", "quantities"):
-            a, b = getattr(first, what), getattr(record, what)
-            if a != b:
-                raise DataError(
-                    f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
-                    f"together: {what} is {a} and {b}; estimate them apart, as two configurations"
-                )
+    short = [record.name for record in records if record.n_samples < 2 * record.repeat_samples]
+    if short:
+        raise DataError(
+            f"records {', '.join(short)} of configuration {first.configuration.name} hold one period, method "
+            "arithmetic needs two; measure more, or take estimator.method local_rational"
+        )
     groups: dict[int, list[Record]] = {}
     for record in sorted(records, key=lambda each: (each.realisation, each.experiment)):
         groups.setdefault(record.realisation, []).append(record)
@@ -98,6 +99,20 @@ def _realisations(records: Sequence[Record]) -> list[list[Record]]:
                 "in different ways (number them as its experiments 0, 1, ...)"
             )
     return list(groups.values())
+
+
+def _check_together(records: Sequence[Record]) -> None:
+    """DataError where the records of a configuration do not fit together or miss samples."""
+    first = records[0]
+    for record in records:
+        _check_finite(record)
+        for what in ("rate_hz", "period_samples", "half_wave", "hold", "inputs", "outputs", "quantities"):
+            a, b = getattr(first, what), getattr(record, what)
+            if a != b:
+                raise DataError(
+                    f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
+                    f"together: {what} is {a} and {b}; estimate them apart, as two configurations"
+                )
 
 
 def _check_finite(record: Record) -> None:

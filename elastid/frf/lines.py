@@ -113,12 +113,12 @@ def _input_power(records: Sequence[Record], lines: IntArray) -> tuple[FloatArray
         dof += len(U) - 1
     whole = np.sum(power, axis=(0, 1))
     whole[whole == 0] = 1.0
-    return np.sum(power, axis=0) @ (1 / whole), smoothed(np.sum(noise, axis=0) @ (1 / whole), dof)
+    return np.sum(power, axis=0) @ (1 / whole), smoothed(np.sum(noise, axis=0) @ (1 / whole), max(dof, 1))
 
 
 def noise_of_mean(X: ComplexArray) -> FloatArray:
-    """Variance (F, c) of the mean over periods of X (P, F, c)."""
-    variance: FloatArray = np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) / (len(X) - 1) / len(X)
+    """Variance (F, c) of the mean over periods of X (P, F, c); 0 where there is one period, which does not tell."""
+    variance: FloatArray = np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) / max(len(X) - 1, 1) / len(X)
     return variance
 
 

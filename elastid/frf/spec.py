@@ -13,19 +13,24 @@ from elastid.units import Frequency
 class EstimatorSpec:
     """How records become frequency responses.
 
-    method: arithmetic mean of the realisations' responses.  quantity: what the outputs are turned into, exactly, in
-    the frequency domain.  lines: which DFT lines are analysed, within band_hz: those planned (`auto`; for recorded
-    data those found `excited` in the inputs), or `full` or `odd`.  transient_periods: left out at the start of a
-    record, or `auto`: those that differ from the rest.  outlier_sigma: a period further from the median than so many
-    robust standard deviations is left out with a word.
+    method: `arithmetic` mean of the realisations' responses, from as many experiments as inputs; `local_polynomial` or
+    `local_rational` (where windows are wider than resonances), from one experiment of all inputs or more, started from
+    rest or not.  quantity: what the outputs are turned into, exactly, in the frequency domain.  lines: which DFT lines
+    are analysed, within band_hz: those planned (`auto`; for recorded data those found `excited` in the inputs), or
+    `full` or `odd`.  transient_periods: left out at the start of a record, or `auto`: those that differ from the rest;
+    none with a local method.  outlier_sigma: a period further from the median than so many robust standard deviations
+    is left out with a word (arithmetic).  local_order: degree of the local polynomials; `auto` is 2, rational up to 3.
+    local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6.
     """
 
-    method: Literal["arithmetic"] = "arithmetic"
+    method: Literal["arithmetic", "local_polynomial", "local_rational"] = "arithmetic"
     quantity: Motion = "acceleration"
     lines: Literal["auto", "excited", "full", "odd"] = "auto"
     band_hz: tuple[Frequency, Frequency] | None = None
     transient_periods: int | Literal["auto"] = "auto"
     outlier_sigma: float = 6.0
+    local_order: int | Literal["auto"] = "auto"
+    local_margin: int = 2
 
     def __post_init__(self) -> None:
         """Check band, counts and threshold."""
@@ -35,3 +40,8 @@ class EstimatorSpec:
             raise ValueError(f"transient_periods is {self.transient_periods}; it must not be negative")
         if not self.outlier_sigma > 0:
             raise ValueError(f"outlier_sigma is {self.outlier_sigma:g}; it must be positive")
+        if (self.local_order != "auto" and not 1 <= self.local_order <= 6) or self.local_margin < 0:
+            raise ValueError(
+                f"local_order is {self.local_order}, it must be 1 to 6; local_margin is {self.local_margin}, it must "
+                "not be negative"
+            )

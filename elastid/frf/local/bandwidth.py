@@ -1,0 +1,78 @@
+r"""Whether the windows of a local method are narrow enough for the modes that they look at.
+
+A polynomial follows G over a window narrower than the modal bandwidth 2 zeta f_0, and flattens peaks in a wider one.  A
+rational function of degree d follows d modes in a window however narrow they are.  Modes are the peaks of the response
+itself: bandwidth is their width at half power,
+
+.. math:: ||G(f_0 \pm \zeta f_0)||^2 \approx ||G(f_0)||^2 / 2
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.arrays import ComplexArray, FloatArray
+
+# Power of a peak over its variance, so that noise alone does not halve it on both sides.
+_LEAST_SNR = 40.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Peaks of a response: where, freq_hz (n,), and how wide at half power, bandwidth_hz (n,)."""
+
+    freq_hz: FloatArray
+    bandwidth_hz: FloatArray
+
+
+def modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> Modes:
+    """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again.
+
+    Peaks that do not stand out of the variance of G by 16 dB count for none.
+    """
+    power = np.sum(np.abs(G) ** 2, axis=(1, 2))
+    peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
+    found = []
+    for peak in peaks[power[peaks] > _LEAST_SNR * variance.sum(axis=(1, 2))[peaks]]:
+        below = _half_power(freq_hz[peak::-1], power[peak::-1])
+        above = _half_power(freq_hz[peak:], power[peak:])
+        if below is not None and above is not None:
+            found.append((freq_hz[peak], above - below))
+    f_0, width = np.array(found).reshape(-1, 2).T
+    return Modes(f_0, width)
+
+
+def wide_windows(found: Modes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[str]:
+    """A word on modes that windows of span_hz (F,) at freq_hz are too wide for; poles: degree d, 0 where polynomial."""
+    span = np.interp(found.freq_hz, freq_hz, span_hz)
+    if poles == 0:
+        wide = np.flatnonzero(span > found.bandwidth_hz)
+        if wide.size == 0:
+            return []
+        worst = wide[np.argmax(span[wide] / found.bandwidth_hz[wide])]
+        return [
+            f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz at "
+            f"{found.freq_hz[worst]:.4g} Hz, where the mode is {found.bandwidth_hz[worst]:.3g} Hz wide; its peak may "
+            "be flattened: take method local_rational, a longer period or more experiments"
+        ]
+    inside = np.array([np.sum(np.abs(found.freq_hz - f) <= s / 2) for f, s in zip(found.freq_hz, span, strict=True)])
+    crowded = np.flatnonzero(inside > poles)
+    if crowded.size == 0:
+        return []
+    worst = crowded[np.argmax(inside[crowded])]
+    return [
+        f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {found.freq_hz[worst]:.4g} Hz, which has "
+        f"poles for {poles}; take a longer period, more experiments or a higher local_order"
+    ]
+
+
+def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
+    """Where the power (F,), walking away from a peak at its first entry, has halved; None where it rises before."""
+    half = np.flatnonzero(power < power[0] / 2)
+    if half.size == 0 or np.any(power[: half[0]] > power[0]):
+        return None
+    i = int(half[0])
+    part = (power[i - 1] - power[0] / 2) / (power[i - 1] - power[i])
+    return float(freq_hz[i - 1] + part * (freq_hz[i] - freq_hz[i - 1]))

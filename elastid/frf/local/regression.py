@@ -1,0 +1,72 @@
+"""The local regression at every line: a ladder of models, of which each line takes the simplest that will do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+
+from elastid.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.frf.local.block import LocalFit, fitted
+from elastid.frf.local.windows import Terms, Windows
+
+# Numbers in the arrays of one block of lines: 64 MB.
+_BLOCK = 4_000_000
+# A model replaces a simpler one where dof ln(residual power of that / its own) exceeds this in an output; poles that
+# fit mere noise exceed it once in 100 lines.
+_CLEAR_GAIN = 9.0
+_ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
+
+
+def local_fit(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[Terms]) -> LocalFit:
+    """The local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
+
+    ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
+    less in some output.  Poles found in mere noise would make the residual too small, and orders that nothing asks for
+    make the estimate worse, most at the ends of the band.  dof is that of the last.
+    """
+    fits = [_in_blocks(Z, R, where, terms) for terms in ladder]
+    chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
+    power = _power(chosen)
+    for fit in fits[1:]:
+        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > _CLEAR_GAIN
+        power = np.where(clear[:, None], _power(fit), power)
+        chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
+    return chosen
+
+
+def _power(fit: LocalFit) -> FloatArray:
+    """Residual power (F, n_z) of each output."""
+    power: FloatArray = np.maximum(np.einsum("fzz->fz", fit.scatter).real, 1e-300) / fit.dof
+    return power
+
+
+def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
+    """The same fit with room for more poles, and a residual as if it had fewer degrees of freedom."""
+    more = poles - fit.M.shape[1]
+    return replace(
+        fit,
+        M=np.pad(fit.M, ((0, 0), (0, more), (0, 0), (0, 0))),
+        A_cov=np.pad(fit.A_cov, ((0, 0), (0, more), (0, more))),
+        scatter=fit.scatter * (dof / fit.dof),
+        dof=dof,
+    )
+
+
+def _chosen(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
+    """a at the lines taken (F,), b elsewhere."""
+    arrays = {name: getattr(b, name).copy() for name in _ARRAYS}
+    for name, array in arrays.items():
+        array[take] = getattr(a, name)[take]
+    return LocalFit(dof=a.dof, **arrays)
+
+
+def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: Terms) -> LocalFit:
+    """One model at all lines, in blocks that bound the memory."""
+    E, _, n_z = Z.shape
+    F, n_w = where.index.shape
+    numbers = E * n_w * (terms.columns + E * terms.transient_columns + 2 * (terms.poles + 2) * n_z)
+    step = max(1, _BLOCK // numbers)
+    fits = [fitted(Z, R, where.at(slice(i, i + step)), terms) for i in range(0, F, step)]
+    return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})
