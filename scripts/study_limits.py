@@ -1,6 +1,6 @@
 """Does any peak leave the robot's limits? Randomly drawn robots, limits, signals and movements, designed and measured.
 
-    python scripts/study_limits.py [--studies 1000] [--seed 0] [--jobs 2] [--truth 0.0]
+    python scripts/study_limits.py [--quick] [--studies 1000] [--seed 0] [--jobs 2] [--truth 0.0]
 
 Every study is planned as `elastid design` plans it, with the amplitudes scaled to the limits; then each of its
 experiments is run on the nonlinear simulation with noise of another seed, ramps included, and every peak of torque,
@@ -138,8 +138,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--truth", type=float, default=0.0)
+    parser.add_argument("--quick", action="store_true", help="five studies, whatever --studies says")
     given = parser.parse_args()
-    seeds = [given.seed + i for i in range(given.studies)]
+    seeds = [given.seed + i for i in range(5 if given.quick else given.studies)]
     outcomes = ordered(partial(studied, given.truth), seeds, given.jobs)
     run = [o for o in outcomes if not o.refused]
     planned, measured = (np.array([getattr(o, name) for o in run]) for name in ("planned", "measured"))
