@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from elastid.excitation.lines import planned_lines
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.choose import choose
 from elastid.parameters import Parameter
 from elastid.study import Study
@@ -53,13 +56,38 @@ def _experiments(study: Study) -> Iterator[str]:
     n_u, Q, M = len(study.robot.driven), len(experiment.configurations), experiment.realisations
     yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
     if excitation is not None:
-        periods = experiment.periods + experiment.transient_periods
-        yield (
-            f"  {periods} periods of {excitation.period:g} s each ({experiment.transient_periods} of transient), "
-            f"{Q * M * n_u * periods * excitation.period:g} s of the robot's time, movements between not counted"
-        )
-        low, high = excitation.band_hz
-        yield f"  {excitation.grid} lines from {low:g} to {high:g} Hz, sampled at {excitation.rate_hz:g} Hz"
+        yield from _run(experiment, excitation, Q * M * n_u)
+        yield from _signal(study, excitation)
+
+
+def _run(experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> Iterator[str]:
+    periods = experiment.periods + experiment.transient_periods
+    duration = periods * excitation.period + 2 * (experiment.ramp + experiment.hold)
+    yield (
+        f"  {periods} periods of {excitation.period:g} s each ({experiment.transient_periods} of transient) with ramps "
+        f"of {experiment.ramp:g} s, {runs * duration:g} s of the robot's time, movements between not counted"
+    )
+    carrier = experiment.simulated.carrier if experiment.simulated is not None else None
+    if carrier is None:
+        yield "  the robot rests in each configuration: where friction sticks, it looks like stiffness"
+    else:
+        speed = f"amplitude {carrier.amplitude:.3g} rad" if carrier.amplitude else f"velocity {carrier.velocity} rad/s"
+        yield f"  carrier: {carrier.kind}, {speed}"
+
+
+def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
+    lines = planned_lines(excitation, study.seed)
+    low, high = excitation.band_hz
+    free = f" and {len(lines.detection)} left free for detection" if len(lines.detection) else ""
+    yield (
+        f"  {len(lines.excited)} {excitation.grid} lines{free} from {low:g} to {high:g} Hz, sampled at "
+        f"{excitation.rate_hz:g} Hz"
+    )
+    as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
+    yield (
+        f"  {excitation.phases} phases, {excitation.orthogonal} set, flat in {excitation.flat}, {as_large} "
+        f"({excitation.margin:.0%} of every limit stays free)"
+    )
 
 
 def _plan_of_work(study: Study) -> Iterator[str]:

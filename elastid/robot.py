@@ -28,7 +28,18 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.section import section
-from elastid.units import Angle, AngularVelocity, Damping, Inertia, InUnit, Length, Mass, Stiffness, Torque
+from elastid.units import (
+    Angle,
+    AngularAcceleration,
+    AngularVelocity,
+    Damping,
+    Inertia,
+    InUnit,
+    Length,
+    Mass,
+    Stiffness,
+    Torque,
+)
 
 Axis: TypeAlias = Literal["x", "y", "z"] | tuple[float, float, float]
 Vector3: TypeAlias = tuple[Length, Length, Length]
@@ -94,16 +105,19 @@ class Motor:
 
 @section
 class Limits:
-    """What a driven joint may do, on the link side: angle in rad, speed in rad/s, motor torque in Nm."""
+    """What a driven joint may do, link side: angle in rad, its derivatives in rad/s and rad/s^2, motor torque in Nm."""
 
     angle: tuple[Angle, Angle] = (-math.inf, math.inf)
     velocity: AngularVelocity = math.inf
     torque: Torque = math.inf
+    acceleration: AngularAcceleration = math.inf
 
     def __post_init__(self) -> None:
         """Refuse an empty range."""
-        if not self.angle[0] < self.angle[1] or not self.velocity > 0 or not self.torque > 0:
-            raise ValueError("limits must leave something: angle [lower, upper], positive velocity and torque")
+        if not self.angle[0] < self.angle[1] or not min(self.velocity, self.torque, self.acceleration) > 0:
+            raise ValueError(
+                "limits must leave something: angle [lower, upper], positive velocity, torque and acceleration"
+            )
 
 
 @section

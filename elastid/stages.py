@@ -5,7 +5,6 @@ Each takes a Run whose earlier results are there and leaves its own; `run_all` w
 
 from __future__ import annotations
 
-import csv
 import json
 import shutil
 from collections.abc import Iterable, Iterator
@@ -16,8 +15,10 @@ from typing import Any
 
 from elastid.arrays import IntArray
 from elastid.errors import FitError, StudyError
-from elastid.experiment.plan import Experiment, Plan, make_plan
+from elastid.experiment.limits import within_limits
+from elastid.experiment.plan import Experiment, make_plan
 from elastid.experiment.recorded import RecordedRig
+from elastid.experiment.references import references
 from elastid.experiment.rig import Rig
 from elastid.experiment.simulated import SimulatedRig
 from elastid.fit.identify import identify, predict
@@ -43,9 +44,11 @@ from elastid.store import (
     remove_leftovers,
     text_file,
     write_fit,
+    write_movement,
     write_plan,
     write_records,
     write_responses,
+    write_torque,
     write_validation,
 )
 from elastid.tables import parameter_table
@@ -84,15 +87,28 @@ def only(run: Run, stage: str) -> None:
 
 
 def design(run: Run) -> None:
-    """plan.h5 and references/*.csv, one period of each experiment's torques for a robot controller."""
+    """plan.h5 and references/*.csv for a robot controller, rehearsed on the nominal robot against its limits.
+
+    <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
+    """
     study = run.study
     assert study.excitation is not None  # the study's checks ask for it
+    assert study.experiment.simulated is not None
     plan = make_plan(study.excitation, study.experiment, study.robot, study.seed)
-    references = run.folder / "references"
-    shutil.rmtree(references, ignore_errors=True)
+    with run.console.progress("design") as progress:
+        plan, peaks = within_limits(
+            plan, study.excitation, study.experiment, study.robot, study.seed, run.jobs, progress
+        )
+    movements = references(plan, study.experiment.simulated.carrier, study.robot)
+    folder = run.folder / "references"
+    shutil.rmtree(folder, ignore_errors=True)
+    for movement in movements:
+        write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs)
     for experiment in plan.experiments:
-        _write_reference(references / f"{experiment.name}.csv", plan, experiment)
-    write_plan(run.path("design"), plan, run.stamps["design"])
+        write_torque(folder / f"{experiment.name}.csv", plan, experiment)
+    write_plan(run.path("design"), plan, run.stamps["design"], movements, peaks)
+    _pass_on(run, peaks.notes)
+    run.console.say(f"design: {peaks.closest}")
     run.console.say(
         f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, {len(plan.lines)} "
         f"lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of the robot's time"
@@ -272,16 +288,6 @@ def _measured(rig: Rig, folder: Path, notes: dict[str, None]) -> Iterator[Record
         for record in read_records(_partial_path(folder, experiment)):
             notes |= dict.fromkeys(record.notes)
             yield record
-
-
-def _write_reference(path: Path, plan: Plan, experiment: Experiment) -> None:
-    """One period of the torques to inject, link side."""
-    time_s = (i / plan.rate_hz for i in range(plan.period_samples))
-    with text_file(path) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", *(f"{place} (N*m, link side)" for place in plan.inputs)])
-        for t, torques in zip(time_s, plan.torque(experiment).tolist(), strict=True):
-            writer.writerow([f"{t:.9g}", *(f"{torque:.9g}" for torque in torques)])
 
 
 def _summary(run: Run, result: FitResult, responses: tuple[FrequencyResponse, ...]) -> dict[str, Any]:

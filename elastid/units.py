@@ -120,6 +120,7 @@ class InUnit:
 
 
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
+AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]
 Damping: TypeAlias = Annotated[float, InUnit("N*m*s/rad")]
 Frequency: TypeAlias = Annotated[float, InUnit("Hz")]

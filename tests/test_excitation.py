@@ -1,4 +1,4 @@
-"""Grids and orthogonal random-phase multisines."""
+"""Grids, amplitude spectra and synthesis of multisines."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.errors import StudyError
-from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.excitation.multisine import amplitudes, crest_factor, orthogonal_set, synthesise
+from elastid.excitation.grids import chosen_lines, grid_lines, line_frequencies, with_detection, zippered
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.excitation.spectrum import amplitudes, shape
 
 
 def test_full_grid_holds_every_line_of_the_band_and_its_edges() -> None:
@@ -27,6 +28,54 @@ def test_odd_grid_is_odd_wherever_the_band_begins(first: int, width: int, n: int
     assert lines.tolist() == [k for k in range(first, first + width + 1) if k % 2]
 
 
+def test_odd_odd_grid_leaves_every_second_odd_line_to_odd_distortion() -> None:
+    """1, 5, 9 ...: the sum of three such lines is 3 (mod 4), where none is excited."""
+    lines = grid_lines("odd-odd", (2.0, 20.0), 100.0, 100)
+    assert lines.tolist() == [5, 9, 13, 17]
+    cubes = {(a + b + c) % 4 for a in lines for b in lines for c in lines}
+    assert cubes == {3}
+
+
+@given(group=st.integers(3, 5), n=st.integers(3, 80), seed=st.integers(0, 1000))
+@settings(deadline=None, max_examples=40)
+def test_of_every_group_of_lines_one_is_left_for_detection(group: int, n: int, seed: int) -> None:
+    """Excited and detection lines together are the grid; each whole group has exactly one detection line."""
+    odd = np.arange(n) * 2 + 7
+    lines = with_detection(odd, group, np.random.default_rng(seed))
+    assert sorted([*lines.excited, *lines.detection]) == odd.tolist()
+    groups = [odd[i : i + group] for i in range(0, n - group + 1, group)]
+    assert [np.isin(one, lines.detection).sum() for one in groups] == [1] * len(groups)
+
+
+@given(ratio=st.floats(1.02, 1.6), last=st.integers(50, 900), odd=st.booleans())
+@settings(deadline=None, max_examples=40)
+def test_quasi_logarithmic_lines_keep_their_ratio_where_lines_are_dense(ratio: float, last: int, odd: bool) -> None:
+    """Strictly rising, odd where asked for, and within half a grid step of the ratio or else the next line."""
+    step = 2 if odd else 1
+    lines = grid_lines("odd-quasi-log" if odd else "quasi-log", (1.0, last), 2000.0, 2000, ratio)
+    gaps = np.diff(lines)
+    assert np.all(gaps >= step)
+    assert np.all(lines % step == 1 % step)
+    assert np.all((np.abs(lines[1:] - ratio * lines[:-1]) <= step / 2 + 1e-9) | (gaps == step))
+    assert lines[-1] * ratio > last - step
+
+
+def test_every_input_of_a_zippered_grid_has_its_own_interleaved_lines() -> None:
+    """Seven lines for three inputs; fewer lines than inputs are refused."""
+    assert zippered(7, 3).tolist() == [0, 1, 2, 0, 1, 2, 0]
+    with pytest.raises(StudyError, match="2 lines for 3 inputs; every input needs a line of its own"):
+        zippered(2, 3)
+
+
+def test_lines_of_the_users_own_are_sorted_and_must_lie_in_the_band() -> None:
+    """Any order; outside the band or twice is refused with what would fit."""
+    assert chosen_lines([9, 3, 4], (1.0, 10.0), 100.0, 100).tolist() == [3, 4, 9]
+    with pytest.raises(StudyError, match=r"line 12 is outside band_hz.*allow lines 1 to 10, each once"):
+        chosen_lines([3, 12], (1.0, 10.0), 100.0, 100)
+    with pytest.raises(StudyError, match="a line is given twice"):
+        chosen_lines([3, 3], (1.0, 10.0), 100.0, 100)
+
+
 def test_grid_keeps_clear_of_zero_and_of_half_the_rate() -> None:
     """Neither DC nor the line at half the rate carries a phase."""
     assert grid_lines("full", (0.0, 50.0), 100.0, 10).tolist() == [1, 2, 3, 4]
@@ -39,7 +88,7 @@ def test_a_band_without_lines_is_refused_with_the_spacing() -> None:
         grid_lines("odd", (2.1, 2.9), 100.0, 100)
 
 
-@given(n_u=st.integers(1, 7), F=st.integers(1, 12), seed=st.integers(0, 2**32))
+@given(n_u=st.integers(1, 7), F=st.integers(7, 12), seed=st.integers(0, 2**32))
 @settings(deadline=None, max_examples=40)
 def test_experiments_of_a_set_are_orthogonal_at_every_line(n_u: int, F: int, seed: int) -> None:
     """U U^H = n_u diag(a^2) to 1e-12, for any number of inputs, six included."""
@@ -73,17 +122,18 @@ def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
     """RMS over a period of the sampled signal, for a flat and for a shaped spectrum."""
     lines = grid_lines("odd", (1.0, 40.0), 200.0, 2000)
     rms = np.array([12.0, 3.0, 0.5])
-    amplitude = amplitudes(line_frequencies(lines, 200.0, 2000), spectrum, rms)
+    amplitude = amplitudes(shape(line_frequencies(lines, 200.0, 2000), 0.0, spectrum), rms)
     for U in orthogonal_set(amplitude, np.random.default_rng(0)):
         torque = synthesise(lines, U, 2000)
         np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), rms, rtol=1e-12)
 
 
-def test_amplitude_table_is_straight_on_log_log_axes() -> None:
+def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law() -> None:
     """Points in any order; a slope of -1 between them; constant beyond the ends."""
     freq_hz = np.array([1.0, 2.0, 4.0, 10.0, 20.0, 40.0])
-    amplitude = amplitudes(freq_hz, ((20.0, 1.0), (2.0, 10.0)), np.array([1.0]))[:, 0]
-    np.testing.assert_allclose(amplitude / amplitude[4], [10, 10, 5, 2, 1, 1])
+    table = shape(freq_hz, 0.0, ((20.0, 1.0), (2.0, 10.0)))
+    np.testing.assert_allclose(table / table[4], [10, 10, 5, 2, 1, 1])
+    np.testing.assert_allclose(shape(freq_hz, -0.5, ((20.0, 1.0), (2.0, 10.0))), table * freq_hz**-0.5)
 
 
 def test_synthesis_is_the_sum_of_its_cosines() -> None:
@@ -92,17 +142,3 @@ def test_synthesis_is_the_sum_of_its_cosines() -> None:
     t = np.arange(64) / 64
     expected = sum((u * np.exp(2j * np.pi * k * t)).real for k, u in zip(lines, U[:, 0], strict=True))
     np.testing.assert_allclose(synthesise(lines, U, 64)[:, 0], expected, atol=1e-13)
-
-
-def test_crest_factor_of_a_sine_is_sqrt_two_and_of_a_pulse_train_is_high() -> None:
-    """One line: peak / RMS = sqrt 2. F lines in phase: F / sqrt(F / 2)."""
-    assert crest_factor(np.array([3]), np.array([[2j]])) == pytest.approx(np.sqrt(2), rel=1e-2)
-    in_phase = crest_factor(np.arange(1, 33), np.ones((32, 1), dtype=np.complex128))
-    assert in_phase == pytest.approx(np.sqrt(2 * 32), rel=1e-2)
-
-
-def test_median_crest_factor_of_random_phases_is_the_known_one() -> None:
-    """Full grid of 31 lines: 2.86 is the median of random phases (identification.md 9.3)."""
-    rng = np.random.default_rng(0)
-    crest = [crest_factor(np.arange(1, 32), np.exp(2j * np.pi * rng.random((31, 1))))[0] for _ in range(400)]
-    assert np.median(crest) == pytest.approx(2.858, rel=0.02)

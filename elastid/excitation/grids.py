@@ -1,19 +1,43 @@
-"""Grids: which DFT lines a multisine excites. Line k of a period of N samples is the frequency k * rate / N."""
+"""Grids: which DFT lines a multisine excites. Line k of a period of N samples is the frequency k * rate / N.
+
+Even nonlinearities of an odd multisine fall on even lines, odd ones on the odd lines left out for their detection:
+out of every few consecutive odd lines one at random. (Pintelon and Schoukens, System Identification: A Frequency Domain
+Approach, 2nd ed., chapter 4.)
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import FloatArray, IntArray
+from elastid.arrays import FloatArray, IntArray, frozen
 from elastid.errors import StudyError
 
-Grid: TypeAlias = Literal["full", "odd"]
+Grid: TypeAlias = Literal["full", "odd", "odd-odd", "odd-random", "quasi-log", "odd-quasi-log", "lines"]
+
+# Of consecutive lines of a grid: which line comes first, and after how many the next.
+_STEP = {"full": 1, "odd": 2, "odd-odd": 4, "odd-random": 2, "quasi-log": 1, "odd-quasi-log": 2, "lines": 1}
+_MULTIPLES = {1: "multiples of", 2: "odd multiples of", 4: "1, 5, 9 ... times"}
 
 # A band edge meant to lie on a line must find it in spite of rounding; in lines.
 _ON_A_LINE = 1e-6
+
+
+@dataclass(frozen=True)
+class Lines:
+    """excited (F,): lines with an amplitude.  detection: lines in the band left free, on which distortion shows."""
+
+    excited: IntArray
+    detection: IntArray
+
+    def __post_init__(self) -> None:
+        """Freeze."""
+        for name in ("excited", "detection"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.int64))
 
 
 def line_frequencies(lines: IntArray, rate_hz: float, period_samples: int) -> FloatArray:
@@ -21,24 +45,74 @@ def line_frequencies(lines: IntArray, rate_hz: float, period_samples: int) -> Fl
     return (lines * (rate_hz / period_samples)).astype(np.float64)
 
 
-def grid_lines(grid: Grid, band_hz: tuple[float, float], rate_hz: float, period_samples: int) -> IntArray:
-    """Lines k (F,) with band_hz[0] <= k rate_hz / N <= band_hz[1], 0 < k < N / 2; `odd`: odd k only.
+def grid_lines(
+    grid: Grid, band_hz: tuple[float, float], rate_hz: float, period_samples: int, ratio: float = 1.05
+) -> IntArray:
+    """Lines k (F,) with band_hz[0] <= k rate_hz / N <= band_hz[1], 0 < k < N / 2, those of detection included.
 
-    N = period_samples. An odd grid is odd wherever the band begins. Raises StudyError where the band holds no line.
+    N = period_samples.  odd: odd k only, wherever the band begins; odd-odd: k = 1, 5, 9 ...; quasi-log: each line at
+    about `ratio` times the last.  Raises StudyError where the band holds no line.
 
     >>> grid_lines("odd", (2.0, 7.0), 100.0, 100).tolist()
     [3, 5, 7]
+    >>> grid_lines("odd-quasi-log", (1.0, 30.0), 100.0, 100, ratio=1.5).tolist()
+    [1, 3, 5, 7, 11, 17, 25]
     """
+    step = _STEP[grid]
     spacing = rate_hz / period_samples
     first = max(1, math.ceil(band_hz[0] / spacing - _ON_A_LINE))
     last = min((period_samples - 1) // 2, math.floor(band_hz[1] / spacing + _ON_A_LINE))
     lines = np.arange(first, last + 1)
-    if grid == "odd":
-        lines = lines[lines % 2 == 1]
+    lines = lines[lines % step == 1 % step]
     if lines.size == 0:
-        kind = "odd multiples" if grid == "odd" else "multiples"
         raise StudyError(
-            f"band_hz [{band_hz[0]:g}, {band_hz[1]:g}] holds no line: the lines are {kind} of {spacing:g} Hz "
-            f"below {rate_hz / 2:g} Hz; widen band_hz or take a longer period"
+            f"band_hz [{band_hz[0]:g}, {band_hz[1]:g}] holds no line: the lines are {_MULTIPLES[step]} "
+            f"{spacing:g} Hz below {rate_hz / 2:g} Hz; widen band_hz or take a longer period"
         )
-    return lines.astype(np.int64)
+    return (_quasi_logarithmic(lines, ratio) if grid.endswith("quasi-log") else lines).astype(np.int64)
+
+
+def chosen_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: float, period_samples: int) -> IntArray:
+    """The user's own lines (F,) in ascending order; StudyError where one is outside the band or given twice."""
+    band = grid_lines("full", band_hz, rate_hz, period_samples)
+    outside = [k for k in lines if k not in band]
+    if outside or len(set(lines)) < len(lines):
+        what = f"line {outside[0]} is outside band_hz" if outside else "a line is given twice"
+        raise StudyError(
+            f"excitation.lines: {what}; band_hz [{band_hz[0]:g}, {band_hz[1]:g}] and a period of "
+            f"{period_samples / rate_hz:g} s allow lines {band[0]} to {band[-1]}, each once"
+        )
+    return np.array(sorted(lines), dtype=np.int64)
+
+
+def with_detection(lines: IntArray, group: int, rng: np.random.Generator) -> Lines:
+    """One of every `group` consecutive lines (F,) left out at random; an incomplete last group stays whole."""
+    whole = len(lines) // group
+    left_out = np.arange(whole) * group + rng.integers(0, group, whole)
+    return Lines(np.delete(lines, left_out), lines[left_out])
+
+
+def zippered(n_lines: int, n_u: int) -> IntArray:
+    """Which input (n_lines,) has each line: every input its own, interleaved. StudyError for fewer lines than inputs.
+
+    >>> zippered(5, 2).tolist()
+    [0, 1, 0, 1, 0]
+    """
+    if n_lines < n_u:
+        raise StudyError(
+            f"the excitation has {n_lines} lines for {n_u} inputs; every input needs a line of its own: widen band_hz "
+            "or take a longer period"
+        )
+    return np.arange(n_lines) % n_u
+
+
+def _quasi_logarithmic(lines: IntArray, ratio: float) -> IntArray:
+    """From line to line the nearest one to `ratio` times the last, and at least the next one."""
+    half_step = (lines[1] - lines[0]) / 2 if len(lines) > 1 else 0.5
+    chosen = [0]
+    while True:
+        target = lines[chosen[-1]] * ratio
+        following = max(int(np.argmin(np.abs(lines - target))), chosen[-1] + 1)
+        if following >= len(lines) or target > lines[-1] + half_step:
+            return lines[chosen]
+        chosen.append(following)

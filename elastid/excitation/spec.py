@@ -2,31 +2,65 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
+from elastid.excitation.grids import Grid
+from elastid.excitation.phases import Orthogonal
 from elastid.section import section
 from elastid.units import Frequency, Time, Torque
 
 # A day at 1 kHz; whatever is longer is a slip of the pen.
 MOST_SAMPLES = 1e8
+Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
+Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
+Effort: TypeAlias = Literal["normal", "high"]
+
+_NEW_IN_EVERY_REALISATION = ("random", "optimised")
+_SWEEPS = ("linear-sweep", "log-sweep", "prbs")
 
 
 @section
 class MultisineSpec:
-    """Orthogonal random-phase multisines, in torque, at every motor.
+    """Orthogonal multisines, in torque, at every motor: n_u experiments make a realisation.
 
     rate_hz: sampling rate of the controller and the log.  period: of the multisine; the lines are 1/period apart.
-    band_hz: lowest and highest excited frequency.  grid: `full` (every line) or `odd` (odd multiples of 1/period: even
-    nonlinearities then fall between the lines).  torque_rms: link-side, one number for all motors or one for each.
-    spectrum: relative amplitude as (frequency, amplitude) points, straight lines on log-log axes; default flat.
+    band_hz: lowest and highest excited frequency.
+
+    grid: `full` (every line), `odd` (odd multiples of 1/period: even nonlinearities then fall between the lines),
+    `odd-odd` (1, 5, 9 ...), `odd-random` (of every `group` consecutive odd lines one is left out at random: odd
+    nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`: those
+    listed under lines.
+
+    torque_rms: link-side, one number for all motors or one for each, lowered where a limit of the robot is in the way;
+    or `limits`: as much as each motor may have.  margin: part of every limit that stays free.
+    flat: what has, closed loop and nominal robot, the same amplitude at all lines: the injected `torque`, the motor's
+    `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), or the `precision`
+    of its response under the noise of the simulated rig.
+    power: amplitude times frequency to this power.  spectrum: relative amplitude as (frequency, amplitude) points,
+    straight lines on log-log axes.
+
+    phases: `random`, or `optimised` for low peaks of the signals listed under compress (`effort: high` takes ten times
+    as long); with realisations: 1 also `schroeder`, `newman`, `linear-sweep`, `log-sweep` or `prbs` (band-limited).
+    orthogonal: how the experiments of a realisation differ: `dft`, `hadamard` (2, 4, 8 ... motors), or `zippered`
+    (each motor its own lines, exchanged from experiment to experiment).
     """
 
     rate_hz: Frequency
     period: Time
     band_hz: tuple[Frequency, Frequency]
-    torque_rms: Torque | tuple[Torque, ...]
-    grid: Literal["full", "odd"] = "odd"
+    torque_rms: Torque | tuple[Torque, ...] | Literal["limits"]
+    grid: Grid = "odd"
+    group: int = 4
+    ratio: float = 1.05
+    lines: tuple[int, ...] = ()
+    margin: float = 0.1
+    flat: Signal | Literal["precision"] = "torque"
+    power: float = 0.0
     spectrum: tuple[tuple[Frequency, float], ...] = ()
+    phases: Phases = "random"
+    orthogonal: Orthogonal = "dft"
+    compress: tuple[Signal, ...] = ("torque",)
+    effort: Effort = "normal"
 
     def __post_init__(self) -> None:
         """Check the band against the rate, the period against the rate, amplitudes against zero."""
@@ -52,13 +86,36 @@ class MultisineSpec:
                 f"band_hz: {high:g} Hz is not below half the sampling rate ({self.rate_hz / 2:g} Hz); "
                 "lower band_hz or raise rate_hz"
             )
-        rms = self.torque_rms if isinstance(self.torque_rms, tuple) else (self.torque_rms,)
-        if any(not value > 0 for value in rms):
+        rms = () if self.torque_rms == "limits" else self.torque_rms
+        if any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
             raise ValueError("torque_rms must be positive for every motor")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
+        self._check_grid()
+        self._check_phases()
+
+    def _check_grid(self) -> None:
+        if not 2 <= self.group <= 100:
+            raise ValueError(f"group is {self.group}; one of 2 or more lines is left out, commonly of 3 to 5")
+        if not self.ratio > 1:
+            raise ValueError(f"ratio is {self.ratio:g}; each line is so many times the last, take more than 1")
+        if not 0 <= self.margin < 1:
+            raise ValueError(f"margin is {self.margin:g}; it is the part of each limit that stays free, 0 to 1")
+        if (self.grid == "lines") != bool(self.lines):
+            raise ValueError("grid: lines and a list under lines go together; give both or neither")
+
+    def _check_phases(self) -> None:
+        if self.phases in _SWEEPS and self.grid not in ("full", "odd"):
+            raise ValueError(f"phases: {self.phases} needs all lines or all odd lines of a band; set grid: full or odd")
+        if not self.compress:
+            raise ValueError("compress is empty; name the signals whose peaks matter, for example [torque, velocity]")
 
     @property
     def period_samples(self) -> int:
         """N, samples per period."""
         return round(self.period * self.rate_hz)
+
+    @property
+    def is_new_in_every_realisation(self) -> bool:
+        """Whether further realisations tell more than the first: their phases are drawn afresh."""
+        return self.phases in _NEW_IN_EVERY_REALISATION

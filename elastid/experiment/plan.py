@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.errors import StudyError
-from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.excitation.multisine import amplitudes, orthogonal_set, synthesise
+from elastid.excitation.grids import line_frequencies
+from elastid.excitation.lines import planned_lines
+from elastid.excitation.multisine import synthesise
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.spec import ExperimentSpec
 from elastid.record import Configuration
@@ -37,7 +38,9 @@ class Plan:
 
     lines (F,): excited DFT lines, frequency = line * rate_hz / period_samples.
     R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t).
-    periods are measured after transient_periods that are run but not used.
+    periods are measured after transient_periods that are run but not used.  detection (F_d,): lines of the band that
+    were left free for the distortion to show.  A run holds still for hold_samples, begins within ramp_samples, repeats
+    its periods, ends within ramp_samples and holds still again.
     """
 
     configurations: tuple[Configuration, ...]
@@ -48,10 +51,14 @@ class Plan:
     transient_periods: int
     lines: IntArray
     R: ComplexArray
+    detection: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    ramp_samples: int = 0
+    hold_samples: int = 0
 
     def __post_init__(self) -> None:
         """Freeze and check."""
-        object.__setattr__(self, "lines", frozen(self.lines, np.int64))
+        for name in ("lines", "detection"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.int64))
         object.__setattr__(self, "R", frozen(self.R, np.complex128))
         Q, _, _, F, n_u = self.R.shape
         if (Q, F, n_u) != (len(self.configurations), len(self.lines), len(self.inputs)):
@@ -75,8 +82,18 @@ class Plan:
 
     @property
     def robot_time_s(self) -> float:
-        """How long the robot runs, transients included, movements between configurations not."""
-        return len(self.experiments) * (self.periods + self.transient_periods) * self.period_samples / self.rate_hz
+        """How long the robot runs, transients, ramps and holds included, movements between configurations not."""
+        return len(self.experiments) * self.run_samples / self.rate_hz
+
+    @property
+    def first_sample(self) -> int:
+        """The sample of a run with which its first period, of transient, begins."""
+        return self.hold_samples + self.ramp_samples
+
+    @property
+    def run_samples(self) -> int:
+        """Samples of a whole run, from standstill to standstill."""
+        return 2 * self.first_sample + (self.transient_periods + self.periods) * self.period_samples
 
 
 def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Configuration, ...]:
@@ -103,37 +120,25 @@ def make_plan(excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robo
     The phases of a set hang on seed, configuration index and realisation alone, so that a further configuration or
     realisation leaves the others as they were.  Raises StudyError for what the robot cannot do.
     """
+    # CasADi, which a plan as a value does not need.
+    from elastid.experiment.injection import injected
+
     configurations = checked_configurations(experiment, robot)
-    inputs = robot.motor_locations
-    lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, excitation.period_samples)
-    freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
-    amplitude = amplitudes(freq_hz, excitation.spectrum, _torque_rms(excitation, inputs))
-    R = [
-        [
-            orthogonal_set(amplitude, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(q, m))))
-            for m in range(experiment.realisations)
-        ]
-        for q in range(len(configurations))
-    ]
+    lines = planned_lines(excitation, seed)
+    R = []
+    for q, configuration in enumerate(configurations):
+        draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(experiment.realisations)]
+        R.append(injected(excitation, experiment, robot, lines.excited, configuration, draws))
     return Plan(
         configurations=configurations,
-        inputs=inputs,
+        inputs=robot.motor_locations,
         rate_hz=excitation.rate_hz,
         period_samples=excitation.period_samples,
         periods=experiment.periods,
         transient_periods=experiment.transient_periods,
-        lines=lines,
+        lines=lines.excited,
         R=np.array(R),
+        detection=lines.detection,
+        ramp_samples=round(experiment.ramp * excitation.rate_hz),
+        hold_samples=round(experiment.hold * excitation.rate_hz),
     )
-
-
-def _torque_rms(excitation: MultisineSpec, inputs: tuple[str, ...]) -> FloatArray:
-    rms = excitation.torque_rms
-    if not isinstance(rms, tuple):
-        return np.full(len(inputs), rms)
-    if len(rms) != len(inputs):
-        raise StudyError(
-            f"excitation.torque_rms has {len(rms)} numbers for {len(inputs)} motors ({', '.join(inputs)}); "
-            "give one for each, or a single one for all"
-        )
-    return np.array(rms)

@@ -15,15 +15,17 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
+from elastid.experiment.movement import check_movement
 from elastid.experiment.plan import Experiment, Plan
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.references import Reference, reference
+from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.record import Motion, Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.controller import Gains, feed_forward, tuned
+from elastid.simulation.controller import Gains, rigid_motion, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
 from elastid.units import Quantity, to_si
 
@@ -32,9 +34,10 @@ from elastid.units import Quantity, to_si
 class SimulatedRig:
     """The plan of a study, carried out on a model of its robot; `seed` draws all noise.
 
-    A record holds plan.periods periods; the transient periods before them are simulated and dropped.
+    A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
     u: what the controller commands and the log sees, held from sample to sample.  y: positions, of a motor as its
-    encoder reads it, of a body as its angle from the equilibrium, small.
+    encoder reads it, of a body as its angle from the equilibrium, small.  Under a carrier of constant velocity both are
+    about the planned movement, which does not repeat: its angles and its torque are taken out of the log.
 
     Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
     leaves the joints' limits.
@@ -56,7 +59,7 @@ class SimulatedRig:
         for place in self.outputs:
             self.robot.check_location(place)
         if self.simulated.carrier is not None:
-            _check_carrier(self.simulated.carrier, self.plan, self.robot)
+            check_movement(self.simulated.carrier, self.plan, self.robot)
 
     @property
     def simulated(self) -> SimulatedSpec:
@@ -77,17 +80,17 @@ class SimulatedRig:
 
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
-        spec, plan = self.simulated, self.plan
-        robot = true_robot(self.robot, spec.truth)
-        plant = _plant(robot, plan.rate_hz, spec.substeps, spec.noise.encoder_counts)
-        q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
-        _check_steps(plant, q0, experiment, spec.substeps, plan.rate_hz)
-        noise = _draw(spec.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
-        commands = _commands(plant.model, q0, spec.carrier, plan, experiment, noise)
-        gains = tuned(plant.model, q0, spec.controller.bandwidth_hz, spec.controller.damping_ratio)
-        trajectory = _run(plant.loop, gains, commands, q0, experiment)
+        plan = self.plan
+        plant, q0, given = self._prepared(experiment)
+        noise = _draw(self.simulated.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
+        end = plan.run_samples - plan.first_sample  # the way out is not measured
+        trajectory = self._moved(plant, q0, given, experiment, noise, 1.0, end)
+        measured = slice(end - plan.periods * plan.period_samples, end)
+        u, y = trajectory.u + noise.torque[:end], _sensed(trajectory, plant.model, q0, self.outputs, noise)
+        if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
+            C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model)
+            u, y = u - given.feed_forward[:end], y - (given.position[:end] - experiment.configuration.angles) @ C.T
         position: Motion = "position"
-        measured = slice(plan.transient_periods * plan.period_samples, None)
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -98,12 +101,50 @@ class SimulatedRig:
             inputs=plan.inputs,
             outputs=self.outputs,
             quantities=(position,) * len(self.outputs),
-            u=(trajectory.u + noise.torque)[measured],
-            y=_sensed(trajectory, plant.model, q0, self.outputs, noise)[measured],
+            u=u[measured],
+            y=y[measured],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
-            notes=_exceeded(robot, trajectory, plant.model.B, plan.rate_hz),
+            notes=_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
             hold="zero-order",
         )
+
+    def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
+        """Motor angles and torques (n, n_u) of a whole run, ramps and holds included, the multisine times `factor`.
+
+        DataError where a motor is lost, StudyError where the steps are too long for the robot.
+        """
+        plant, q0, given = self._prepared(experiment)
+        noise = _draw(self.simulated.noise, self.plan, len(self.outputs), (self.seed, *_indices(self.plan, experiment)))
+        trajectory = self._moved(plant, q0, given, experiment, noise, factor, self.plan.run_samples)
+        return trajectory.q @ plant.model.B, trajectory.u
+
+    def _prepared(self, experiment: Experiment) -> tuple[_Plant, FloatArray, Reference]:
+        """The true robot, its equilibrium, and what its controller is given."""
+        spec, rate_hz = self.simulated, self.plan.rate_hz
+        plant = _plant(true_robot(self.robot, spec.truth), rate_hz, spec.substeps, spec.noise.encoder_counts)
+        q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
+        _check_steps(plant, q0, experiment, spec.substeps, rate_hz)
+        return plant, q0, reference(self.plan, spec.carrier, plant.model, q0, experiment.configuration)
+
+    def _moved(
+        self,
+        plant: _Plant,
+        q0: FloatArray,
+        given: Reference,
+        experiment: Experiment,
+        noise: _Noise,
+        factor: float,
+        n: int,
+    ) -> Trajectory:
+        """The first n samples of a run, from rest where the reference begins."""
+        spec = self.simulated
+        gains = tuned(plant.model, q0, spec.controller.bandwidth_hz, spec.controller.damping_ratio)
+        torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
+        commands = Commands(
+            given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
+        )
+        start = q0 + rigid_motion(plant.model) @ (given.position[0] - experiment.configuration.angles)
+        return _run(plant.loop, gains, commands, start, experiment)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +196,7 @@ def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
 
 
 def _draw(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> _Noise:
-    n = (plan.transient_periods + plan.periods) * plan.period_samples
+    n = plan.run_samples
     random = np.random.default_rng(np.random.SeedSequence(seed))
     n_u = len(plan.inputs)
     return _Noise(
@@ -163,38 +204,6 @@ def _draw(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> _Nois
         reading=spec.angle_std * random.standard_normal((n, n_u)),
         disturbance=spec.disturbance_std * random.standard_normal((n, n_u)),
         outputs=spec.angle_std * random.standard_normal((n, n_y)),
-    )
-
-
-def _commands(
-    model: ElasticModel,
-    q0: FloatArray,
-    carrier: CarrierSpec | None,
-    plan: Plan,
-    experiment: Experiment,
-    noise: _Noise,
-) -> Commands:
-    """Reference, feed-forward and multisine of the whole run; the reference is periodic with the multisine."""
-    N, n_u = plan.period_samples, len(plan.inputs)
-    amplitude, cycles = (carrier.amplitude, carrier.cycles) if carrier is not None else (0.0, 0)
-    omega = 2 * np.pi * cycles * plan.rate_hz / N
-    # Without a carrier one sample says it all.
-    phase = 2 * np.pi * cycles * np.arange(N if carrier is not None else 1)[:, None] / N
-    position, velocity, acceleration = (
-        amplitude * shape * np.ones(n_u)
-        for shape in (np.sin(phase), omega * np.cos(phase), -(omega**2) * np.sin(phase))
-    )
-    torque = feed_forward(model, q0, position, velocity, acceleration) + plan.torque(experiment)
-
-    def whole_run(period: FloatArray) -> FloatArray:
-        return np.tile(np.broadcast_to(period, (N, n_u)), (plan.transient_periods + plan.periods, 1))
-
-    return Commands(
-        position=whole_run(experiment.configuration.angles + position),
-        velocity=whole_run(velocity),
-        torque=whole_run(torque),
-        disturbance=noise.disturbance,
-        reading_noise=noise.reading,
     )
 
 
@@ -207,26 +216,6 @@ def _run(loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, exp
             f"{experiment.experiment}: {error}. Lower excitation.torque_rms, raise "
             "experiment.simulated.controller.bandwidth_hz, or move the configuration away from its limits"
         ) from None
-
-
-def _check_carrier(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
-    """The carrier must not fall among the lines that the response is estimated on, nor leave the joints' limits."""
-    lowest = int(plan.lines.min())
-    if carrier.cycles >= lowest:
-        raise StudyError(
-            f"experiment.simulated.carrier: {carrier.cycles} cycles a period are "
-            f"{carrier.cycles * plan.rate_hz / plan.period_samples:g} Hz, not below the lowest excited frequency of "
-            f"{plan.freq_hz.min():g} Hz; take at most {lowest - 1} cycles, or raise excitation.band_hz"
-        )
-    for configuration in plan.configurations:
-        for joint, angle in zip(robot.driven, configuration.angles, strict=True):
-            lower, upper = joint.limits.angle
-            if angle - carrier.amplitude < lower or angle + carrier.amplitude > upper:
-                raise StudyError(
-                    f"experiment.simulated.carrier: {carrier.amplitude:g} rad about {angle:g} rad take joint "
-                    f"{joint.name} out of its limits [{lower:g}, {upper:g}] rad in configuration {configuration.name}; "
-                    "lower the amplitude or move the configuration"
-                )
 
 
 def _check_steps(plant: _Plant, q0: FloatArray, experiment: Experiment, substeps: int, rate_hz: float) -> None:
@@ -245,7 +234,7 @@ def _sensed(
 ) -> FloatArray:
     """What the log reads (n, n_y): encoders, joint angles, and C (q - q0) for a body, to first order."""
     C = model.output_jacobian(q0, outputs)
-    y = trajectory.q @ C.T + noise.outputs
+    y = trajectory.q @ C.T + noise.outputs[: len(trajectory.q)]
     for column, place in enumerate(outputs):
         if place in model.inputs:
             y[:, column] = trajectory.reading[:, model.inputs.index(place)]
@@ -255,14 +244,17 @@ def _sensed(
 
 
 def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:
-    """A word for every motor that needed more torque or speed than its limits allow; the simulation does not clip."""
+    """A word for every motor that went beyond its limits; the simulation does not clip."""
     torque = np.abs(trajectory.u).max(axis=0)
-    speed = np.abs(np.diff(trajectory.q @ B, axis=0)).max(axis=0) * rate_hz
+    velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
+    speed = np.abs(velocity).max(axis=0)
+    acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
     notes = []
     for i, joint in enumerate(robot.driven):
         for peak, limit, unit in (
             (torque[i], joint.limits.torque, "N*m"),
             (speed[i], joint.limits.velocity, "rad/s"),
+            (acceleration[i], joint.limits.acceleration, "rad/s^2"),
         ):
             if peak > limit:
                 notes.append(

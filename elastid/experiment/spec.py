@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import field
 from typing import Literal
 
+import numpy as np
+
+from elastid.arrays import FloatArray
 from elastid.section import section
-from elastid.units import Angle, Frequency, Quantity, Time, Torque, TorqueConstant
+from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Time, Torque, TorqueConstant
 
 
 @section
@@ -30,16 +33,39 @@ class ControllerSpec:
 class CarrierSpec:
     """A slow movement of every driven joint around its configuration, so that friction slides instead of sticking.
 
-    q(t) = amplitude * sin(2 pi cycles t / period): periodic with the multisine, on a line below the excited band.
+    kind: `sine`: q(t) = amplitude * sin(2 pi cycles t / period).  `square`: the velocity is a square wave of `velocity`
+    with so many cycles a period, filtered at cutoff_hz, without the harmonics that fall on analysed lines.  `offset`:
+    constant `velocity` (its sign the direction), through the configuration in the middle of the measured periods; the
+    multisine is kept so small that no motor turns back.  velocity: link-side, one for all joints or one for each.
+    Sine and square are periodic with the multisine, on lines below the excited band.
     """
 
-    amplitude: Angle
+    amplitude: Angle | None = None
     cycles: int = 1
+    kind: Literal["sine", "square", "offset"] = "sine"
+    velocity: AngularVelocity | tuple[AngularVelocity, ...] | None = None
+    cutoff_hz: Frequency = 1.0
 
     def __post_init__(self) -> None:
         """Refuse a carrier that does not move."""
-        if not self.amplitude > 0 or self.cycles < 1:
+        if (self.kind == "sine") != (self.amplitude is not None) or (self.kind == "sine") == (
+            self.velocity is not None
+        ):
+            needed = "amplitude" if self.kind == "sine" else "velocity"
+            raise ValueError(f"a carrier of kind {self.kind} is given by its {needed} alone")
+        if self.amplitude is not None and not self.amplitude > 0:
             raise ValueError("the carrier's amplitude must be positive and cycles at least 1")
+        if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
+            raise ValueError("the carrier's velocity must not be 0 for any joint; friction would stick there")
+        if self.cycles < 1 or not self.cutoff_hz > 0:
+            raise ValueError(
+                f"the carrier has {self.cycles} cycles and cutoff_hz {self.cutoff_hz:g}; both are positive"
+            )
+
+    def velocities(self, n_u: int) -> FloatArray:
+        """The velocity of each of n_u joints; ValueError for a wrong number of them."""
+        given = np.atleast_1d(0.0 if self.velocity is None else self.velocity)
+        return np.broadcast_to(given, (n_u,)).astype(np.float64)
 
 
 @section
@@ -281,6 +307,7 @@ class ExperimentSpec:
     """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
 
     realisations: independent draws of the random phases.  periods: measured after transient_periods that are left out.
+    ramp: time in which torque and movement grow at the start and fade at the end.  hold: rest before and after that.
     Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
     """
 
@@ -288,6 +315,8 @@ class ExperimentSpec:
     realisations: int = 2
     periods: int = 2
     transient_periods: int = 1
+    ramp: Time = 0.5
+    hold: Time = 0.0
     simulated: SimulatedSpec | None = None
     recorded: RecordedSpec | None = None
     responses: ResponsesSpec | None = None
@@ -305,6 +334,8 @@ class ExperimentSpec:
         ):
             if number < int(least[0]):
                 raise ValueError(f"{name} is {number}; it must be at least {least}")
+        if self.ramp < 0 or self.hold < 0:
+            raise ValueError("ramp and hold are times; they must not be negative")
 
     @property
     def kind(self) -> Literal["simulated", "recorded", "responses"]:

@@ -1,6 +1,7 @@
 """The HDF5 layout of every artefact: named axes as dimension scales, units, native complex numbers, provenance.
 
 - files:    written under another name, synced and renamed, so that no half file is ever seen; read-only afterwards
+- design:   reference trajectories, and the peaks of their rehearsal
 - wing:     plan, records, frequency responses
 - results:  fit and validation
 
@@ -8,6 +9,7 @@ The same value gives the same bytes: nothing in a file tells the time.
 """
 
 from elastid.store.description import described, kind_of
+from elastid.store.design import read_peaks, write_movement, write_torque
 from elastid.store.files import Stamp, read_stamp, remove_leftovers, text_file
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
 from elastid.store.wing import (
@@ -26,6 +28,7 @@ __all__ = [
     "kind_of",
     "read_configurations",
     "read_fit",
+    "read_peaks",
     "read_plan",
     "read_records",
     "read_responses",
@@ -34,8 +37,10 @@ __all__ = [
     "remove_leftovers",
     "text_file",
     "write_fit",
+    "write_movement",
     "write_plan",
     "write_records",
     "write_responses",
+    "write_torque",
     "write_validation",
 ]

@@ -8,15 +8,26 @@ from typing import Any
 
 import numpy as np
 
+from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
+from elastid.experiment.references import Reference
 from elastid.record import MOTION_UNIT, Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
+from elastid.store.design import write_peaks, write_references
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
 from elastid.store.quality import read_quality, write_quality
 
+_PLAN_ATTRIBUTES = ("rate_hz", "period_samples", "periods", "transient_periods", "ramp_samples", "hold_samples")
 
-def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP) -> None:
-    """plan.h5: R (configuration, realisation, experiment, line, input)."""
+
+def write_plan(
+    path: Path,
+    plan: Plan,
+    stamp: Stamp = NO_STAMP,
+    references: tuple[Reference, ...] = (),
+    peaks: Peaks | None = None,
+) -> None:
+    """plan.h5: R (configuration, realisation, experiment, line, input), reference trajectories and rehearsed peaks."""
     with created(path, "plan", stamp) as file:
         _, M, E, _, _ = plan.R.shape
         angles = np.stack([c.angles for c in plan.configurations])
@@ -32,8 +43,12 @@ def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP) -> None:
         variable(file, "R", plan.R, axes, "amplitude spectrum of the injected torque, link side", "N*m")
         variable(file, "freq_hz", plan.freq_hz, axes[3:4], "excited frequency", "Hz")
         variable(file, "angles", angles, [configuration, driven], "angle", "rad")
-        for name in ("rate_hz", "period_samples", "periods", "transient_periods"):
+        scale(file, "detection", plan.detection, "DFT line of the band without excitation")
+        for name in _PLAN_ATTRIBUTES:
             file.attrs[name] = getattr(plan, name)
+        write_references(file, references, axes[4])
+        if peaks is not None:
+            write_peaks(file, peaks, configuration, axes[4])
 
 
 def read_plan(path: Path) -> Plan:
@@ -42,14 +57,12 @@ def read_plan(path: Path) -> Plan:
         known = attributes(file)
         configurations = zip(texts(file, "configuration"), file["angles"][:], strict=True)
         return Plan(
-            tuple(Configuration(name, angles) for name, angles in configurations),
-            texts(file, "input"),
-            known["rate_hz"],
-            known["period_samples"],
-            known["periods"],
-            known["transient_periods"],
-            file["line"][:],
-            file["R"][:],
+            configurations=tuple(Configuration(name, angles) for name, angles in configurations),
+            inputs=texts(file, "input"),
+            lines=file["line"][:],
+            R=file["R"][:],
+            detection=file["detection"][:],
+            **{name: known[name] for name in _PLAN_ATTRIBUTES},
         )
 
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from elastid.errors import StudyError
+from elastid.excitation.lines import planned_lines
+from elastid.excitation.phases import hadamard
+from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.fit.choose import choose
 from elastid.record import MOTION_UNIT
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
@@ -30,12 +35,35 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
         yield from _channels(study.experiment.responses.channels, study)
 
 
+def check_lines(study: Study) -> Iterator[Problem]:
+    """Enough lines for an orthogonal set and for the unknowns of a study without contradictions."""
+    excitation = study.excitation
+    if excitation is None or study.experiment.simulated is None:
+        return
+    path: KeyPath = ("excitation", "lines" if excitation.grid == "lines" else "band_hz")
+    try:
+        lines = planned_lines(excitation, study.seed).excited
+        unknowns = len(choose(study.fit, study.robot).free)
+    except StudyError as error:
+        yield Problem(path, str(error))
+        return
+    needed, what = max((len(study.robot.driven), "motors"), (unknowns, "unknowns"))
+    if len(lines) < needed:
+        period = math.ceil(excitation.period * needed / len(lines))
+        yield Problem(
+            path,
+            f"the grid {excitation.grid} has {len(lines)} lines there for {needed} {what}; it needs as many at least: "
+            f"take a period of about {period} s, a wider band or a denser grid",
+        )
+
+
 def _excitation(study: Study) -> Iterator[Problem]:
     excitation, driven = study.excitation, study.robot.driven
     if excitation is None:
         if study.experiment.simulated is not None:
             yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
         return
+    yield from _realisations(study, excitation)
     torque_rms = excitation.torque_rms
     if isinstance(torque_rms, tuple) and len(torque_rms) != len(driven):
         names = ", ".join(joint.name for joint in driven)
@@ -45,10 +73,26 @@ def _excitation(study: Study) -> Iterator[Problem]:
         )
 
 
+def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
+    """Signals that are drawn once can be realised once; Hadamard matrices are not there for every robot."""
+    if study.experiment.realisations > 1 and not excitation.is_new_in_every_realisation:
+        yield Problem(
+            ("excitation", "phases"),
+            f"{excitation.phases} gives the same signal in each of {study.experiment.realisations} realisations, which "
+            "tells nothing about nonlinear distortion; set experiment.realisations: 1, or random or optimised phases",
+        )
+    try:
+        if excitation.orthogonal == "hadamard":
+            hadamard(len(study.robot.driven))
+    except StudyError as error:
+        yield Problem(("excitation", "orthogonal"), str(error))
+
+
 def _configurations(study: Study) -> Iterator[Problem]:
     """One angle for each driven joint, within its limits, the carrier's swing included."""
     driven, simulated = study.robot.driven, study.experiment.simulated
-    swing = simulated.carrier.amplitude if simulated is not None and simulated.carrier is not None else 0.0
+    carrier = simulated.carrier if simulated is not None else None
+    swing = carrier.amplitude or 0.0 if carrier is not None else 0.0
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         try:

@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from elastid.errors import StudyError
-from elastid.study.checks import check
+from elastid.study.checks import check, check_lines
 from elastid.study.messages import Problem, at, problems
 from elastid.study.quantities import in_si
 from elastid.study.sections import Study
@@ -46,6 +46,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
         raise _refusal(source, found, robot_errors) from None
     study, unresolved = in_si(study)
     found = [*check(study, path.parent), *unresolved]
+    found = found or list(check_lines(study))
     if found:
         raise _refusal(source, found)
     return LoadedStudy(study, path, source.text)

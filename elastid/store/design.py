@@ -1,0 +1,77 @@
+"""What a robot controller is given: reference trajectories as CSV and in plan.h5, and the peaks of their rehearsal."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.experiment.limits import QUANTITIES, UNITS, Peaks
+from elastid.experiment.plan import Experiment, Plan
+from elastid.experiment.references import Reference
+from elastid.store.files import key, opened, scale, text_file, texts, variable
+
+_MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
+
+
+def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...]) -> None:
+    """A whole run in one configuration as CSV; time 0 is where the periods begin, and the scale is of their torque."""
+    columns = [f"{what} of {place} ({unit}, link side)" for what, unit in _MOTION for place in inputs]
+    rows = np.column_stack([reference.scale, *(getattr(reference, what) for what, _ in _MOTION)])
+    _write_csv(path, ["torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
+
+
+def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
+    """One period of the torques to inject as CSV, to be repeated from time 0 of the movement, and back from there."""
+    columns = [f"{place} (N*m, link side)" for place in plan.inputs]
+    _write_csv(path, columns, plan.torque(experiment), plan.rate_hz, 0)
+
+
+def _write_csv(path: Path, columns: list[str], rows: Any, rate_hz: float, first_sample: int) -> None:
+    with text_file(path) as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", *columns])
+        for i, row in enumerate(rows.tolist()):
+            writer.writerow([f"{(i - first_sample) / rate_hz:.9g}", *(f"{value:.9g}" for value in row)])
+
+
+def write_references(file: Any, references: tuple[Reference, ...], inputs: Any) -> None:
+    """A group for each configuration in the open plan.h5."""
+    for reference in references:
+        group = file.create_group(f"reference/{key(reference.configuration.name)}")
+        t = (np.arange(len(reference.scale)) - reference.first_sample) / reference.rate_hz
+        time = scale(group, "time", t, "time, 0 where the periods begin", "s")
+        variable(group, "scale", reference.scale, [time], "factor on the experiment's torque, 0 at rest")
+        for what, unit in _MOTION:
+            words = f"{what.replace('_', '-')} {'torque' if unit == 'N*m' else ''}".strip()
+            variable(group, what, getattr(reference, what), [time, inputs], f"{words} of each motor, link side", unit)
+
+
+def write_peaks(file: Any, peaks: Peaks, configurations: Any, inputs: Any) -> None:
+    """The peaks of the rehearsal in the open plan.h5."""
+    group = file.create_group("peaks")
+    group.attrs["margin"] = peaks.margin
+    quantity = scale(group, "quantity", QUANTITIES, "what is limited")
+    variable(group, "unit", UNITS, [quantity], "unit of each quantity, link side")
+    axes = [configurations, quantity, inputs]
+    variable(group, "peak", peaks.peak, axes, "largest value of any experiment in the rehearsal")
+    variable(group, "limit", peaks.limit, axes, "limit, infinite where there is none")
+    variable(group, "factor", peaks.factor, [configurations, inputs], "factor on the amplitudes that the study gives")
+    scale(group, "note", peaks.notes, "note")
+
+
+def read_peaks(path: Path) -> Peaks:
+    """The peaks of the rehearsal in plan.h5."""
+    with opened(path, "plan") as file:
+        group = file["peaks"]
+        return Peaks(
+            texts(file, "configuration"),
+            texts(file, "input"),
+            group["peak"][:],
+            group["limit"][:],
+            group["factor"][:],
+            float(group.attrs["margin"]),
+            texts(group, "note"),
+        )

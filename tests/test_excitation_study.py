@@ -1,0 +1,70 @@
+"""What a study may ask of its excitation, and how it is refused: file, line, and what would fit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from elastid.errors import StudyError
+from elastid.overview import overview
+from elastid.study import load
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (
+            ["excitation.band_hz=[5, 260]"],
+            "260 Hz is not below half the sampling rate (250 Hz); lower band_hz or raise",
+        ),
+        (["excitation.period=1.0005"], "1.0005 s is 500.25 samples at 500 Hz, not a whole number; take 1 s"),
+        (["excitation.band_hz=[4.5, 5.5]"], "the grid odd has 1 lines there for 2 unknowns; it needs as many at least"),
+        (["excitation.band_hz=[4.1, 4.9]"], "holds no line: the lines are odd multiples of 1 Hz"),
+        (["excitation.phases=schroeder"], "gives the same signal in each of 2 realisations"),
+        (["excitation.phases=prbs", "excitation.grid=odd-random"], "prbs needs all lines or all odd lines"),
+        (["excitation.grid=lines"], "grid: lines and a list under lines go together"),
+        (["excitation.lines=[5, 7, 300]", "excitation.grid=lines"], "line 300 is outside band_hz"),
+        (["excitation.margin=1"], "margin is 1; it is the part of each limit that stays free"),
+        (["excitation.compress=[]"], "compress is empty"),
+        (["experiment.simulated.carrier={kind: offset}"], "a carrier of kind offset is given by its velocity alone"),
+        (["experiment.simulated.carrier={amplitude: 0.1, velocity: 0.1}"], "sine is given by its amplitude alone"),
+        (["experiment.simulated.carrier={kind: square, velocity: [0.1, 0]}"], "must not be 0 for any joint"),
+        (["experiment.ramp=-1"], "ramp and hold are times; they must not be negative"),
+    ],
+)
+def test_what_cannot_be_excited_is_refused_with_what_would_fit(tiny: Path, overrides: list[str], message: str) -> None:
+    """One message each, with the numbers filled in."""
+    with pytest.raises(StudyError) as refusal:
+        load(tiny, overrides)
+    assert message in str(refusal.value)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+def test_fewer_lines_than_motors_or_unknowns_are_refused_with_a_period_that_has_enough(tiny: Path) -> None:
+    """The period that is offered passes."""
+    few = ["excitation.band_hz=[4.5, 6.5]", "fit.parameters={k_1: {}, d_1: {}, fm_1: {}, Jm_1: {}}"]
+    with pytest.raises(StudyError, match="take a period of about 4 s"):
+        load(tiny, few)
+    assert load(tiny, [*few, "excitation.period=4"])
+
+
+def test_the_overview_tells_lines_movement_and_limits(tiny: Path) -> None:
+    """What `elastid check` prints."""
+    plain = overview(load(tiny).study)
+    assert "48 odd lines from 5 to 100 Hz" in plain
+    assert "the robot rests in each configuration" in plain
+    assert "random phases, dft set, flat in torque, as given, lowered where limits ask (10% of every limit" in plain
+    words = overview(
+        load(
+            tiny,
+            [
+                "excitation.torque_rms=limits",
+                "excitation.grid=odd-random",
+                "experiment.simulated.carrier={kind: square, velocity: 0.1}",
+            ],
+        ).study
+    )
+    assert "36 odd-random lines and 12 left free for detection" in words
+    assert "scaled to the limits" in words
+    assert "carrier: square, velocity 0.1 rad/s" in words
