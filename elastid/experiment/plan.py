@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,11 +33,20 @@ class Experiment:
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """A configuration that a design has chosen, and in how many realisations it is measured."""
+
+    configuration: Configuration
+    realisations: int
+
+
+@dataclass(frozen=True)
 class Plan:
     """What to run, sampled at rate_hz with period_samples per period.
 
     lines (F,): excited DFT lines, frequency = line * rate_hz / period_samples.
-    R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t).
+    R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t); zero where a
+    configuration has fewer realisations than M.
     periods are measured after transient_periods that are run but not used.
     """
 
@@ -65,8 +75,14 @@ class Plan:
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """All runs, configuration by configuration."""
-        _, M, E, _, _ = self.R.shape
-        return tuple(Experiment(c, m, e) for c in self.configurations for m in range(M) for e in range(E))
+        E = self.R.shape[2]
+        each = zip(self.configurations, self.realisations, strict=True)
+        return tuple(Experiment(c, m, e) for c, M in each for m in range(M) for e in range(E))
+
+    @property
+    def realisations(self) -> tuple[int, ...]:
+        """How many realisations each configuration has."""
+        return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
 
     def torque(self, experiment: Experiment) -> FloatArray:
         """One period of the torque to inject (period_samples, n_u), link-side Nm."""
@@ -97,33 +113,33 @@ def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Co
     return tuple(Configuration(name, np.array(angles)) for name, angles in experiment.configurations.items())
 
 
-def make_plan(excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int) -> Plan:
+def make_plan(
+    excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int, chosen: Sequence[Chosen] = ()
+) -> Plan:
     """The plan of a study: n_u experiments of an orthogonal multisine per realisation and configuration.
 
-    The phases of a set hang on seed, configuration index and realisation alone, so that a further configuration or
+    chosen: configurations that a design has added to those of the study.  The phases of a set hang on seed, configuration index and realisation alone, so that a further configuration or
     realisation leaves the others as they were.  Raises StudyError for what the robot cannot do.
     """
-    configurations = checked_configurations(experiment, robot)
+    given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
+    everyone = (*given, *chosen)
     inputs = robot.motor_locations
     lines = grid_lines(excitation.grid, excitation.band_hz, excitation.rate_hz, excitation.period_samples)
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     amplitude = amplitudes(freq_hz, excitation.spectrum, _torque_rms(excitation, inputs))
-    R = [
-        [
-            orthogonal_set(amplitude, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(q, m))))
-            for m in range(experiment.realisations)
-        ]
-        for q in range(len(configurations))
-    ]
+    R = np.zeros((len(everyone), max(one.realisations for one in everyone), len(inputs), *amplitude.shape), complex)
+    for q, one in enumerate(everyone):
+        for m in range(one.realisations):
+            R[q, m] = orthogonal_set(amplitude, np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(q, m))))
     return Plan(
-        configurations=configurations,
+        configurations=tuple(one.configuration for one in everyone),
         inputs=inputs,
         rate_hz=excitation.rate_hz,
         period_samples=excitation.period_samples,
         periods=experiment.periods,
         transient_periods=experiment.transient_periods,
         lines=lines,
-        R=np.array(R),
+        R=R,
     )
 
 

@@ -187,11 +187,13 @@ class RecordedSpec:
 class ExperimentSpec:
     """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
 
+    Further configurations are chosen where the study has a section `design`.
+
     realisations: independent draws of the random phases.  periods: measured after transient_periods that are left out.
     Exactly one of simulated and recorded.
     """
 
-    configurations: dict[str, tuple[Angle, ...]]
+    configurations: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
     realisations: int = 2
     periods: int = 2
     transient_periods: int = 1
@@ -202,7 +204,5 @@ class ExperimentSpec:
         """Exactly one rig; counts that give a variance."""
         if (self.simulated is None) == (self.recorded is None):
             raise ValueError("give exactly one of simulated and recorded")
-        if not self.configurations:
-            raise ValueError("configurations is empty; name at least one")
         if self.realisations < 1 or self.periods < 2 or self.transient_periods < 0:
             raise ValueError("realisations must be at least 1, periods at least 2 (for the noise level)")
