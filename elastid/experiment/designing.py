@@ -13,7 +13,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.choosing import Choice, Task, choose_configurations, guesses
 from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import DesignSpec, LevelSpec
-from elastid.experiment.expected import Expected, Level, Prospect, injected_power, linear_model
+from elastid.experiment.expected import Expected, Level, Prospect, linear_model
 from elastid.experiment.forecast import Forecast, check_lines, forecast
 from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
@@ -25,6 +25,11 @@ from elastid.parameters import ParameterSet
 from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+
+# Candidates, with so many realisations each, on which the excitation is tried out before any is chosen.
+PROBES, PROBED = 8, 4
+# Rounds in which the damping by Coulomb friction and the motion that it damps agree.
+FRICTION_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,32 @@ class Brief:
     found: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
 
+    def sliding(self) -> Brief:
+        """The same for a robot whose viscous friction includes what Coulomb friction adds under this excitation.
+
+        Averaged over the configurations given and some candidates; repeated since the more damping the less motion.
+        """
+        brief = self
+        probe = _probe(self, self.experiment)
+        for _ in range(FRICTION_ROUNDS):
+            x = brief.parameters.x
+            prospects = [_prospect(brief, probe, q) for q in range(len(probe.configurations))]
+            each = zip(prospects, probe.configurations, strict=True)
+            d = np.mean([prospect.equivalent_damping(c, x) for prospect, c in each], axis=0)
+            if not d.any():
+                return self
+            brief = self._with_damping(d)
+        return brief
+
+    def _with_damping(self, d: FloatArray) -> Brief:
+        """With d (n_u,) in Nms/rad more viscous friction in the motors, link side."""
+        values = {}
+        for joint, more in zip(self.robot.driven, d, strict=True):
+            if joint.motor is not None:
+                values[f"fm_{joint.name}"] = joint.motor.viscous + float(more) / joint.motor.ratio**2
+        unknown = {name: value for name, value in values.items() if name not in dict(self.found)}
+        return replace(self, robot=self.robot.with_parameters(values), found=(*self.found, *unknown.items()))
+
     @property
     def simulated(self) -> SimulatedSpec:
         """The rig that is planned for, with its noise and its controller."""
@@ -56,7 +87,7 @@ class Brief:
 
     @property
     def parameters(self) -> ParameterSet:
-        """What the fit identifies, at what an earlier fit found of it."""
+        """What the fit identifies, at what is found of it already."""
         parameters = choose(self.fit, self.robot)
         known = dict(self.found)
         return parameters.with_values(
@@ -75,20 +106,24 @@ class Design:
 
 def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design:
     """Choose, plan, foretell.  Raises StudyError for what cannot be chosen, planned or told."""
+    brief = brief.sliding()
     choice, experiment = None, brief.experiment
     if brief.design is not None:
         choice = _choice(brief, brief.design, jobs, progress)
         experiment = replace(experiment, periods=choice.periods)
     chosen = choice.chosen if choice is not None else ()
     plan = make_plan(brief.excitation, experiment, brief.robot, brief.seed, chosen)
-    return Design(plan, foretold(brief, plan), choice)
+    check_lines(plan.freq_hz, brief.parameters)
+    return Design(plan, forecast(_expected(brief, plan), brief.parameters.x), choice)
 
 
-def foretold(brief: Brief, plan: Plan) -> Forecast:
-    """What a plan will tell the fit, with what earlier measurements told left aside."""
-    parameters = brief.parameters
-    check_lines(plan.freq_hz, parameters)
-    return forecast(_expected(brief, plan), parameters.x)
+def _probe(brief: Brief, experiment: ExperimentSpec) -> Plan:
+    """A plan of the given configurations, and of one more that stands for all candidates."""
+    if brief.design is None:
+        return make_plan(brief.excitation, experiment, brief.robot, brief.seed)
+    anywhere = candidates(brief.design.candidates, brief.robot, brief.seed, _swing(brief)).configurations
+    some = [Chosen(replace(c, name=f"probe{i}"), PROBED) for i, c in enumerate(anywhere[:PROBES])]
+    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, some)
 
 
 def _expected(brief: Brief, plan: Plan) -> list[Expected]:
@@ -117,9 +152,10 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
         outputs=outputs,
         quantity=brief.quantity,
         controller=simulated.controller,
+        carrier=simulated.carrier,
         level=Level(simulated.noise, spec.distortion, spec.absolute, variance),
-        freq_hz=plan.freq_hz,
-        power=injected_power(plan, q),
+        lines=plan.lines,
+        R=plan.R[q, : plan.realisations[q]],
         rate_hz=plan.rate_hz,
         period_samples=plan.period_samples,
         periods=plan.periods,
@@ -127,12 +163,15 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     )
 
 
-def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:
-    parameters = brief.parameters
+def _swing(brief: Brief) -> float:
     carrier = brief.simulated.carrier
-    there = candidates(spec.candidates, brief.robot, brief.seed, carrier.amplitude if carrier is not None else 0.0)
-    x = guesses(parameters, spec.robust, brief.seed)
-    tasks = [_task(brief, spec, periods, there.configurations[0], x) for periods in _periods(brief, spec)]
+    return carrier.amplitude if carrier is not None else 0.0
+
+
+def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:
+    there = candidates(spec.candidates, brief.robot, brief.seed, _swing(brief))
+    x = guesses(brief.parameters, spec.robust, brief.seed)
+    tasks = [_task(brief, spec, periods, x) for periods in _periods(brief, spec)]
     given = tuple(brief.experiment.configurations)
     return choose_configurations(spec, tasks, there, x, given, brief.seed, jobs, progress)
 
@@ -165,12 +204,11 @@ def _room(brief: Brief, spec: DesignSpec, periods: int) -> int:
     return int(spec.robot_time / _unit_time_s(brief, periods) + 1e-9) - len(brief.experiment.configurations)
 
 
-def _task(brief: Brief, spec: DesignSpec, periods: int, anywhere: Configuration, x: FloatArray) -> Task:
+def _task(brief: Brief, spec: DesignSpec, periods: int, x: FloatArray) -> Task:
     """The prospect and what is known before: given configurations, earlier measurements, priors."""
-    experiment = replace(brief.experiment, periods=periods)
-    probe = make_plan(brief.excitation, experiment, brief.robot, brief.seed, [Chosen(anywhere, 1)])
+    brief = replace(brief, experiment=replace(brief.experiment, periods=periods))
+    probe = _probe(brief, brief.experiment)
     check_lines(probe.freq_hz, brief.parameters)
-    brief = replace(brief, experiment=experiment)
     prospect = _prospect(brief, probe, len(probe.configurations) - 1)
     known = np.stack([_known(brief, prospect, probe, one) for one in x])
     return Task(prospect, _room(brief, spec, periods), known)
@@ -180,8 +218,8 @@ def _known(brief: Brief, prospect: Prospect, plan: Plan, x: FloatArray) -> Float
     """Information (n_x, n_x) at x that is there without a choice."""
     slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in prospect.parameters.free]
     known: FloatArray = np.diag(np.square(slopes))
-    for q, configuration in enumerate(plan.configurations[:-1]):
-        if configuration.name not in brief.left_out:
+    for q, configuration in enumerate(plan.configurations):
+        if configuration.name in set(brief.experiment.configurations) - set(brief.left_out):
             known = known + _prospect(brief, plan, q).expected(configuration, x).information(x)
     for response in brief.measured:
         model = linear_model(brief.robot, prospect.parameters, response, x)

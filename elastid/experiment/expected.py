@@ -1,12 +1,13 @@
 r"""The frequency response that a plan will measure, with its covariance, before anything has been measured.
 
 .. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
-          C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H], \qquad U = (I + F G_q)^{-1} R
+          C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R
 
 R (n_u, E): the torques injected in the E experiments of a realisation, F = k_p + j omega k_d the joint controller, G_q
 from torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
 line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that the log does not
-know, rho: nonlinear distortion. (identification.md 2.1; the estimator's own covariance is `frf.uncertainty`.)
+know, C_s: what Coulomb friction scatters (`friction_level`), the same in all periods; rho: further nonlinear
+distortion. (identification.md 2.1; the estimator's own covariance is `frf.uncertainty`.)
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray
-from elastid.experiment.plan import Plan
-from elastid.experiment.spec import ControllerSpec, NoiseSpec
+from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.excitation.grids import line_frequencies
+from elastid.experiment.friction_level import carrier_velocity, friction_level
+from elastid.experiment.spec import CarrierSpec, ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, weigh
@@ -53,7 +55,8 @@ class Level:
 class Prospect:
     """All that the information of a configuration hangs on, but for the configuration; it pickles.
 
-    power (F, n_u, n_u): R R^H of one realisation.  freq_hz (F,).  outputs and quantity: what is estimated.
+    R (M, E, F, n_u): torques to be injected, in realisations that stand for all, on lines (F,) of period_samples.
+    outputs and quantity: what is estimated.
     """
 
     robot: Robot
@@ -62,13 +65,19 @@ class Prospect:
     outputs: tuple[str, ...]
     quantity: Motion
     controller: ControllerSpec
+    carrier: CarrierSpec | None
     level: Level
-    freq_hz: FloatArray
-    power: ComplexArray
+    lines: IntArray
+    R: ComplexArray
     rate_hz: float
     period_samples: int
     periods: int
     realisations: int
+
+    @property
+    def freq_hz(self) -> FloatArray:
+        """Frequencies (F,)."""
+        return line_frequencies(self.lines, self.rate_hz, self.period_samples)
 
     def expected(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> Expected:
         """What a configuration measured in so many realisations tells about a robot with parameters x (n_x,).
@@ -95,21 +104,42 @@ class Prospect:
             return Covariance(level.variance / M + distortion, math.inf)
         if level.absolute is not None:
             return Covariance(level.absolute**2 / M + distortion, math.inf)
-        left = np.swapaxes(np.linalg.inv(self._input_power(configuration, motion)), 1, 2) / M
-        right = self._equation_error(G)
+        U = self._input(configuration, motion)
+        power = np.einsum("mefi,mefj->fij", U, U.conj()) / len(U)
+        left = np.swapaxes(np.linalg.inv(power), 1, 2) / M
+        scatter = self._friction(U, motion)[1]
+        right = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
         noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         if level.distortion > 0:
             return Covariance(noise + distortion, math.inf)
         return Covariance(noise, math.inf, left, right)
 
-    def _input_power(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
-        """U U^H (F, n_u, n_u) of a realisation: what the controller leaves of the injected torques."""
+    def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """Nms/rad (n_u,), link side: what Coulomb friction adds to the viscous friction that a fit finds."""
+        theta = self.parameters.expand(x)
+        motors = self.robot.motor_locations
+        model = _linearisation(self.robot).at(configuration, theta[:-1], motors, self.quantity)
+        motion = frequency_response(model, theta, self.freq_hz)
+        return self._friction(self._input(configuration, motion), motion)[0]
+
+    def _input(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
+        """U (M, E, F, n_u): what the controller leaves of the injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
         k_p, k_d = _gains(self.robot, tuple(configuration.angles.tolist()), self.controller)
         F = k_p[:, None] + k_d[:, None] * s
         sensitivity = np.linalg.inv(np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity])
-        power: ComplexArray = sensitivity @ self.power @ np.swapaxes(sensitivity, 1, 2).conj()
-        return power
+        U: ComplexArray = (sensitivity @ self.R[..., None])[..., 0]
+        return U
+
+    def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
+        coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
+        if not coulomb.any():
+            return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
+        s = 2j * np.pi * self.freq_hz[:, None, None]
+        V = ((motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        carrier = carrier_velocity(self.carrier, self.rate_hz, self.period_samples)
+        return friction_level(V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, carrier)
 
     def _equation_error(self, G: ComplexArray) -> ComplexArray:
         """C_V (F, n_y, n_y), of the mean over the periods."""
@@ -172,13 +202,6 @@ def linear_model(robot: Robot, parameters: ParameterSet, response: FrequencyResp
     theta = parameters.expand(x)
     model = _linearisation(robot).at(response.configuration, theta[:-1], response.outputs, response.quantity)
     return matched(model, response)
-
-
-def injected_power(plan: Plan, configuration: int) -> ComplexArray:
-    """R R^H (F, n_u, n_u), mean over the realisations of a configuration."""
-    measured = plan.R[configuration][np.any(plan.R[configuration] != 0, axis=(1, 2, 3))]
-    power: ComplexArray = np.einsum("mefi,mefj->fij", measured, measured.conj()) / len(measured)
-    return power
 
 
 @lru_cache(maxsize=4)
