@@ -46,7 +46,13 @@ def _experiments(study: Study) -> Iterator[str]:
     if experiment.recorded is not None:
         yield f"{len(experiment.recorded.files)} log files of {len(experiment.configurations)} configurations ({names})"
         return
-    n_u, Q, M = len(study.robot.driven), len(experiment.configurations), experiment.realisations
+    n_u, M = len(study.robot.driven), experiment.realisations
+    Q = len(experiment.configurations)
+    if study.design is not None:
+        design = study.design
+        Q += design.count or 0
+        chosen = f"{design.count} to be chosen" if design.count else f"as many to be chosen as {design.robot_time:g} s hold"
+        names = ", ".join(filter(None, (names, chosen)))
     yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
     if excitation is not None:
         periods = experiment.periods + experiment.transient_periods

@@ -7,14 +7,16 @@ import json
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from elastid import __version__
 from elastid.store import Stamp
 from elastid.study import LoadedStudy, Study
+from elastid.study.design_checks import responses_file
 
 # The sections of a study that each stage reads; what an earlier stage has read comes with its result.
 _SECTIONS = {
-    "design": ("seed", "robot", "excitation", "experiment"),
+    "design": ("seed", "robot", "excitation", "experiment", "design", "model"),
     "measure": ("seed", "robot", "excitation", "experiment"),
     "estimate": ("estimator",),
     "fit": ("name", "seed", "robot", "model", "fit", "validation"),
@@ -43,7 +45,11 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     inputs: dict[str, str] = {}
     for stage, names in _SECTIONS.items():
         document: list[object] = [stage, [sections[name] for name in names]]
-        document += [inputs[name] for name in upstream(study, stage)]
+        # A plan without choice holds nothing that its own sections do not tell; its forecast is no matter to the rig.
+        before = () if stage == "measure" and study.design is None else upstream(study, stage)
+        document += [inputs[name] for name in before]
+        if stage == "design":
+            document.append(_foretold_with(loaded, sections))
         if stage == "measure" and study.experiment.recorded is not None:
             paths = dict.fromkeys(file.path for file in study.experiment.recorded.files)
             document.append([[path, file_hash(loaded.base / path)] for path in paths])
@@ -52,6 +58,18 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
         # The order of keys counts: it is the order in which configurations are measured and patterns win.
         inputs[stage] = hashlib.sha256(json.dumps(document).encode()).hexdigest()
     return {stage: Stamp(hash_, code, __version__, study.seed, loaded.text) for stage, hash_ in inputs.items()}
+
+
+def _foretold_with(loaded: LoadedStudy, sections: dict[str, Any]) -> list[object]:
+    """What choice and forecast hang on beside the plan's own sections: what the fit will do, what was measured before."""
+    design, fit = loaded.study.design, sections["fit"]
+    told: list[object] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
+    told += [sections["estimator"]["quantity"], sections["validation"]["left_out"]]
+    if design is not None:
+        files = [responses_file(loaded.base, path) for path in (*design.measured, design.noise.frf) if path]
+        files += [file.with_name("fit.h5") for file in files if file.with_name("fit.h5").is_file()]
+        told += [[file.name, file_hash(file)] for file in files]
+    return told
 
 
 def file_hash(path: Path) -> str:

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from elastid.errors import FitError, StudyError
-from elastid.experiment.plan import Experiment, Plan, make_plan
+from elastid.experiment.designing import designed
+from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.recorded import RecordedRig
 from elastid.experiment.rig import Rig
 from elastid.experiment.simulated import SimulatedRig
@@ -24,6 +25,7 @@ from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
 from elastid.outcome import failure, modes_of, summary, truth
 from elastid.parallel import unordered
+from elastid.planning import brief_of
 from elastid.record import Record
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
@@ -32,6 +34,7 @@ from elastid.store import (
     Stamp,
     read_configurations,
     read_fit,
+    read_forecast,
     read_plan,
     read_records,
     read_responses,
@@ -45,7 +48,7 @@ from elastid.store import (
     write_responses,
     write_validation,
 )
-from elastid.tables import parameter_table
+from elastid.tables import forecast_table, parameter_table
 from elastid.validation.frequency import agreement
 from elastid.validation.frequency import validate as validate_responses
 
@@ -82,16 +85,22 @@ def design(run: Run) -> None:
     """plan.h5 and references/*.csv, one period of each experiment's torques for a robot controller."""
     study = run.study
     assert study.excitation is not None  # the study's checks ask for it
-    plan = make_plan(study.excitation, study.experiment, study.robot, study.seed)
+    with run.console.progress("design") as progress:
+        design = designed(brief_of(run.loaded), run.jobs, progress)
+    plan, forecast = design.plan, design.forecast
     references = run.folder / "references"
     shutil.rmtree(references, ignore_errors=True)
     for experiment in plan.experiments:
         _write_reference(references / f"{experiment.name}.csv", plan, experiment)
-    write_plan(run.path("design"), plan, run.stamps["design"])
+    write_plan(run.path("design"), plan, run.stamps["design"], forecast)
     run.console.say(
         f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, {len(plan.lines)} "
         f"lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of the robot's time"
     )
+    if forecast.choice:
+        run.console.say(f"design: {forecast.choice}")
+    run.console.table(forecast_table(forecast))
+    _pass_on(run, forecast.notes)
 
 
 def measure(run: Run) -> None:
@@ -184,6 +193,8 @@ def report(run: Run) -> None:
         },
         truth=truth(study),
         plan=read_plan(run.path("design")) if study.experiment.simulated is not None else None,
+        forecast=read_forecast(run.path("design")) if study.experiment.simulated is not None else None,
+        robot=study.robot,
     )
     page = write_report(content, run.folder, study.report.formats)
     run.console.say(f"report: {page}")

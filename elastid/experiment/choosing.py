@@ -50,6 +50,16 @@ class Choice:
     than_random: float
     of: int
 
+    @property
+    def said(self) -> str:
+        """In a sentence."""
+        each = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
+        return (
+            f"chosen among {self.of} candidates: {each}, {self.periods} periods each; {100 * self.efficiency:.1f} % of "
+            f"the best that any sharing could reach, standard deviations {self.than_random:.2f} times smaller in the "
+            "mean than for the median of random choices"
+        )
+
 
 @dataclass(frozen=True)
 class Task:

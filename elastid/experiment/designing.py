@@ -97,11 +97,10 @@ class Brief:
 
 @dataclass(frozen=True)
 class Design:
-    """A plan, what it will tell, and how its configurations were chosen, if they were."""
+    """A plan and what it will tell."""
 
     plan: Plan
     forecast: Forecast
-    choice: Choice | None
 
 
 def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design:
@@ -114,7 +113,8 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     chosen = choice.chosen if choice is not None else ()
     plan = make_plan(brief.excitation, experiment, brief.robot, brief.seed, chosen)
     check_lines(plan.freq_hz, brief.parameters)
-    return Design(plan, forecast(_expected(brief, plan), brief.parameters.x), choice)
+    told = forecast(_expected(brief, plan), brief.parameters.x)
+    return Design(plan, told if choice is None else replace(told, choice=choice.said))
 
 
 def _probe(brief: Brief, experiment: ExperimentSpec) -> Plan:

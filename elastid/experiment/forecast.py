@@ -35,7 +35,7 @@ class Forecast:
     nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
     inf on the diagonal where a parameter cannot be seen.  share (Q, F, n): where what is known comes from, summing to 1
     for each parameter.  blind (n_b, n): directions that the plan does not see, of length one.  configurations: those
-    that the fit uses.  notes: what to know before the robot moves.
+    that the fit uses.  notes: what to know before the robot moves.  choice: how the configurations were chosen.
     """
 
     parameters: tuple[str, ...]
@@ -48,6 +48,7 @@ class Forecast:
     share: FloatArray
     blind: FloatArray
     notes: tuple[str, ...]
+    choice: str = ""
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -100,7 +101,6 @@ def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(one).reshape(len(x), -1).T for one in J] + [np.diag(fit.prior_slopes)]), "r")
     blind = _blind(np.asarray(R), parameters, x)
-    notes = tuple(dict.fromkeys(note for each in expected for note in each.weights.notes))
     return Forecast(
         parameters=parameters.free_names,
         units=tuple(p.unit for p in free),
@@ -111,7 +111,7 @@ def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
         freq_hz=freq_hz,
         share=_share(fit, x, np.asarray(R)),
         blind=blind,
-        notes=(*_unseen(blind, parameters.free_names), *_tied(covariance, parameters.free_names), *notes),
+        notes=(*_unseen(blind, parameters.free_names), *_tied(covariance, parameters.free_names)),
     )
 
 

@@ -1,7 +1,7 @@
 """The HDF5 layout of every artefact: named axes as dimension scales, units, native complex numbers, provenance.
 
 - files:    written under another name, synced and renamed, so that no half file is ever seen; read-only afterwards
-- wing:     plan, records, frequency responses
+- wing:     plan (with its forecast in `forecasts`), records, frequency responses
 - results:  fit and validation
 
 The same value gives the same bytes: nothing in a file tells the time.
@@ -9,6 +9,7 @@ The same value gives the same bytes: nothing in a file tells the time.
 
 from elastid.store.description import described, kind_of
 from elastid.store.files import Stamp, read_stamp, remove_leftovers, text_file
+from elastid.store.forecasts import read_forecast
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
 from elastid.store.wing import (
     read_configurations,
@@ -26,6 +27,7 @@ __all__ = [
     "kind_of",
     "read_configurations",
     "read_fit",
+    "read_forecast",
     "read_plan",
     "read_records",
     "read_responses",

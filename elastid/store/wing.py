@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from elastid.experiment.forecast import Forecast
 from elastid.experiment.plan import Plan
 from elastid.record import MOTION_UNIT, Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.store.forecasts import GROUP, write_forecast
 
 
-def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP) -> None:
-    """plan.h5: R (configuration, realisation, experiment, line, input)."""
+def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP, forecast: Forecast | None = None) -> None:
+    """plan.h5: R (configuration, realisation, experiment, line, input), and what the plan is expected to tell."""
     with created(path, "plan", stamp) as file:
         _, M, E, _, _ = plan.R.shape
         angles = np.stack([c.angles for c in plan.configurations])
@@ -33,6 +35,8 @@ def write_plan(path: Path, plan: Plan, stamp: Stamp = NO_STAMP) -> None:
         variable(file, "angles", angles, [configuration, driven], "angle", "rad")
         for name in ("rate_hz", "period_samples", "periods", "transient_periods"):
             file.attrs[name] = getattr(plan, name)
+        if forecast is not None:
+            write_forecast(file.create_group(GROUP), forecast)
 
 
 def read_plan(path: Path) -> Plan:
