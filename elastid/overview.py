@@ -51,7 +51,9 @@ def _experiments(study: Study) -> Iterator[str]:
     if study.design is not None:
         design = study.design
         Q += design.count or 0
-        chosen = f"{design.count} to be chosen" if design.count else f"as many to be chosen as {design.robot_time:g} s hold"
+        chosen = (
+            f"{design.count} to be chosen" if design.count else f"as many to be chosen as {design.robot_time:g} s hold"
+        )
         names = ", ".join(filter(None, (names, chosen)))
     yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
     if excitation is not None:

@@ -141,7 +141,9 @@ def informations(
     kept = [i for i, one in enumerate(found) if one is not None]
     if not kept:
         prospect.expected(configurations[0], x[0])  # says why
-        raise StudyError("design: no candidate has an equilibrium for all guesses of the parameters; lower robust.factor")
+        raise StudyError(
+            "design: no candidate has an equilibrium for all guesses of the parameters; lower robust.factor"
+        )
     return np.stack([one for one in found if one is not None], axis=1), np.array(kept)
 
 
@@ -171,7 +173,9 @@ def _visible(
     seen = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
     columns = criterion.interest[:, [seen[int(np.argmax(column))] for column in criterion.interest.T]]
     if columns.shape[1] == 0:
-        names = ", ".join(n for n, one in zip(parameters.free_names, criterion.interest.any(axis=1), strict=True) if one)
+        names = ", ".join(
+            n for n, one in zip(parameters.free_names, criterion.interest.any(axis=1), strict=True) if one
+        )
         raise StudyError(
             f"design: no candidate tells anything about {names}: nothing of it reaches the measured outputs; fix these "
             "parameters, or log a place that they move (experiment.simulated.outputs)"

@@ -142,7 +142,9 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
 
 def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
     """Directions (n_b, n) of relative changes that move the expected responses by less than their noise."""
-    span = np.array([1.0 if p.log else _span(p.lower, p.upper, value) for p, value in zip(parameters.free, x, strict=True)])
+    span = np.array(
+        [1.0 if p.log else _span(p.lower, p.upper, value) for p, value in zip(parameters.free, x, strict=True)]
+    )
     _, singular_values, Vt = np.linalg.svd(R * span)
     blind: FloatArray = Vt[singular_values < 1 / BLIND]
     return blind

@@ -30,7 +30,9 @@ class Skeleton:
     tool: int
 
 
-def skeleton(robot: Robot, angles: FloatArray, further: Mapping[str, Sequence[Sequence[float]]] | None = None) -> Skeleton:
+def skeleton(
+    robot: Robot, angles: FloatArray, further: Mapping[str, Sequence[Sequence[float]]] | None = None
+) -> Skeleton:
     """The skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, and further points of bodies.
 
     further: body name to points in the body's own axes.

@@ -89,6 +89,8 @@ def postures(robot: Robot, configurations: Sequence[Configuration], words: Seque
         axes.tick_params(labelsize=5, pad=-3)
         axes.locator_params(nbins=3)
         axes.set_title(style.plain(f"{configuration.name}\n{word}"), fontsize=style.SMALL, pad=-2)
-    figure.subplots_adjust(left=0.02, right=0.98, top=1 - 0.65 / (2.7 * rows + 0.3), bottom=0.03, wspace=0.1, hspace=0.25)
+    figure.subplots_adjust(
+        left=0.02, right=0.98, top=1 - 0.65 / (2.7 * rows + 0.3), bottom=0.03, wspace=0.1, hspace=0.25
+    )
     style.titled(figure, "Configurations (m; orange: to the centres of mass)")
     return figure
