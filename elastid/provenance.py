@@ -61,7 +61,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
 
 
 def _foretold_with(loaded: LoadedStudy, sections: dict[str, Any]) -> list[object]:
-    """What choice and forecast hang on beside the plan's own sections: what the fit will do, what was measured before."""
+    """What choice and forecast hang on beside the plan's sections: what the fit will do, what was measured."""
     design, fit = loaded.study.design, sections["fit"]
     told: list[object] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
     told += [sections["estimator"]["quantity"], sections["validation"]["left_out"]]

@@ -77,7 +77,9 @@ class Run:
             if found.inputs != self.stamps[name].inputs:
                 raise StudyError(f"{path} was made from another study, other data or other options: {command}")
             if found.code != self.stamps[name].code:
-                self.console.warn(f"{path} was made by another version of elastid ({found.version}) and is used as is")
+                self.console.warn(
+                    f"{path} was made by another version of elastid ({found.version}) and is used as is"
+                )
 
     @contextmanager
     def logged(self) -> Iterator[None]:

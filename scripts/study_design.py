@@ -2,11 +2,11 @@
 
     python scripts/study_design.py [--quick] [--jobs N]
 
-For the demo's three-axis arm and for a six-axis arm, a plan is designed for a given robot time: configurations, how often
-each, and how many periods. It is measured again and again on the simulated rig, with new phases and new noise each time,
-and fitted from the nominal robot, which is the true one. Told are the standard deviations over the repetitions against
-those that the forecast stated before, and their geometric mean against that of plans of the same robot time with random
-configurations (admissible ones, as many as fit in with the study's own two periods).
+For the demo's three-axis arm and for a six-axis arm, a plan is designed for a given robot time: configurations, how
+often each, and how many periods. It is measured again and again on the simulated rig, with new phases and new noise
+each time, and fitted from the nominal robot, which is the true one. Told are the standard deviations over the
+repetitions against those that the forecast stated before, and their geometric mean against that of plans of the same
+robot time with random configurations (admissible ones, as many as fit in with the study's own two periods).
 
 Coulomb friction is a twentieth of the demo's and the sensors' noise is raised, so that noise and not the model's error
 (Coulomb friction fitted as viscous) is what spreads the estimates; for the same reason the fit's floor is lower than by

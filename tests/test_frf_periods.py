@@ -220,9 +220,7 @@ def test_excited_lines_are_found_in_spectra_of_every_shape(kind: str) -> None:
     candidates = np.arange(1, 500)
     noise = 1e-6 * np.ones(len(candidates))
     power = noise * rng.exponential(size=len(noise))
-    power += (
-        10**-3.5 * rng.exponential(size=len(noise)) * (candidates < 400) * np.interp(candidates, lines, amplitude**2)
-    )
+    power += 10**-3.5 * rng.exponential(size=len(noise)) * (candidates < 400) * np.interp(candidates, lines, amplitude**2)
     power[lines - 1] = amplitude**2
     found = candidates[excited(candidates, power / power.max(), noise / power.max())]
     np.testing.assert_array_equal(found, lines)

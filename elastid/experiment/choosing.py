@@ -173,9 +173,7 @@ def _visible(
     seen = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
     columns = criterion.interest[:, [seen[int(np.argmax(column))] for column in criterion.interest.T]]
     if columns.shape[1] == 0:
-        names = ", ".join(
-            n for n, one in zip(parameters.free_names, criterion.interest.any(axis=1), strict=True) if one
-        )
+        names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
             f"design: no candidate tells anything about {names}: nothing of it reaches the measured outputs; fix these "
             "parameters, or log a place that they move (experiment.simulated.outputs)"

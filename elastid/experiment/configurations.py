@@ -61,7 +61,7 @@ def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float = 0.0)
             f"design.candidates: none of {len(angles)} candidates is admissible: {what}; "
             f"{_way_out(spec, robot, angles, list(refused))}"
         )
-    kept = tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left))
+    kept = tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist())
     return Candidates(kept, refused)
 
 
@@ -114,11 +114,12 @@ def _obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterato
         return
     points = _along(skeleton(robot, angles, spec.points))
     if spec.floor is not None:
-        height = points @ upwards(robot)
-        yield "reach the floor", height.min(axis=1) < spec.floor + spec.clearance
+        low_enough: BoolArray = (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
+        yield "reach the floor", low_enough
     for box in spec.boxes:
         low, high = np.array(box.lower) - spec.clearance, np.array(box.upper) + spec.clearance
-        yield f"reach into box {box.name}", ((points > low) & (points < high)).all(axis=2).any(axis=1)
+        inside: BoolArray = np.all((points > low) & (points < high), axis=2)
+        yield f"reach into box {box.name}", np.any(inside, axis=1)
 
 
 def upwards(robot: Robot) -> FloatArray:

@@ -22,7 +22,7 @@ from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
 from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
-from elastid.record import Configuration, Motion
+from elastid.record import Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -45,7 +45,7 @@ class Level:
     where given: absolute, a standard deviation of G in its unit, or variance (F, n_y, n_u) of G.
     """
 
-    noise: NoiseSpec = NoiseSpec()
+    noise: NoiseSpec = field(default_factory=NoiseSpec)
     distortion: float = 0.0
     absolute: float | None = None
     variance: FloatArray | None = None
@@ -88,9 +88,9 @@ class Prospect:
         motors = self.robot.motor_locations
         both = _linearisation(self.robot).at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
         n_u = len(motors)
-        response = frequency_response(both, theta, self.freq_hz)
-        G, model = response[:, n_u:], replace(both, C=both.C[n_u:], outputs=self.outputs)
-        covariance = self._covariance(G, response[:, :n_u], configuration, realisations or self.realisations)
+        every = frequency_response(both, theta, self.freq_hz)
+        G, model = every[:, n_u:], replace(both, C=both.C[n_u:], outputs=self.outputs)
+        covariance = self._covariance(G, every[:, :n_u], configuration, realisations or self.realisations)
         response = FrequencyResponse(
             self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
         )
@@ -106,9 +106,9 @@ class Prospect:
             return Covariance(level.absolute**2 / M + distortion, math.inf)
         U = self._input(configuration, motion)
         power = np.einsum("mefi,mefj->fij", U, U.conj()) / len(U)
-        left = np.swapaxes(np.linalg.inv(power), 1, 2) / M
+        left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         scatter = self._friction(U, motion)[1]
-        right = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
         noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         if level.distortion > 0:
             return Covariance(noise + distortion, math.inf)

@@ -137,7 +137,8 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
         parts.append(np.sum(np.abs(effect) ** 2, axis=(2, 3)).T)
     share = np.stack(parts)
     total = share.sum(axis=(0, 1))
-    return np.divide(share, total, out=np.zeros_like(share), where=total > 0)
+    part: FloatArray = np.divide(share, total, out=np.zeros_like(share), where=total > 0)
+    return part
 
 
 def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:

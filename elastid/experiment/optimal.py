@@ -14,7 +14,7 @@ the worst guess. It knows no robot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -47,7 +47,8 @@ class Criterion:
 
     def value(self, M: FloatArray) -> FloatArray:
         """phi (...) of information matrices M (S, ..., d, d), guesses taken together; -inf where one is singular."""
-        phi = self._hard(np.linalg.eigvalsh(self._inside(M)))
+        variances: FloatArray = np.linalg.eigvalsh(self._inside(M)).astype(np.float64)
+        phi = self._hard(variances)
         worst: FloatArray = phi.min(axis=0) if self.over == "worst" else phi.mean(axis=0)
         return worst
 
@@ -186,16 +187,19 @@ def whole(
 
     known (S, d, d): information that is there already, undivided.
     """
-    d, Q = H.shape[-1], H.shape[1]
+    d = H.shape[-1]
     packed = _packed(H)
     base = np.zeros((len(H), packed.shape[-1])) if known is None else _packed(known)
     numbers = _apportioned(weights, count)
-    value = float(criterion.value(_unpacked(base + np.einsum("q,sqp->sp", numbers, packed), d)))
+    if criterion.letter == "E":
+        # The smallest eigenvalue alone is a poor guide from far away; the harmonic mean of all leads near.
+        numbers = whole(H, weights, count, replace(criterion, letter="A"), known)
+    value = float(criterion.value(_unpacked(base + numbers @ packed, d)))
     improved = True
     while improved:
         improved = False
         for leaves in np.flatnonzero(numbers):
-            rest = base + np.einsum("q,sqp->sp", numbers - np.eye(1, Q, leaves)[0], packed)
+            rest = base + numbers @ packed - packed[:, leaves]
             enters, reached = _best_addition(rest, packed, criterion, d, int(leaves))
             if reached > value + 1e-9:
                 numbers[leaves] -= 1

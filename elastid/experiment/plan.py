@@ -118,8 +118,9 @@ def make_plan(
 ) -> Plan:
     """The plan of a study: n_u experiments of an orthogonal multisine per realisation and configuration.
 
-    chosen: configurations that a design has added to those of the study.  The phases of a set hang on seed, configuration index and realisation alone, so that a further configuration or
-    realisation leaves the others as they were.  Raises StudyError for what the robot cannot do.
+    chosen: configurations that a design has added to those of the study.  The phases of a set hang on seed,
+    configuration index and realisation alone, so that a further configuration or realisation leaves the others as they
+    were.  Raises StudyError for what the robot cannot do.
     """
     given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = (*given, *chosen)

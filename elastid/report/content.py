@@ -39,7 +39,8 @@ class ReportContent:
 
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
-    here.  forecast: what that plan was expected to tell.  robot: drawn in its configurations.  provenance: name to text (version, seed, ...), shown as it is, so without a date the page is reproducible.
+    here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  provenance: name
+    to text (version, seed, ...), shown as it is, so without a date the page is reproducible.
     """
 
     title: str
