@@ -49,12 +49,12 @@ def _experiments(study: Study) -> Iterator[str]:
     n_u, M = len(study.robot.driven), experiment.realisations
     Q = len(experiment.configurations)
     if study.design is not None:
-        design = study.design
-        Q += design.count or 0
-        chosen = (
-            f"{design.count} to be chosen" if design.count else f"as many to be chosen as {design.robot_time:g} s hold"
-        )
-        names = ", ".join(filter(None, (names, chosen)))
+        if study.design.robot_time is not None:
+            given = f"{Q} configurations ({names}) and " if Q else ""
+            yield f"{study.design.robot_time:g} s of the robot's time: {given}as many as the design fits in"
+            return
+        chosen = study.design.count or 0
+        Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
     yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
     if excitation is not None:
         periods = experiment.periods + experiment.transient_periods

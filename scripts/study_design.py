@@ -190,7 +190,7 @@ def study(brief: Brief, count: int, repetitions: int, plans: int, repetitions_ra
         random_stated.append(stated(brief, drawn)[compared])
         reached, foretold = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
         print(f"  random plan {plan + 1} of {plans}: {reached:.3g} % (forecast {foretold:.3g} %)", flush=True)
-    return Outcome(
+    outcome = Outcome(
         tuple(names[i] for i in compared),
         np.sqrt(np.diag(design.forecast.covariance))[compared],
         spread(x)[compared],
@@ -198,6 +198,8 @@ def study(brief: Brief, count: int, repetitions: int, plans: int, repetitions_ra
         np.array(random_stated),
         repetitions,
     )
+    told(outcome)
+    return outcome
 
 
 def spread(x: FloatArray) -> FloatArray:
@@ -227,12 +229,8 @@ def told(outcome: Outcome) -> None:
 
 def main(quick: bool, jobs: int) -> list[Outcome]:
     if quick:
-        outcomes = [study(three_axes(2), 2, 6, 1, 4, jobs)]
-    else:
-        outcomes = [study(three_axes(4), 4, 32, 11, 6, jobs), study(six_axes(6), 6, 16, 7, 4, jobs)]
-    for outcome in outcomes:
-        told(outcome)
-    return outcomes
+        return [study(three_axes(1), 1, 4, 1, 3, jobs)]
+    return [study(three_axes(4), 4, 24, 7, 6, jobs), study(six_axes(6), 6, 12, 5, 4, jobs)]
 
 
 if __name__ == "__main__":

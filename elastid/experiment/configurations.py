@@ -44,7 +44,7 @@ def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float = 0.0)
     there, and where no candidate is left, with what stands in the way.
     """
     low, high = _range(robot, swing)
-    names, angles = _proposed(spec, robot, low, high, seed)
+    names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
     reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
     reasons += list(_obstacles(spec, robot, angles))
     if spec.singular > 0:
@@ -72,8 +72,8 @@ def _range(robot: Robot, swing: float) -> tuple[FloatArray, FloatArray]:
     for joint, a, b in zip(robot.driven, low, high, strict=True):
         if a > b:
             raise StudyError(
-                f"design.candidates: a swing of {swing:g} rad to either side leaves joint {joint.name} no room within "
-                f"its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] rad; lower the carrier's amplitude"
+                f"design.candidates: {swing:g} rad of carrier and margin to either side leave joint {joint.name} no room within "
+                f"its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] rad; lower the carrier's amplitude or design.candidates.margin"
             )
     return low, high
 

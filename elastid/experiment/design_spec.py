@@ -30,7 +30,8 @@ class CandidateSpec:
 
     random: how many to draw, uniformly within the joints' limits.  grid: points per driven joint, one number for all or
     one for each, from limit to limit.  given: name to angles.  A joint without limits turns within +-180 deg; a
-    simulated carrier keeps its swing within the limits.
+    simulated carrier keeps its swing within the limits.  margin: further distance that drawn and grid candidates keep
+    from the limits, room for the multisine.
 
     singular: refused where the tool's Jacobian (of the last body's centre of mass) has an inverse condition number
     below this; 0 for none.  floor: height in the base frame, along gravity, that nothing may reach.  boxes: to stay
@@ -41,6 +42,7 @@ class CandidateSpec:
     random: int | None = None
     grid: int | tuple[int, ...] | None = None
     given: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
+    margin: Angle = 0.05
     singular: float = 0.02
     floor: Length | None = None
     boxes: tuple[BoxSpec, ...] = ()
@@ -56,8 +58,8 @@ class CandidateSpec:
         counts = self.grid if isinstance(self.grid, tuple) else (self.grid or 1,)
         if min(counts, default=0) < 1:
             raise ValueError("grid: each joint needs at least 1 point")
-        if not 0 <= self.singular < 1 or self.clearance < 0:
-            raise ValueError("singular must be in [0, 1) and clearance not negative")
+        if not 0 <= self.singular < 1 or min(self.clearance, self.margin) < 0:
+            raise ValueError("singular must be in [0, 1), clearance and margin not negative")
 
 
 @section

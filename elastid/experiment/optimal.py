@@ -33,6 +33,10 @@ SOFT_EIGENVALUE = 30.0
 SOFT_GUESS = 300.0
 # Updates between two looks at all candidates; in between only those that could carry weight are worked on.
 ROUND = 25
+# A singular information matrix is lifted by this part of its diagonal.
+ROUNDING = 1e-13
+# Beginnings of the search for whole experiments, and how many candidates it looks at: those with the largest gains.
+BEGINNINGS, LOOKED_AT = 6, 400
 # Candidates that an exchange is worked out for exactly, after a first-order ranking of all.
 SCREENED = 40
 
@@ -54,9 +58,17 @@ class Criterion:
 
     def _inside(self, M: FloatArray) -> FloatArray:
         """(M^-1)_SS (..., s, s), the covariance of what is of interest."""
-        K = self.interest
-        covariance: FloatArray = K.T @ np.linalg.solve(M, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
+        covariance: FloatArray = self.interest.T @ self._solved(M)
         return covariance
+
+    def _solved(self, M: FloatArray) -> FloatArray:
+        """M^-1 K (..., d, s); a singular M is taken as one whose variances are huge."""
+        diagonal = np.einsum("...ii->...i", M)
+        ridge = ROUNDING * np.maximum(diagonal, ROUNDING * diagonal.max(axis=-1, keepdims=True))
+        K = self.interest
+        lifted = M + ridge[..., None] * np.eye(M.shape[-1])
+        solved: FloatArray = np.linalg.solve(lifted, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
+        return solved
 
     def _hard(self, variances: FloatArray) -> FloatArray:
         """ln Phi from the eigenvalues (..., s) of (M^-1)_SS; rounding may leave one of a singular M negative."""
@@ -70,7 +82,7 @@ class Criterion:
     def slope(self, M: FloatArray) -> Slope:
         """Value, searched value and gradients at M (S, d, d)."""
         K = self.interest
-        X = np.linalg.solve(M, np.broadcast_to(K, (len(M), *K.shape)))  # M^-1 K
+        X = self._solved(M)
         variances, V = np.linalg.eigh(K.T @ X)
         phi = self._hard(variances)
         power = {"D": 0.0, "A": 1.0, "E": SOFT_EIGENVALUE}[self.letter]
@@ -185,15 +197,31 @@ def whole(
 ) -> IntArray:
     """How many of `count` whole experiments each candidate gets (Q,): shares rounded, then exchanged one by one.
 
+    The best of several beginnings, one of them the shares rounded, the others drawn from the shares.
     known (S, d, d): information that is there already, undivided.
     """
-    d = H.shape[-1]
     packed = _packed(H)
     base = np.zeros((len(H), packed.shape[-1])) if known is None else _packed(known)
-    numbers = _apportioned(weights, count)
+    slope = criterion.slope(_unpacked(base / count + weights @ packed, H.shape[-1]))
+    looked_at = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:LOOKED_AT]
+    share = weights[looked_at] / weights[looked_at].sum()
+    draw = np.random.default_rng(0)
+    beginnings = [_apportioned(share, count), *draw.multinomial(count, share, BEGINNINGS - 1)]
     if criterion.letter == "E":
         # The smallest eigenvalue alone is a poor guide from far away; the harmonic mean of all leads near.
-        numbers = whole(H, weights, count, replace(criterion, letter="A"), known)
+        beginnings = [
+            _exchanged(one, packed[:, looked_at], base, replace(criterion, letter="A"))[0] for one in beginnings
+        ]
+    ends = [_exchanged(one, packed[:, looked_at], base, criterion) for one in beginnings]
+    numbers = np.zeros(len(weights), dtype=np.int64)
+    numbers[looked_at] = max(ends, key=lambda end: end[1])[0]
+    return numbers
+
+
+def _exchanged(numbers: IntArray, packed: FloatArray, base: FloatArray, criterion: Criterion) -> tuple[IntArray, float]:
+    """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
+    d = round((np.sqrt(8 * packed.shape[-1] + 1) - 1) / 2)
+    numbers = numbers.astype(np.int64)
     value = float(criterion.value(_unpacked(base + numbers @ packed, d)))
     improved = True
     while improved:
@@ -205,7 +233,7 @@ def whole(
                 numbers[leaves] -= 1
                 numbers[enters] += 1
                 value, improved = reached, True
-    return numbers
+    return numbers, value
 
 
 def _best_addition(

@@ -67,25 +67,28 @@ def _numbers(axes: object, values: FloatArray) -> None:
 def postures(robot: Robot, configurations: Sequence[Configuration], words: Sequence[str]) -> Figure:
     """The robot as a stick figure in each configuration, all to one scale; words below each name."""
     drawn = skeleton(robot, np.stack([configuration.angles for configuration in configurations]))
-    reach = float(np.abs(drawn.points).max()) or 1.0
     up = int(np.argmax(np.abs(robot.gravity))) if any(robot.gravity) else 2
     order = [(up + 1) % 3, (up + 2) % 3, up]
     down = -np.sign(robot.gravity[up]) or 1.0
+    stand = drawn.points[:, :, order] * [1, 1, down]
+    # All to one scale, the base in the middle.
+    side = max(float(np.abs(stand[:, :, :2]).max()), 0.5 * float(np.abs(stand[:, :, 2]).max()), 1e-6)
+    bottom, top = min(0.0, float(stand[:, :, 2].min())), max(float(stand[:, :, 2].max()), 1e-6)
     across = min(ACROSS, len(configurations))
     rows = -(-len(configurations) // across)
     figure = Figure(figsize=(2.4 * across, 2.7 * rows + 0.3))
     for i, (configuration, word) in enumerate(zip(configurations, words, strict=True)):
         axes = figure.add_subplot(rows, across, i + 1, projection="3d")
-        points = drawn.points[i][:, order] * [1, 1, down]
+        points = stand[i]
         for a, b in drawn.links:
             is_arm = not drawn.names[b].startswith("center")
             look = {"color": style.MEASURED, "lw": 3} if is_arm else {"color": style.FITTED, "lw": 1.5}
             axes.plot(*points[[a, b]].T, **look, solid_capstyle="round")
-            axes.plot(*points[[a, b], :2].T, [0, 0], color=style.WEAK, lw=1)
+            axes.plot(*points[[a, b], :2].T, [bottom, bottom], color=style.WEAK, lw=1)
         joints = [k for k, name in enumerate(drawn.names) if name.startswith("joint")]
         axes.plot(*points[joints].T, ls="none", marker="o", ms=4, color=style.TRUTH)
-        axes.set(xlim=(-reach, reach), ylim=(-reach, reach), zlim=(min(0.0, points[:, 2].min()), reach))
-        axes.set_box_aspect((2, 2, 1))
+        axes.set(xlim=(-side, side), ylim=(-side, side), zlim=(bottom, top))
+        axes.set_box_aspect((2 * side, 2 * side, top - bottom), zoom=1.1)
         axes.tick_params(labelsize=5, pad=-3)
         axes.locator_params(nbins=3)
         axes.set_title(style.plain(f"{configuration.name}\n{word}"), fontsize=style.SMALL, pad=-2)
