@@ -72,8 +72,9 @@ def _range(robot: Robot, swing: float) -> tuple[FloatArray, FloatArray]:
     for joint, a, b in zip(robot.driven, low, high, strict=True):
         if a > b:
             raise StudyError(
-                f"design.candidates: {swing:g} rad of carrier and margin to either side leave joint {joint.name} no room within "
-                f"its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] rad; lower the carrier's amplitude or design.candidates.margin"
+                f"design.candidates: {swing:g} rad of carrier and margin to either side leave joint {joint.name} no "
+                f"room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] rad; lower the "
+                "carrier's amplitude or design.candidates.margin"
             )
     return low, high
 

@@ -25,7 +25,7 @@ Letter: TypeAlias = Literal["D", "A", "E"]
 Over: TypeAlias = Literal["mean", "worst"]
 
 TOLERANCE = 1e-3
-MAX_UPDATES = 20_000
+MAX_UPDATES = 10_000
 # A round of updates that raises phi by less has arrived: what is left of the gap is the softness below.
 ARRIVED = 1e-7
 # The smallest eigenvalue and the worst guess are taken softly while searching; the certificate is of the hard ones.
