@@ -144,14 +144,14 @@ def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
         designed(_with(count=None, robot_time=10.0))
 
 
-def test_what_was_measured_is_not_chosen_again() -> None:
-    """Where the best configuration has been measured many times, another one tells more."""
+def test_what_was_measured_before_counts() -> None:
+    """After fifty measurements one more hardly matters, whichever it is; without any the choice is worth something."""
     first = designed(_with(count=1))
     measured = 50 * tuple(_measured(BRIEF, first.plan, 3))
-    blind, seeing = designed(_with(count=1)), designed(replace(_with(count=1), measured=measured))
-    angles = [d.plan.configurations[0].angles for d in (first, blind, seeing)]
-    np.testing.assert_array_equal(angles[0], angles[1])
-    assert not np.array_equal(angles[0], angles[2])
+    seeing = designed(replace(_with(count=1), measured=measured))
+    gains = [float(d.forecast.choice.split(" times smaller")[0].split()[-1]) for d in (first, seeing)]
+    assert gains[0] > 1.15
+    assert 1.0 <= gains[1] < 1.02
 
 
 def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one() -> None:
