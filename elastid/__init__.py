@@ -1,3 +1,98 @@
-"""elastid: the elasticity of industrial robots, identified from frequency responses with honest intervals."""
+"""elastid: the elasticity of industrial robots, identified from frequency responses with honest intervals.
+
+Two wings end in the same value, FrequencyResponse, and meet in the fit:
+
+    excitation -> experiment -> record --> frf ---.
+                       ^                          v
+              experiment.simulated               fit -> validation -> report
+                       ^                          ^
+    robot -> model -> simulation                  |
+               `----> linear ---------------------'
+
+Values (floor 1): `units` and `section` (how a study's numbers and sections are read), `parameters` (names and vectors),
+`record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints, springs, motors).
+
+Measured wing: `excitation` (multisines), `experiment` (the plan; the simulated and the recorded rig), `frf` (records to
+responses and their covariance).
+
+Model wing: `model` (equations of motion in CasADi), `friction`, `simulation` (closed loop in time), `linear`
+(equilibrium, linearisation, frequency response and its derivatives, modes).
+
+Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`.
+
+The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance` and `stages` (file to value to file, what
+is current), `outcome` (summary.json), `console`, `overview`, `inspection`, `scaffold`, `tables` (what people see) and
+`cli`.
+
+The names below are those that a notebook needs; they are loaded when they are first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from elastid.experiment.plan import Plan, make_plan
+    from elastid.experiment.recorded import RecordedRig
+    from elastid.experiment.simulated import SimulatedRig
+    from elastid.fit.identify import identify, predict
+    from elastid.fit.result import FitResult
+    from elastid.frf.estimators import estimate
+    from elastid.linear.linearise import linearise
+    from elastid.linear.transfer import frequency_response
+    from elastid.model.serial import serial
+    from elastid.record import Configuration, Record
+    from elastid.response import FrequencyResponse
+    from elastid.robot import Robot
+    from elastid.study import load as load_study
+    from elastid.validation.frequency import validate
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "Configuration": "elastid.record",
+    "FitResult": "elastid.fit.result",
+    "FrequencyResponse": "elastid.response",
+    "Plan": "elastid.experiment.plan",
+    "Record": "elastid.record",
+    "RecordedRig": "elastid.experiment.recorded",
+    "Robot": "elastid.robot",
+    "SimulatedRig": "elastid.experiment.simulated",
+    "estimate": "elastid.frf.estimators",
+    "frequency_response": "elastid.linear.transfer",
+    "identify": "elastid.fit.identify",
+    "linearise": "elastid.linear.linearise",
+    "load_study": "elastid.study",
+    "make_plan": "elastid.experiment.plan",
+    "predict": "elastid.fit.identify",
+    "serial": "elastid.model.serial",
+    "validate": "elastid.validation.frequency",
+}
+
+__all__ = [  # noqa: RUF022  (in the order of the work)
+    "load_study",
+    "Robot",
+    "Configuration",
+    "make_plan",
+    "Plan",
+    "SimulatedRig",
+    "RecordedRig",
+    "Record",
+    "estimate",
+    "FrequencyResponse",
+    "serial",
+    "linearise",
+    "frequency_response",
+    "identify",
+    "predict",
+    "FitResult",
+    "validate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module when it is first used; CasADi and SciPy wait until then."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'elastid' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), "load" if name == "load_study" else name)

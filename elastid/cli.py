@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from elastid import __version__
+from elastid.interrupt import insisting
 from elastid.threads import one_blas_thread
 
 if TYPE_CHECKING:
@@ -30,24 +32,39 @@ def run_command(arguments: Sequence[str]) -> int:
 
     0 done; 1 the data or the fit are at fault; 2 usage or study; 130 interrupted.
     """
+    try:
+        with insisting() as pressed:
+            cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
+    except (KeyboardInterrupt, click.Abort):
+        return _interrupted(arguments)
+    except Exception as error:
+        if pressed.is_set():
+            return _interrupted(arguments)
+        return _explained(error)
+    return 0
+
+
+def _explained(error: Exception) -> int:
+    """The exit code of an error that has a message for the user; any other is a bug and raised again."""
     from elastid.errors import ElastidError
 
-    try:
-        cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
-    except ElastidError as error:
-        return _ended(str(error), error.exit_code)
-    except click.exceptions.Exit as end:
-        return end.exit_code
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
-    except (KeyboardInterrupt, click.Abort):
-        again = " ".join(["elastid", *arguments])
-        return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        return _ended(f"{where}{error.strerror or error}", 1)
-    return 0
+    match error:
+        case ElastidError():
+            return _ended(str(error), error.exit_code)
+        case click.exceptions.Exit():
+            return error.exit_code
+        case click.ClickException():
+            error.show()
+            return error.exit_code
+        case OSError():
+            where = f"{error.filename}: " if error.filename else ""
+            return _ended(f"{where}{error.strerror or error}", 1)
+    raise error
+
+
+def _interrupted(arguments: Sequence[str]) -> int:
+    again = shlex.join(["elastid", *arguments])
+    return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
 
 
 def _ended(message: str, code: int) -> int:

@@ -13,7 +13,7 @@ from elastid import __version__
 from elastid.console import Console
 from elastid.errors import StudyError
 from elastid.provenance import stamps, upstream
-from elastid.store import Stamp, read_stamp
+from elastid.store import Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 ARTEFACTS = {
@@ -77,14 +77,13 @@ class Run:
             if found.inputs != self.stamps[name].inputs:
                 raise StudyError(f"{path} was made from another study, other data or other options: {command}")
             if found.code != self.stamps[name].code:
-                self.console.warn(
-                    f"{path} was made by another version of elastid ({found.version}) and is used as is"
-                )
+                self.console.warn(f"{path} was made by another version of elastid ({found.version}) and is used as is")
 
     @contextmanager
     def logged(self) -> Iterator[None]:
         """Everything said goes to run.log in the folder too, and how the work ended."""
         with self.console.logging_to(self.folder):
+            remove_leftovers(self.folder)
             self.console.detail(f"elastid {__version__}, {self.loaded.path}, {self.jobs} processes")
             try:
                 yield

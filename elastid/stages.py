@@ -178,7 +178,7 @@ def report(run: Run) -> None:
     validation = read_validation(run.path("validate"))
     content = ReportContent(
         title=study.name,
-        verdict=result.message,
+        verdict=validation.verdict,
         warnings=tuple(note for response in responses for note in response.notes),
         result=result,
         frf=tuple(zip(responses, predict(result, study.robot, responses), strict=True)),
@@ -196,6 +196,7 @@ def report(run: Run) -> None:
         forecast=read_forecast(run.path("design")) if study.experiment.simulated is not None else None,
         robot=study.robot,
     )
+    shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)
     run.console.say(f"report: {page}")
 

@@ -59,6 +59,13 @@ def test_the_same_generator_gives_the_same_set_and_the_next_one_fresh_phases() -
     assert np.abs(np.mean(second / first)) < 0.5
 
 
+def test_inputs_of_one_experiment_move_independently_of_each_other() -> None:
+    """Random phases between the inputs too: without them the first experiment would move all motors alike."""
+    for U in orthogonal_set(np.ones((400, 3)), np.random.default_rng(1)):
+        correlation = np.abs(U.conj().T @ U) / 400
+        assert np.max(correlation - np.eye(3)) < 0.2
+
+
 @pytest.mark.parametrize("spectrum", [(), ((2.0, 10.0), (20.0, 1.0))])
 def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
     spectrum: tuple[tuple[float, float], ...],

@@ -144,7 +144,7 @@ def test_a_model_without_a_value_is_stepped_around():
 
     gappy = replace(DECAY, evaluate=evaluate)
     np.testing.assert_allclose(solve(gappy, DECAY.parameters.x).x, solve(DECAY, DECAY.parameters.x).x, atol=1e-5)
-    with pytest.raises(FitError, match="not finite at the start .*; move the start"):
+    with pytest.raises(FitError, match=r"not finite at the start .*; move the start"):
         solve(gappy, np.array([0.0, math.log(2.0)]))
 
 
@@ -213,5 +213,5 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
     ranked, hits = multistart([gappy], np.log([[60.0], [21.0]]))
     assert hits == 1
     assert math.isinf(ranked[-1].cost)
-    with pytest.raises(FitError, match="none of the 1 starts led anywhere; .* not finite"):
+    with pytest.raises(FitError, match=r"none of the 1 starts led anywhere; .* not finite"):
         multistart([gappy], np.log([[60.0]]))

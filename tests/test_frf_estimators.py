@@ -166,6 +166,26 @@ def test_noise_covariance_is_that_of_the_estimate_in_monte_carlo(n_y: int, n_u: 
     assert np.max(np.abs(total - true) / scale) < 0.06
 
 
+def test_covariance_is_complex_where_the_inputs_are_correlated() -> None:
+    """Experiments as a closed loop leaves them, not orthogonal: all of cov(vec G), phases included, in Monte Carlo."""
+    rng, lines, n = np.random.default_rng(0), np.arange(5, 105), 2
+    mixed = np.array([[1.0, 0.6 + 0.5j], [-0.3j, 0.8]])
+    U = np.repeat(mixed[None], len(lines), axis=0)
+    G = np.repeat(_plant(1, n, n), len(lines), axis=0)
+    noise = (rng, np.zeros((n, n)), 0.2 * np.array([[1.0, 0.0], [0.7, 0.5]]))
+    true, estimated = [], []
+    for _ in range(150):
+        records = [_record(lines, U[:, :, e], (G @ U)[:, :, e], P=4, experiment=e, noise=noise) for e in range(n)]
+        response = estimate(records, ALL_PERIODS, lines)
+        error = (response.G - G).transpose(0, 2, 1).reshape(len(lines), -1)
+        true.append(np.mean(error[:, :, None] * error[:, None, :].conj(), axis=0))
+        assert response.noise is not None
+        estimated.append(np.mean(response.noise.full(), axis=0))
+    expected = np.mean(true, axis=0)
+    assert np.max(np.abs(expected.imag)) > 0.3 * np.max(expected.real)
+    assert np.max(np.abs(np.mean(estimated, axis=0) - expected)) < 0.04 * np.max(expected.real)
+
+
 @pytest.mark.parametrize(("scale", "runs"), [((), 150), ((1.0, 0.4, 2.0), 150)])
 def test_total_covariance_holds_the_distortion_that_noise_cannot_see(scale: tuple[float, ...], runs: int) -> None:
     """An error that repeats over periods and changes with the phases; also where realisations differ in amplitude."""
@@ -276,6 +296,15 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     response = estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(9.0, 116.0)))
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
     assert "lines 27 (11.719 to 113.28 Hz) are left out" in response.notes[0]
+
+
+def test_one_missing_sample_is_told_and_does_not_reach_the_response() -> None:
+    """NaN in one output of one record: record, channel and sample are named."""
+    a, b = _experiments(_plant(10, 2, 2), np.arange(5, 15), 1, np.random.default_rng(0))
+    y = b.y.copy()
+    y[77, 1] = np.nan
+    with pytest.raises(DataError, match="record c-r0-e1: y at joint 2 is NaN or infinite from sample 77 on"):
+        estimate([a, replace(b, y=y)], ALL_PERIODS)
 
 
 def test_records_that_do_not_fit_together_are_refused_by_name() -> None:

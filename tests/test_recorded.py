@@ -114,6 +114,13 @@ def _write_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
     return _spec("log.csv")
 
 
+def _write_csv_with_a_delimiter_at_every_end(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    _csv(base / "log.csv", log)
+    lines = (base / "log.csv").read_text().splitlines()
+    (base / "log.csv").write_text("\r\n".join([lines[0], "", *(f"{line}," for line in lines[1:])]))
+    return _spec("log.csv")
+
+
 def _write_german_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
     _csv(base / "log.txt", log, ";", comma=True, head="Messung 7\n3 Achsen\n")
     return _spec("log.txt", text=TextFormatSpec(";", ",", header_lines=3))
@@ -137,6 +144,7 @@ WRITERS = [
     _write_matlab_73,
     _write_hdf5,
     _write_csv,
+    _write_csv_with_a_delimiter_at_every_end,
     _write_german_csv,
     _write_commented_table,
     _write_tab_table_with_units,

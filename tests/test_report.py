@@ -82,7 +82,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
         covariance=r * np.outer(std, std),
         cost=210.0,
         dof=200,
-        model_error=1.02,
+        cost_expected=202.0,
         status="at_bound",
         message="The fit ended with d_1 at its lower bound.",
         starts=tuple(Start(parameters.x, x, cost, 20, cost < 1000, "") for cost in costs),

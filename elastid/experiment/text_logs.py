@@ -102,7 +102,9 @@ def _fields(line: str, text: TextFormatSpec) -> list[str]:
     content = line.split(text.comment, 1)[0] if text.comment else line
     if not content.strip():
         return []
-    return [field.strip().strip('"').strip() for field in content.strip("\r\n").split(_delimiter(text))]
+    fields = [field.strip().strip('"').strip() for field in content.split(_delimiter(text))]
+    # Many loggers end every line of data, but not the headings, with a delimiter.
+    return fields if fields[-1] else fields[:-1]
 
 
 def _is_number(field: str) -> bool:

@@ -1,20 +1,24 @@
-r"""How sure the estimate is: covariance under the measured noise, widened where the residuals say more.
+r"""How sure the estimate is: measured noise, what the residuals say beyond it, and the model error that was declared.
 
-Around the optimum the estimate follows the data as dx = A^-1 sum_k g_k, A = J^T J, with g_k = J_k^T r_k the pull of
-line k. Two estimates of its covariance, of which each parameter gets the larger:
+Around the optimum the estimate follows the data, dx = A^-1 sum_k g_k, with A = J^T J and g_k = J_k^T r_k the pull of
+line k. Its covariance is the larger of two estimates for each parameter, and a third on top:
 
 .. math:: \text{noise: } A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad
-          \text{residuals: } \mathrm{var}\, x_i = \tau \tfrac{N}{N - n_x} \sum_k (A^{-1} g_k)_i^2
+          \text{residuals: } \mathrm{var}\, x_i = \tau \tfrac{N}{N - n_x} \sum_k (A^{-1} g_k)_i^2, \qquad
+          \text{floor: } A^{-1} \Big[ \tfrac{s}{2} \mathrm{Re} \sum_o h_o h_o^H \Big] A^{-1}
 
 - noise: S_k is the measured covariance in whitened residuals, correlations between elements included. With
-  inverse-variance weights and uncorrelated elements it is A^-1 (Cramer-Rao); with a floor in the weights it is what the
-  noise still does to the estimate.
+  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao); with a floor in the weights it is what
+  the noise still does to the estimate.
 - residuals: what is left over, noise or not. All that one frequency pulls, in all elements and configurations, counts
   as one pull: a wrong model errs in all of them together. tau >= 1 is the correlation length of the residuals over
-  neighbouring lines, 1 + 2 sum of the autocorrelation up to the lag where chance could explain it.
+  neighbouring lines.
+- floor: the study says that the model is off by alpha |G| anyway. Such an error is alike on neighbouring lines and in
+  all configurations, so that it is counted as one random factor for each element and octave, with pull h_o. s <= 1
+  holds it down to what V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
 
-For an exact model both agree and the larger of the two is a few per cent wide. What is wrong in the same way at all
-lines and in all configurations shows in neither.
+Without a floor and with an exact model noise and residuals agree and 95 % intervals hold the truth 95 to 97 % of the
+time. A model error shows in the residuals unless the parameters absorb it; against that only the floor helps.
 """
 
 from __future__ import annotations
@@ -25,8 +29,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.elastic import ElasticFit, Part
-from elastid.fit.residuals import as_real, error_gain
+from elastid.fit.elastic import ElasticFit
+from elastid.fit.evidence import Evidence, correlation_length, evidence
 from elastid.fit.weights import Weights
 from elastid.response import FrequencyResponse
 
@@ -50,93 +54,26 @@ class Certainty:
 def certainty(
     fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], x: FloatArray
 ) -> Certainty:
-    """The covariance of x (n_x,), the optimum of `fit`, from the measured noise and from the residuals."""
-    n_x = len(x)
-    prior = fit.prior_slopes
-    R, meat, unknown = np.diag(prior), np.diag(prior**2), np.zeros((n_x, n_x))
-    noise_power, unknown_count, cost = float(np.count_nonzero(prior)), 0, 0.0
-    pulls: list[tuple[FloatArray, FloatArray]] = []
-    residuals: list[ComplexArray] = []
+    """The covariance of x (n_x,), the optimum of `fit`."""
+    R, parts = np.diag(fit.prior_slopes), []
     for part, response, weight, (r, J) in zip(fit.parts, responses, weights, fit.blocks(x), strict=True):
-        R = _triangular(np.vstack([R, as_real(J).reshape(n_x, -1).T]))
-        pulls.append((response.freq_hz, np.einsum("pfab,fab->pf", J.conj(), r).real))
-        residuals.append(r.reshape(len(r), -1))
-        cost += float(np.vdot(r, r).real)
-        if weight.noise is None:
-            unknown += _information(J)
-            unknown_count += part.n_residuals
-        else:
-            S = _whitened_noise(part, weight)
-            meat += _meat(J, S)
-            noise_power += float(np.einsum("faa->", S).real)
-    A_inverse, singular_values, unreached = _inverse_information(R)
+        parts.append(evidence(part, response, weight, r, J))
+        # R of the stacked J = Q R, configuration by configuration.
+        R = np.asarray(np.linalg.qr(np.vstack([R, parts[-1].rows]), mode="r"))
+    A_inverse, singular_values, unreached = inverse_information(R)
     dof = fit.problem.dof
-    # Where no noise was measured, the residuals themselves say how large it is.
-    level = cost / max(dof, 1)
-    meat += level * unknown
-    noise_power += level * unknown_count
+    meat, expected_cost = _noise(fit, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
-    spread = (fit.n_residuals / max(dof, 1)) * correlation_length(residuals)
-    leftover = spread * np.sum((A_inverse @ _by_frequency(pulls)) ** 2, axis=1)
-    covariance = _widened(noise, leftover, A_inverse)
+    inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
+    residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
+    covariance = _larger(noise, residuals, A_inverse)
+    covariance += _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse)
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    return Certainty(covariance, singular_values, unreached, noise_power - float(np.trace(A_inverse @ meat)))
+    return Certainty(covariance, singular_values, unreached, expected_cost)
 
 
-def correlation_length(residuals: Sequence[ComplexArray]) -> float:
-    r"""tau of whitened residuals (F, n) of each configuration, pooled; 1 for white ones.
-
-    .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
-
-    L is the last lag before rho falls to what chance explains, at most a quarter of the lines.
-    """
-    power = sum(float(np.vdot(r, r).real) for r in residuals)
-    count = sum(int(np.count_nonzero(r)) for r in residuals)
-    longest = max((len(r) for r in residuals), default=0) // 4
-    tau = 1.0
-    for lag in range(1, longest + 1):
-        rho = sum(float(np.vdot(r[:-lag], r[lag:]).real) for r in residuals) / max(power, 1e-300)
-        if rho < np.sqrt(2 / max(count, 1)):  # two standard deviations of rho for white residuals
-            break
-        tau += 2 * rho
-    return tau
-
-
-def _whitened_noise(part: Part, weights: Weights) -> ComplexArray:
-    """S (F, n_y n_u, n_y n_u), E|r|^2 of whitened residuals under the measured noise, vec column-major."""
-    assert weights.noise is not None
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gain = part.gain * error_gain(part.criterion, part.measured) * weights.scale
-    t = _vec(np.where(part.gain > 0, gain, 0.0))
-    S: ComplexArray = t[:, :, None] * weights.noise.full() * t[:, None, :].conj()
-    return S
-
-
-def _triangular(rows: FloatArray) -> FloatArray:
-    """R of rows = Q R."""
-    return np.asarray(np.linalg.qr(rows, mode="r"), dtype=float)
-
-
-def _vec(array: ComplexArray) -> ComplexArray:
-    """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
-    return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
-
-
-def _meat(J: ComplexArray, S: ComplexArray) -> FloatArray:
-    """1/2 Re sum_k J_k^H S_k J_k (n_x, n_x), the covariance of the pull J^T r under the noise S."""
-    columns = _vec(J).transpose(1, 2, 0)
-    meat: FloatArray = 0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S @ columns, axis=0).real
-    return meat
-
-
-def _information(J: ComplexArray) -> FloatArray:
-    rows = as_real(J).reshape(len(J), -1)
-    information: FloatArray = rows @ rows.T
-    return information
-
-
-def _inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
     """A^-1 of A = R^T R over the directions that the data reach, singular values, and which parameters lie outside.
 
     From R and not from A, whose condition number is the square.
@@ -150,21 +87,56 @@ def _inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArr
     return half.T @ half, singular_values, unreached
 
 
-def _by_frequency(pulls: Sequence[tuple[FloatArray, FloatArray]]) -> FloatArray:
+def _noise(fit: ElasticFit, parts: Sequence[Evidence], A_inverse: FloatArray) -> tuple[FloatArray, float]:
+    """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, and the V that they lead to.
+
+    Where no noise was measured the residuals themselves say how large it is.
+    """
+    prior = fit.prior_slopes
+    meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
+    level = sum(part.cost for part in parts) / max(fit.problem.dof, 1)
+    for part in parts:
+        if part.noise_meat is None or part.noise_power is None:
+            meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
+        else:
+            meat, power = meat + part.noise_meat, power + part.noise_power
+    return meat, power - float(np.trace(A_inverse @ meat))
+
+
+def _by_frequency(parts: Sequence[Evidence]) -> FloatArray:
     """Pulls (n_x, F) of all configurations, those of one frequency summed up."""
-    freq_hz = np.concatenate([freq for freq, _ in pulls])
-    each, place = np.unique(freq_hz, return_inverse=True)
-    total = np.zeros((len(each), pulls[0][1].shape[0]))
-    np.add.at(total, place, np.concatenate([pull for _, pull in pulls], axis=1).T)
+    each, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
+    total = np.zeros((len(each), len(parts[0].pull)))
+    np.add.at(total, place, np.concatenate([part.pull for part in parts], axis=1).T)
     return total.T
 
 
-def _widened(noise: FloatArray, leftover: FloatArray, A_inverse: FloatArray) -> FloatArray:
-    """Variances the larger of noise and leftover (n_x,), correlations those of the noise (or of A^-1 without any)."""
+def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> FloatArray:
+    """Variances the larger of noise and residuals (n_x,), correlations those of the noise (of A^-1 without any)."""
     variance = np.diag(noise)
     shape = noise if np.all(variance > 0) else A_inverse
-    wanted = np.sqrt(np.maximum(variance, leftover))
-    deviation = np.sqrt(np.diag(shape))
+    wanted, deviation = np.sqrt(np.maximum(variance, residuals)), np.sqrt(np.diag(shape))
     scale = np.divide(wanted, deviation, out=np.zeros_like(wanted), where=deviation > 0)
-    widened: FloatArray = shape * np.outer(scale, scale)
-    return widened
+    larger: FloatArray = shape * np.outer(scale, scale)
+    return larger
+
+
+def _floor(parts: Sequence[Evidence], A_inverse: FloatArray) -> FloatArray:
+    """Covariance (n_x, n_x) of x if each element is off by the floor, by one random factor an octave."""
+    pulls: dict[tuple[str, str, int], ComplexArray] = {}
+    for part in parts:
+        for key, pull in part.floor_pull.items():
+            pulls[key] = pulls.get(key, 0.0) + pull
+    shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
+    covariance: FloatArray = 0.5 * (shifts @ shifts.conj().T).real
+    return covariance
+
+
+def _floor_share(parts: Sequence[Evidence], expected_cost: float, dof: int) -> float:
+    """s: the share of the floor's power that V has room for beside the noise, two standard deviations of V granted."""
+    power = sum(part.floor_power for part in parts)
+    if power == 0:
+        return 0.0
+    deviation = expected_cost * np.sqrt(2 / max(dof, 1))
+    room = sum(part.cost for part in parts) - expected_cost + 2 * deviation
+    return float(np.clip(room / power, 0.0, 1.0))

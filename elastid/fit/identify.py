@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.errors import DataError, FitError
+from elastid.errors import DataError, FitError, StudyError
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
@@ -62,6 +62,11 @@ def identify(
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         raise DataError("nothing is left to fit: " + " ".join(assembly.notes or ("band and masks leave no line",)))
+    if fit.problem.dof < 1:
+        raise DataError(
+            f"{fit.n_residuals} real numbers are left to fit {len(parameters.free)} parameters; fix some, or use more "
+            "lines"
+        )
     refuse_without_effect(fit)
     stages = [assembly.at(parameters.x, "log")] if spec.log_first and spec.criterion == "complex" else []
     starts = spread(parameters, spec.starts, spec.start_factor, seed)
@@ -134,7 +139,10 @@ def settle(assembly: Assembly, start: Start, criterion: Criterion) -> tuple[Star
     """Linearise at the result and solve again until x stays: the end, its fit, and a word where it does not."""
     end = start
     for _ in range(ROUNDS):
-        fit = assembly.at(end.x, criterion)
+        try:
+            fit = assembly.at(end.x, criterion)
+        except StudyError as error:
+            raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < SETTLED:
@@ -160,14 +168,15 @@ def _result(
     fit: ElasticFit, end: Start, sure: Certainty, ranked: tuple[Start, ...], hits: int, notes: tuple[str, ...]
 ) -> FitResult:
     dof = fit.problem.dof
-    expected = sure.expected_cost if sure.expected_cost > 1e-9 * dof else dof
+    # Without any noise (a simulation) there is nothing to compare with but the weights.
+    expected = sure.expected_cost if sure.expected_cost > 1e-12 * dof else dof
     result = FitResult(
         parameters=fit.parameters,
         x=end.x,
         covariance=sure.covariance,
         cost=end.cost,
         dof=dof,
-        model_error=float(np.sqrt(max(1.0, end.cost / max(expected, 1e-300)))),
+        cost_expected=float(expected),
         status="converged",
         message="",
         starts=ranked,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
@@ -34,10 +35,10 @@ class Start:
 class FitResult:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
 
-    parameters: names, units, scale, bounds and starts.  covariance: of x, sandwich or inverse information, already
-    widened by model_error where V exceeds what the noise explains; entries are inf for directions that no data reach.
-    model_error: sqrt of V over its expected value, at least 1.  singular_values: of the Jacobian with columns scaled
-    to unit length, largest first.  starts: sorted by V.
+    parameters: names, units, scale, bounds and starts.  covariance: of x, under the measured noise, already widened
+    where the residuals say more and for the declared model error (`certainty` says how); infinite variances where no
+    data reach.  cost: V.  cost_expected: the V that the measured noise alone would leave.  singular_values: of the
+    Jacobian with columns scaled to unit length, largest first.  starts: sorted by V.
     """
 
     parameters: ParameterSet
@@ -45,7 +46,7 @@ class FitResult:
     covariance: FloatArray
     cost: float
     dof: int
-    model_error: float
+    cost_expected: float
     status: Status
     message: str
     starts: tuple[Start, ...]
@@ -63,6 +64,11 @@ class FitResult:
         object.__setattr__(self, "at_bound", frozen(self.at_bound, np.bool_))
         if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
             raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
+
+    @property
+    def model_error(self) -> float:
+        """Residuals over what the noise alone explains, root mean square, at least 1."""
+        return math.sqrt(max(1.0, self.cost / max(self.cost_expected, 1e-300)))
 
     @property
     def theta(self) -> FloatArray:

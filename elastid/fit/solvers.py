@@ -7,7 +7,11 @@ r"""IPOPT with a Gauss-Newton Hessian for any LeastSquares problem; it knows nei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from signal import SIGINT, getsignal, signal
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Any, TypeAlias
 
 import casadi as ca
@@ -94,13 +98,14 @@ def _pushed_out(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> Boo
 
 def _run_ipopt(evaluator: _Evaluator, tolerance: float, max_iterations: int) -> tuple[FloatArray, str, int]:
     """x, IPOPT's status and its number of iterations; errors kept by the evaluator are raised here."""
-    objective, gradient, hessian, stop = _callbacks(evaluator, tolerance)
-    options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian, "iteration_callback": stop}
-    options |= {"ipopt.tol": 1e-3 * tolerance * evaluator.weight, "ipopt.max_iter": max_iterations}
-    solver = ca.nlpsol("fit", "ipopt", objective, options)
-    lower, upper = (evaluator.to_z(bound) for bound in evaluator.problem.parameters.x_bounds)
-    answer = solver(x0=evaluator.to_z(evaluator.x0), lbx=lower, ubx=upper)
-    status, iterations = str(solver.stats()["return_status"]), int(solver.stats()["iter_count"])
+    with _interrupt_kept(evaluator):
+        objective, gradient, hessian, stop = _callbacks(evaluator, tolerance)
+        options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian, "iteration_callback": stop}
+        options |= {"ipopt.tol": 1e-3 * tolerance * evaluator.weight, "ipopt.max_iter": max_iterations}
+        solver = ca.nlpsol("fit", "ipopt", objective, options)
+        lower, upper = (evaluator.to_z(bound) for bound in evaluator.problem.parameters.x_bounds)
+        answer = solver(x0=evaluator.to_z(evaluator.x0), lbx=lower, ubx=upper)
+        status, iterations = str(solver.stats()["return_status"]), int(solver.stats()["iter_count"])
     if evaluator.error is not None:
         raise evaluator.error
     # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
@@ -108,6 +113,24 @@ def _run_ipopt(evaluator: _Evaluator, tolerance: float, max_iterations: int) -> 
         raise KeyboardInterrupt
     x = np.clip(evaluator.to_x(np.asarray(answer["x"]).ravel()), *evaluator.problem.parameters.x_bounds)
     return x, status, iterations
+
+
+@contextmanager
+def _interrupt_kept(evaluator: _Evaluator) -> Iterator[None]:
+    """Ctrl-C as an error that the evaluator keeps: raised amid CasADi and its callbacks it would be swallowed."""
+    before = getsignal(SIGINT)
+    if current_thread() is not main_thread() or not callable(before):
+        yield
+        return
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        evaluator.error = KeyboardInterrupt()
+
+    signal(SIGINT, keep)
+    try:
+        yield
+    finally:
+        signal(SIGINT, before)
 
 
 class _Evaluator:

@@ -59,8 +59,9 @@ class MaskSpec:
 class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2.
 
-    floor: model error that is expected anyway, relative to |G|.  smooth: lines over which a variance that few periods
-    or realisations gave is averaged; 0 chooses it from the degrees of freedom.
+    floor: model error that is expected anyway, relative to |G|, and that the intervals then answer for; about 0.03
+    where friction is strong.  smooth: lines over which a variance that few periods or realisations gave is averaged;
+    0 chooses it from the degrees of freedom.
     """
 
     floor: float = 0.01
@@ -78,7 +79,8 @@ class FitSpec:
 
     criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
-    starts: of the multistart; start_factor: how far, as a factor, the starts spread around the given one.
+    starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
+    and frictions spread over its square.
     band_hz: lines used.  mask: what is left out.
     """
 

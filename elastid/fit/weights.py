@@ -26,12 +26,13 @@ class Weights:
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
     noise: the measured covariance C of vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by
-    element to what was smoothed: scale_a C_ab scale_b.  notes: what was left out, and why.
+    element to what was smoothed: scale_a C_ab scale_b.  floor: alpha.  notes: what was left out, and why.
     """
 
     sigma: FloatArray
     noise: Covariance | None
     scale: FloatArray
+    floor: float
     notes: tuple[str, ...]
 
     def __post_init__(self) -> None:
@@ -63,16 +64,15 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     notes: list[str] = []
     if response.uncertainty is None:
         notes.append(f"configuration {where}: no variance is known; the floor of {floor:g} alone weighs its lines")
-    weak = _below_noise(response, variance, used)
-    if weak.any():
-        names = _element_names(response, weak)
-        notes.append(f"configuration {where}: left out, below twice their noise at most lines: {names}")
-        used &= ~weak
+    mute = _no_more_than_noise(response, variance, used)
+    if mute.any():
+        notes.append(f"configuration {where}: left out, no more than noise: {_element_names(response, mute)}")
+        used &= ~mute
     silent = used & (sigma == 0)
     if silent.any():
         notes.append(f"configuration {where}: left out, {int(silent.sum())} elements of zero variance and no floor")
         used &= ~silent
-    return Weights(np.where(used, sigma, np.inf), response.uncertainty, scale, tuple(notes))
+    return Weights(np.where(used, sigma, np.inf), response.uncertainty, scale, floor, tuple(notes))
 
 
 def _measured_variance(response: FrequencyResponse, width: int) -> tuple[FloatArray, FloatArray]:
@@ -119,11 +119,15 @@ def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
     return inside
 
 
-def _below_noise(response: FrequencyResponse, variance: FloatArray, used: BoolArray) -> BoolArray:
-    """Elements (n_y, n_u) below twice their noise at most of the lines that count, exact zeros among them."""
-    weak = used & (np.abs(response.G) ** 2 <= 4 * variance)
-    below: BoolArray = weak.sum(axis=0) > 0.5 * used.sum(axis=0)
-    return below
+def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used: BoolArray) -> BoolArray:
+    """Elements (n_y, n_u) whose lines that count carry less signal than noise, mean |G|^2 / v < 2, or are all zero.
+
+    A weak element with a few lines above its noise stays: the weights know how much each line is worth.
+    """
+    power = np.abs(response.G) ** 2
+    ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)
+    mute: BoolArray = np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0)
+    return mute
 
 
 def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:

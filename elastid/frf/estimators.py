@@ -77,7 +77,8 @@ def estimate(
 def _realisations(records: Sequence[Record]) -> list[list[Record]]:
     """Records by realisation, each of which must hold an experiment per input; DataError where they do not fit."""
     first = records[0]
-    for record in records[1:]:
+    for record in records:
+        _check_finite(record)
         for what in ("rate_hz", "period_samples", "half_wave", "hold", "inputs", "outputs", "quantities"):
             a, b = getattr(first, what), getattr(record, what)
             if a != b:
@@ -97,6 +98,17 @@ def _realisations(records: Sequence[Record]) -> list[list[Record]]:
                 "in different ways (number them as its experiments 0, 1, ...)"
             )
     return list(groups.values())
+
+
+def _check_finite(record: Record) -> None:
+    """DataError that names the first sample that is missing: it would make every line of G missing."""
+    for role, names, signals in (("u", record.inputs, record.u), ("y", record.outputs, record.y)):
+        if not np.isfinite(signals).all():
+            sample, column = np.argwhere(~np.isfinite(signals))[0]
+            raise DataError(
+                f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {sample} on; "
+                "leave that part out, or mend the record"
+            )
 
 
 def _separated(spectra: Sequence[PeriodSpectra]) -> BoolArray:

@@ -22,7 +22,7 @@ def multistart(result: FitResult) -> Figure:
     hit = rank <= result.hits
     figure = Figure(figsize=(6.5, 3.2))
     axes = figure.subplots(gridspec_kw={"left": 0.12, "right": 0.97, "top": 0.72, "bottom": 0.16})
-    axes.axhline(result.dof, color=style.NOISE, lw=1, ls="--", label="expected from the noise")
+    axes.axhline(result.cost_expected, color=style.NOISE, lw=1, ls="--", label="expected from the noise")
     for keep, marker, face, color, label in (
         (hit, "o", style.MEASURED, style.MEASURED, "reached the best cost"),
         (~hit & converged, "o", "none", style.FITTED, "ended elsewhere"),
@@ -30,7 +30,7 @@ def multistart(result: FitResult) -> Figure:
     ):
         if keep.any():
             axes.plot(rank[keep], cost[keep], ls="none", marker=marker, ms=5, mfc=face, color=color, label=label)
-    shown = np.append(cost[np.isfinite(cost)], result.dof)
+    shown = np.append(cost[np.isfinite(cost)], result.cost_expected)
     if shown.min() > 0 and shown.max() > 5 * shown.min():
         _log_values(axes, float(shown.min()), float(shown.max()))
     style.plain_ticks(axes.xaxis, rank[:: math.ceil(len(rank) / 10)].tolist())

@@ -65,7 +65,7 @@ def _replacing(path: Path) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name}.unfinished")
     try:
         yield temporary
-        with temporary.open("rb") as file:
+        with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
     except BaseException:
@@ -75,7 +75,7 @@ def _replacing(path: Path) -> Iterator[Path]:
 
 def remove_leftovers(folder: Path) -> None:
     """Clear what a killed run was writing."""
-    for temporary in folder.glob(".*.unfinished"):
+    for temporary in [*folder.glob(".*.unfinished"), *folder.glob(".*.part")]:
         temporary.unlink(missing_ok=True)
 
 

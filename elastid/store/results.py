@@ -13,7 +13,7 @@ from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
 from elastid.validation.frequency import Agreement, Peak, Validation
 
-_FIT_ATTRIBUTES = ("cost", "dof", "model_error", "status", "message", "hits", "criterion")
+_FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
 
 
 def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:

@@ -1,0 +1,459 @@
+"""The command line: a thin skin, one clear message for each mistake, no half-written file however it ends."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+from unittest.mock import create_autospec
+
+import numpy as np
+import pytest
+
+from elastid import cli, scaffold, stages
+from elastid.interrupt import insisting
+from elastid.run import ARTEFACTS, Run
+from elastid.store import read_fit
+
+STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder of one's own."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    return folder
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+# --- thin ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_stage_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
+    """read, one call, done: the word, the study, the folder, the options."""
+    only = create_autospec(stages.only)
+    monkeypatch.setattr(stages, "only", only)
+    options = ["--run", "elsewhere", "--set", "fit.starts=3", "--jobs", "2", "-v"]
+    assert cli.run_command([stage, str(tiny), *options]) == 0
+    (run, name), _ = only.call_args
+    assert name == stage
+    assert isinstance(run, Run)
+    assert (run.folder, run.jobs, run.console.verbosity) == (Path("elsewhere"), 2, 1)
+    assert run.study.fit.starts == 3
+
+
+def test_run_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The default folder is runs/<name of the study>."""
+    run_all = create_autospec(stages.run_all)
+    monkeypatch.setattr(stages, "run_all", run_all)
+    assert cli.run_command(["run", str(tiny), "-q"]) == 0
+    (run,), _ = run_all.call_args
+    assert run.folder == Path("runs/tiny")
+    assert run.jobs >= 1
+    assert run.console.verbosity == -1
+
+
+def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In runs/demo, to copy and edit; edits are kept."""
+    run_all = create_autospec(stages.run_all)
+    monkeypatch.setattr(stages, "run_all", run_all)
+    assert cli.run_command(["demo"]) == 0
+    study = here / "runs" / "demo" / "study.yml"
+    study.write_text("# mine\n" + study.read_text())
+    assert cli.run_command(["demo"]) == 0
+    (run,), _ = run_all.call_args
+    assert (run.folder, run.loaded.path) == (Path("runs/demo"), Path("runs/demo/study.yml"))
+    assert study.read_text().startswith("# mine")
+
+
+@pytest.mark.parametrize("command", [[], *[[c] for c in [*STAGES, "run", "demo", "new", "check", "inspect", "schema"]]])
+def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """With a sentence that says what it does."""
+    assert cli.run_command([*command, "--help"]) == 0
+    assert "Usage: elastid" in capsys.readouterr().out
+
+
+# --- new, check, inspect, schema ----------------------------------------------------------------------------------
+
+
+def test_a_new_study_passes_check(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With robot and schema beside it."""
+    assert cli.run_command(["new", "mine"]) == 0
+    assert sorted(tree(here)) == ["mine/robot.yml", "mine/study.schema.json", "mine/study.yml"]
+    assert (here / "mine" / "study.yml").read_text().startswith("# yaml-language-server: $schema=study.schema.json")
+    capsys.readouterr()
+    assert cli.run_command(["check", "mine/study.yml"]) == 0
+    said = capsys.readouterr().out
+    for part in ("three-axis elastic arm", "10 coordinates", "17 unknowns", "k_3z", "30 experiments", "360 s"):
+        assert part in said
+
+
+def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2 and a word."""
+    (here / "mine").mkdir()
+    (here / "mine" / "study.yml").write_text("precious")
+    assert cli.run_command(["new", "mine", "--template", "recorded"]) == 2
+    assert "not empty" in capsys.readouterr().err
+    assert tree(here) == {"mine/study.yml": b"precious"}
+
+
+def test_check_lists_all_errors_and_writes_nothing(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2; one line each on stderr."""
+    tiny.write_text(tiny.read_text().replace("rate_hz", "rate_hs"))
+    assert cli.run_command(["check", str(tiny)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert [line.split(": ")[1] for line in err.splitlines()] == ["excitation.rate_hz", "excitation.rate_hs"]
+    assert tree(here) == {}
+
+
+def test_schema_is_json(capsys: pytest.CaptureFixture[str]) -> None:
+    """To stdout, for `elastid schema > study.schema.json`."""
+    assert cli.run_command(["schema"]) == 0
+    assert json.loads(capsys.readouterr().out)["properties"]["fit"]
+
+
+def test_inspect_tells_what_is_in_a_file(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A log by its channels; what is missing or foreign by one sentence."""
+    (here / "log.csv").write_text("time,current,angle\n" + "0,1,2\n" * 7)
+    assert cli.run_command(["inspect", "log.csv"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in ("time", "current", "angle", "7"))
+    assert cli.run_command(["inspect", "nope.csv"]) == 2
+    assert capsys.readouterr().err == "nope.csv: no such file\n"
+    (here / "broken.mat").write_bytes(b"MATLAB 5.0 MAT-file, or so it says" * 9)
+    assert cli.run_command(["inspect", "broken.mat"]) == 1
+    assert "broken.mat" in capsys.readouterr().err
+
+
+# --- a whole run ----------------------------------------------------------------------------------------------------
+
+
+def test_a_run_ends_with_the_table_and_writes_nowhere_else(
+    tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The estimate beside the truth; results in runs/tiny alone; inspect reads them."""
+    study_folder = tree(tiny.parent)
+    assert cli.run_command(["run", str(tiny), "--jobs", "1"]) == 0
+    out = capsys.readouterr().out
+    assert "parameter" in out
+    assert "true" in out
+    assert "k_1" in out
+    assert "report.html" in out
+    assert tree(tiny.parent) == study_folder
+    written = tree(here)
+    assert all(name.startswith("runs/tiny/") for name in written)
+    assert {f"runs/tiny/{name}" for name in (*ARTEFACTS.values(), "summary.json", "run.log")} <= written.keys()
+    for name in ("plan", "records", "frf", "fit", "validation"):
+        assert cli.run_command(["inspect", f"runs/tiny/{name}.h5"]) == 0
+        assert f"{name}, written by elastid" in capsys.readouterr().out
+
+
+# --- wrong input ----------------------------------------------------------------------------------------------------
+
+RATE, N, PERIODS = 500, 500, 4
+
+
+def bench(noise: float = 1e-7) -> dict[str, np.ndarray[Any, Any]]:
+    """Logs of one elastic joint, motor and load angle under a periodic torque, four periods of a second."""
+    random = np.random.default_rng(3)
+    lines = np.arange(5, 100)
+    U = np.zeros(N // 2 + 1, dtype=complex)
+    U[lines] = np.exp(2j * np.pi * random.random(lines.size))
+    s = 2j * np.pi * lines
+    k, J, load = 60 + 0.01 * s, 1e-3 * s**2 + 1e-3 * s, 1e-3 * s**2
+    determinant = (J + k) * (load + k) - k**2
+    motor, arm = U.copy(), U.copy()
+    motor[lines] *= (load + k) / determinant
+    arm[lines] *= k / determinant
+    logs = {name: np.tile(np.fft.irfft(X, N), PERIODS) for name, X in (("u", U), ("motor", motor), ("arm", arm))}
+    return {
+        name: signal + noise * np.ptp(signal) * random.standard_normal(signal.size) for name, signal in logs.items()
+    }
+
+
+def recorded(tiny: Path, logs: dict[str, np.ndarray[Any, Any]], period: str = "1 s", motor: str = "motor") -> Path:
+    """The study with these logs in the place of the simulation."""
+    table = np.stack(list(logs.values()), axis=1)
+    np.savetxt(tiny.parent / "log.csv", table, delimiter=",", header=",".join(logs), comments="", fmt="%.12g")
+    text = tiny.read_text()
+    tiny.write_text(
+        text[: text.index("excitation:")]
+        + f"""\
+experiment:
+  configurations: {{a: [0]}}
+  recorded:
+    rate_hz: {RATE}
+    period: {period}
+    channels:
+      - {{role: u, at: motor 1, channel: u}}
+      - {{role: y, at: motor 1, channel: {motor}, quantity: position}}
+      - {{role: y, at: body load z, channel: arm, quantity: position}}
+    files:
+      - {{path: log.csv, configuration: a}}
+"""
+        + text[text.index("fit:") :]
+    )
+    return tiny
+
+
+def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options: str) -> str:
+    """The one message with which `run` ends; nothing half-written is left."""
+    capsys.readouterr()
+    assert cli.run_command(["run", str(study), "--jobs", "1", "-q", *options]) == code
+    err = capsys.readouterr().err
+    last = [line for line in err.splitlines() if not line.startswith("warning: ")]
+    assert len(last) == 1, err
+    assert "Traceback" not in err
+    assert not list(Path().rglob(".*"))
+    return last[0]
+
+
+def test_a_good_log_is_identified(tiny: Path, here: Path) -> None:
+    """The bench of the following tests, unspoilt: the stiffness to 1 %."""
+    assert cli.run_command(["run", str(recorded(tiny, bench())), "-q"]) == 0
+    assert read_fit(here / "runs/tiny/fit.h5").values["k_1"] == pytest.approx(60, rel=0.01)
+
+
+def test_a_channel_that_is_not_in_the_file(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Names file and channel, and the channels that are."""
+    message = refused(recorded(tiny, bench(), motor="mottor"), 1, capsys)
+    assert all(part in message for part in ("log.csv", "mottor", "motor", "arm"))
+    assert sorted(p.name for p in (here / "runs" / "tiny").iterdir()) in (["run.log"], ["records.partial", "run.log"])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "period", "parts"),
+    [
+        (lambda logs: {n: x[:700] for n, x in logs.items()}, "1 s", ("log.csv", "1.4", "two")),
+        (lambda logs: logs, "0.9 s", ("log.csv", "period")),
+        (lambda logs: logs | {"arm": np.where(np.arange(4 * N) == 777, np.nan, logs["arm"])}, "1 s", ("arm", "777")),
+        (lambda logs: logs | {"motor": np.full(4 * N, 0.25)}, "1 s", ("log.csv", "motor", "constant")),
+    ],
+    ids=["short", "period", "nan", "constant"],
+)
+def test_data_that_cannot_be_used(
+    tiny: Path, here: Path, capsys: pytest.CaptureFixture[str], spoil: Any, period: str, parts: tuple[str, ...]
+) -> None:
+    """Exit code 1 and what, where."""
+    message = refused(recorded(tiny, spoil(bench()), period), 1, capsys)
+    assert all(part in message for part in parts), message
+
+
+def test_a_channel_of_opposite_sign_is_warned_of(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No passive mechanism moves against its own torque at its own motor."""
+    logs = bench()
+    cli.run_command(["run", str(recorded(tiny, logs | {"motor": -logs["motor"], "arm": -logs["arm"]})), "-q"])
+    err = capsys.readouterr().err
+    assert "Traceback" not in err
+    assert any(line.startswith("warning: ") and "sign" in line and "motor 1" in line for line in err.splitlines()), err
+
+
+@pytest.mark.parametrize(
+    ("override", "part"),
+    [
+        ("fit.strats=1", "did you mean 'starts'?"),
+        ("excitation.torque_rms=1 kg", "measures kg, not N*m"),
+        ("robot=nope.yml", "no such file"),
+        ("robot.bodies.0.inertia=[1,1,9]", "no body has the principal inertias"),
+        ("robot.bodies.0.joints.0.motor.ratio=0", "the gear ratio is 0"),
+        ("fit.parameters.k_1.bounds=[1,2]", "outside its bounds"),
+        ("experiment.configurations.a=[100 deg]", "outside its limits"),
+    ],
+)
+def test_a_wrong_study_ends_before_anything_is_written(
+    tiny: Path, here: Path, capsys: pytest.CaptureFixture[str], override: str, part: str
+) -> None:
+    """Exit code 2, no run folder."""
+    message = refused(tiny, 2, capsys, "--set", override)
+    assert part in message
+    assert tree(here) == {}
+
+
+def test_a_parameter_without_effect_is_named(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 1; the summary says why."""
+    assert "m_load" in refused(tiny, 1, capsys, "--set", "fit.parameters.m_load.start=1")
+    assert json.loads((here / "runs/tiny/summary.json").read_text())["status"] == "failed"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["fly"], ["run"], ["run", "x.yml", "--jobs", "0"], ["check", "nope.yml"], ["new", "d", "--template", "x"]],
+)
+def test_usage_errors_end_with_code_2(arguments: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """And a word on stderr."""
+    assert cli.run_command(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err
+    assert "Traceback" not in err
+
+
+def test_a_folder_that_cannot_be_written_is_named(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Here a file stands in its place."""
+    (here / "runs").write_text("a file")
+    assert cli.run_command(["run", str(tiny)]) == 1
+    assert "runs" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_one_sentence(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing half-written stays."""
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device", "runs/tiny/frf.h5")
+
+    monkeypatch.setattr(stages, "write_responses", full)
+    assert "runs/tiny/frf.h5: No space left on device" in refused(tiny, 1, capsys)
+
+
+# --- Ctrl-C and kill -9 -----------------------------------------------------------------------------------------------
+
+# The run receives the signal where a stage is about to write its result, or in the middle of measuring.
+DRIVER = """
+import os, sys
+from elastid import stages
+from elastid.cli import run_command
+
+def stop(*_, **__):
+    os.kill(os.getpid(), int(sys.argv[2]))
+
+stage = sys.argv[1]
+if stage == "measure":
+    inner = stages._measure
+    def measure(rig, folder, stamp, experiment):
+        inner(rig, folder, stamp, experiment)
+        stop()
+    stages._measure = measure
+else:
+    name = dict(design="write_plan", estimate="write_responses", fit="write_fit", validate="write_validation")
+    if stage == "report":
+        import elastid.report.page as page
+        page.html = stop
+    elif stage != "none":
+        setattr(stages, name[stage], stop)
+sys.exit(run_command(["run", sys.argv[3], "--run", sys.argv[4], "--jobs", "1"]))
+"""
+
+
+def driven(stage: str, number: int, study: Path, folder: str = "runs/tiny") -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", DRIVER, stage, str(number), str(study), folder]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill -9"])
+def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
+    tiny: Path, here: Path, number: signal.Signals
+) -> None:
+    """Each time what was finished is kept, and the next run goes on; the results are the same to the bit."""
+    code = 130 if number == signal.SIGINT else -9
+    for i, stage in enumerate(STAGES):
+        done = driven(stage, number, tiny)
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        if number == signal.SIGINT:
+            assert "goes on from there" in done.stderr
+            assert not list(here.rglob(".*")), "a half-written file"
+        kept = [ARTEFACTS[before] for before in STAGES[:i]]
+        assert all(f"{name} is kept" in done.stdout for name in kept[:-1])
+        assert all((here / "runs/tiny" / name).is_file() for name in kept)
+        assert not (here / "runs/tiny" / ARTEFACTS[stage]).exists()
+    assert driven("none", 0, tiny).returncode == 0
+    stopped = tree(here / "runs/tiny")
+    assert driven("none", 0, tiny, "whole").returncode == 0
+    whole = tree(here / "whole")
+    assert stopped.keys() == whole.keys()
+    assert [name for name in whole if whole[name] != stopped[name]] == ["run.log"]
+
+
+def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
+    """As CasADi's wrappers do; it does not wait for the work to end by itself."""
+
+    def swallowing() -> None:
+        with insisting() as pressed:
+            with contextlib.suppress(KeyboardInterrupt):
+                signal.raise_signal(signal.SIGINT)
+            assert pressed.is_set()
+            for _ in range(1000):
+                time.sleep(0.02)
+
+    with pytest.raises(KeyboardInterrupt):
+        swallowing()
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
+    tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """CasADi makes a RuntimeError of it, or returns None where an array was expected."""
+
+    def disguised(_: Run) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt:
+            raise RuntimeError("Error calling CallbackInternal::finalize") from None
+
+    monkeypatch.setattr(stages, "run_all", disguised)
+    assert cli.run_command(["run", str(tiny)]) == 130
+    assert capsys.readouterr().err.startswith("interrupted; what was finished is kept, and `elastid run ")
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")
+def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
+    """kill -9 of the parent leaves no process behind that waits for work for ever."""
+    code = "from elastid.parallel import ordered; import time; ordered(time.sleep, [60.0, 60.0], 2)"
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        assert _wait_until(lambda: len(_descendants(parent.pid)) >= 3)
+        workers = _descendants(parent.pid)
+    finally:
+        parent.kill()
+        parent.wait()
+    assert _wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in workers))
+
+
+def _wait_until(happened: Any, timeout_s: float = 20.0) -> bool:
+    end = time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        if happened():
+            return True
+        time.sleep(0.05)
+    return False
+
+
+def _descendants(pid: int) -> list[int]:
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = status.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid:
+            child = int(status.parent.name)
+            found += [child, *_descendants(child)]
+    return found
+
+
+def test_the_demo_is_the_packaged_study(here: Path) -> None:
+    """Its study is in the package and is right."""
+    assert cli.run_command(["check", str(scaffold.demo(here / "demo"))]) == 0
+
+
+def test_processes_default_to_all_cores(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """That this process may use."""
+    run_all = create_autospec(stages.run_all)
+    monkeypatch.setattr(stages, "run_all", run_all)
+    cli.run_command(["run", str(tiny)])
+    (run,), _ = run_all.call_args
+    assert run.jobs == (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())

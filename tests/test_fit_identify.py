@@ -1,0 +1,264 @@
+"""From frequency responses of a robot in several configurations to its elastic parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.errors import DataError, FitError, StudyError
+from elastid.fit.choose import choose
+from elastid.fit.identify import Assembly, identify, predict
+from elastid.fit.result import FitResult
+from elastid.fit.solvers import solve
+from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.transfer import to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+FREQ = np.linspace(2, 60, 60)
+CONFIGURATIONS = ((0.0, 0.0), (0.6, -0.7), (-0.4, 0.9))
+
+
+def arm(k_1=3e5, k_2=1.8e5, gravity=9.81) -> Robot:
+    """Two driven elastic joints, each with a further elastic rotation."""
+    upper = Body(
+        "upper",
+        joints=(
+            Joint("1", "y", Spring(k_1, 500), Motor(2.5e-3, 120, 1.5e-3)),
+            Joint("1x", "x", Spring(4e5, 300)),
+        ),
+        mass=60,
+        center_of_mass=(0.05, 0, 0.4),
+        inertia=(6.0, 6.2, 0.8),
+    )
+    fore = Body(
+        "fore",
+        "upper",
+        Placement((0, 0, 0.85)),
+        (Joint("2", "y", Spring(k_2, 250), Motor(1.6e-3, 110, 1.2e-3)), Joint("2z", "z", Spring(1e5, 100))),
+        mass=75,
+        center_of_mass=(0.45, 0.05, 0.1),
+        inertia=(1.5, 11, 11.0),
+    )
+    return Robot("arm", (upper, fore), gravity=(0.0, 0.0, -gravity))
+
+
+def pendulum(viscous=1e-3) -> Robot:
+    """One driven elastic joint about the vertical, without gravity."""
+    joint = Joint("1", "z", Spring(100.0, 0.05), Motor(1e-3, viscous=viscous), 1e-3)
+    return Robot("pendulum", (Body("load", joints=(joint,), inertia=2e-3),), gravity=(0.0, 0.0, 0.0))
+
+
+def measure(
+    robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None, dof=6.0
+) -> list[FrequencyResponse]:
+    """Responses with 2 % noise whose variance was estimated from `dof` degrees of freedom, or exact ones."""
+    model = serial(robot)
+    responses = []
+    for i, angles in enumerate(configurations):
+        configuration = Configuration(f"c{i + 1}", angles)
+        linear = Linearisation.of(model).at(
+            configuration, model.theta, outputs or robot.motor_locations, "acceleration"
+        )
+        exact = to_response(linear, np.append(model.theta, delay), FREQ)
+        std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
+        if rng is None:
+            responses.append(replace(exact, noise=Covariance(std**2, np.inf)))
+            continue
+        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        variance = std**2 * rng.chisquare(2 * dof, std.shape) / (2 * dof)
+        responses.append(replace(exact, G=exact.G + noise, total=Covariance(variance, dof)))
+    return responses
+
+
+def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:
+    """The robot with every stiffness, damping and friction off by a factor of up to `by`."""
+    rng = np.random.default_rng(seed)
+    numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm")}
+    return robot.with_parameters({n: v * float(by ** rng.uniform(-1, 1)) for n, v in numbers.items()})
+
+
+def deviations(result: FitResult, robot: Robot) -> np.ndarray:
+    """Distances of the free parameters from those of a robot, in claimed standard deviations."""
+    truth = np.array([p.to_x(robot.parameters()[p.name][0]) for p in result.parameters.free])
+    return np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance))
+
+
+@pytest.fixture(scope="module")
+def noisy() -> list[FrequencyResponse]:
+    return measure(arm(), rng=np.random.default_rng(2))
+
+
+@pytest.fixture(scope="module")
+def identified(noisy) -> FitResult:
+    return identify(noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6), seed=1)
+
+
+def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
+    """Four springs with their dampers and two motor frictions, three configurations under gravity, 2 % noise."""
+    truth = arm().parameters()
+    assert identified.status == "converged"
+    assert identified.parameters.free_names == (
+        *("k_1", "d_1", "fm_1", "k_1x", "d_1x"),
+        *("k_2", "d_2", "fm_2", "k_2z", "d_2z"),
+    )
+    assert deviations(identified, arm()).max() < 3.5
+    for name in ("k_1", "k_2", "k_1x", "k_2z"):
+        assert identified.values[name] == pytest.approx(truth[name][0], rel=0.03)
+    assert identified.hits >= 2
+    assert f"{identified.hits} of 6 starts" in identified.message
+    assert identified.model_error < 1.05
+
+
+def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified):
+    """Two processes give the starts, estimate and intervals of one."""
+    seen: list[tuple[int, int]] = []
+    again = identify(
+        noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6), seed=1, jobs=2, progress=lambda *at: seen.append(at)
+    )
+    np.testing.assert_allclose(again.x, identified.x, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(again.covariance, identified.covariance, rtol=1e-6)
+    np.testing.assert_array_equal([s.x_start for s in again.starts], [s.x_start for s in identified.starts])
+    assert seen[-1] == (6, 6)
+
+
+def test_predict_gives_the_fitted_response_where_each_was_measured(noisy, identified):
+    """Within the noise of the measurement: V of the prediction is the V of the fit."""
+    spec = FitSpec()
+    fitted = predict(identified, arm(), noisy)
+    weights = Assembly.of(noisy, arm(), spec, identified.parameters).weights
+    V = sum(2 * np.sum(np.abs((m.G - p.G) / w.sigma) ** 2) for m, p, w in zip(noisy, fitted, weights, strict=True))
+    assert pytest.approx(identified.cost, rel=1e-6) == V
+    assert [p.configuration.name for p in fitted] == ["c1", "c2", "c3"]
+
+
+def test_the_operating_point_follows_the_stiffness():
+    """A soft arm sags: linearised at a start 30 % off the stiffness comes out wrong, settled it is exact."""
+    soft = arm(1e4, 4e3)
+    start = soft.with_parameters({"k_1": 1e4 * 1.3, "k_2": 4e3 * 0.77})
+    spec = FitSpec(parameters={"k_1": ParameterSpec(), "k_2": ParameterSpec()}, starts=1)
+    responses = measure(soft)
+    parameters = choose(spec, start)
+    frozen = solve(Assembly.of(responses, start, spec, parameters).at(parameters.x, "complex").problem, parameters.x)
+    assert np.abs(np.exp(frozen.x) / [1e4, 4e3] - 1).max() > 1e-3
+    settled = identify(responses, start, spec)
+    np.testing.assert_allclose([settled.values["k_1"], settled.values["k_2"]], [1e4, 4e3], rtol=1e-5)
+    assert settled.status == "converged"
+
+
+def test_inertia_friction_and_delay_of_a_bench_are_recovered():
+    """Two inertias, a shaft, the friction of both and the delay, from motor and load motion; a tie keeps its ratio."""
+    robot = pendulum()
+    (response,) = measure(robot, [(0.0,)], np.random.default_rng(5), 2e-4, ("motor 1", "joint 1"))
+    free = {name: ParameterSpec() for name in ("Jm_1", "I_load", "k_1", "d_1", "fm_1", "delay")}
+    spec = FitSpec(parameters=free | {"f_1": ParameterSpec(tie=TieSpec("fm_1"))}, starts=8)
+    result = identify([response], started_elsewhere(robot, 2.0), spec, seed=3)
+    low, high = result.interval("delay")
+    assert low < 2e-4 < high
+    assert high - low < 1e-4
+    assert result.values["f_1"] == result.values["fm_1"]
+    names = ("Jm_1", "I_load", "k_1")
+    np.testing.assert_allclose([result.values[n] for n in names], [1e-3, 2e-3, 100], rtol=0.02)
+
+
+def test_a_parameter_without_effect_is_refused_by_name():
+    """The inertia about an axis about which nothing turns reaches no response; no solver is started."""
+    body = pendulum().bodies[0]
+    robot = replace(pendulum(), bodies=(replace(body, inertia=(2e-3, 2e-3, 2e-3)),))
+    spec = FitSpec(parameters={"k_1": ParameterSpec(), "I_load_xx": ParameterSpec()})
+    responses = measure(robot, [(0.0,)])
+    with pytest.raises(FitError, match=r"^I_load_xx: without effect on any of the 1 frequency responses"):
+        identify(responses, robot, spec)
+
+
+def test_what_only_a_sum_determines_is_ill_conditioned():
+    """Friction of a motor and of the joint that it drives rigidly: only their sum is seen, and the fit says so.
+
+    Both are named, their intervals are infinite; the inertia keeps its own.
+    """
+    joint = Joint("1", motor=Motor(1e-3, viscous=1e-3), viscous=2e-3)
+    rigid = Robot("rigid", (Body("load", joints=(joint,), inertia=2e-3),), gravity=(0.0, 0.0, 0.0))
+    free = {name: ParameterSpec() for name in ("fm_1", "f_1", "I_load")}
+    result = identify(measure(rigid, [(0.0,)]), rigid, FitSpec(parameters=free, starts=2))
+    assert result.status == "ill_conditioned"
+    assert "do not determine a combination of f_1, fm_1;" in result.message
+    assert np.isinf([result.std["f_1"], result.std["fm_1"]]).all()
+    assert result.std["I_load"] < 1e-4
+    assert result.singular_values[-1] < 1e-8 * result.singular_values[0]
+
+
+def test_an_estimate_at_its_bound_says_so():
+    """Bounds that keep the truth out: the fit ends there, and the message names parameter, side and value."""
+    spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 80.0)), "d_1": ParameterSpec()}, starts=3)
+    result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
+    assert result.status == "at_bound"
+    np.testing.assert_array_equal(result.at_bound, [True, False])
+    assert any("k_1 ended at its upper bound of 80 N*m/rad" in warning for warning in result.warnings)
+    assert result.model_error > 1.5
+
+
+def test_a_weakly_determined_parameter_is_reported_with_its_interval():
+    """A damping a thousand times below what the noise lets one see."""
+    robot = pendulum().with_parameters({"d_1": 1e-6})
+    (response,) = measure(robot, [(0.0,)], np.random.default_rng(1))
+    result = identify([response], robot, FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=2))
+    assert any(warning.startswith("d_1 is weakly determined: ") for warning in result.warnings)
+
+
+def test_a_prior_decides_what_the_data_do_not():
+    """The same damping, known beforehand to 20 %."""
+    robot = pendulum().with_parameters({"d_1": 1e-6})
+    (response,) = measure(robot, [(0.0,)], np.random.default_rng(1))
+    known = ParameterSpec(prior=PriorSpec(1e-6, 0.2))
+    result = identify([response], robot, FitSpec(parameters={"k_1": ParameterSpec(), "d_1": known}, starts=2))
+    assert result.std["d_1"] == pytest.approx(0.2e-6, rel=0.1)
+
+
+def test_masks_that_leave_nothing_or_name_nothing_are_refused():
+    """No line in the band; one line for three parameters; an output that was not measured."""
+    (response,) = measure(pendulum(), [(0.0,)])
+    with pytest.raises(DataError, match="2 real numbers are left to fit 3 parameters"):
+        identify([response], pendulum(), FitSpec(band_hz=(2.5, 3.5)))
+    with pytest.raises(DataError, match="nothing is left to fit"):
+        identify([response], pendulum(), FitSpec(band_hz=(200.0, 300.0)))
+    with pytest.raises(StudyError, match="no output 'joint 1' was measured"):
+        identify([response], pendulum(), FitSpec(mask=(MaskSpec(output="joint 1"),)))
+
+
+def test_what_was_left_out_is_said():
+    """An axis that does not couple: its cross elements are noise, left out, and the fit goes on."""
+    fore = Body(
+        "fore",
+        "upper",
+        joints=(Joint("2", "x", Spring(1e4, 5.0), Motor(1e-3, 100.0, 1e-3)),),
+        inertia=1.0,
+    )
+    upper = Body("upper", joints=(Joint("1", "z", Spring(1e4, 5.0), Motor(1e-3, 100.0, 1e-3)),), inertia=2.0)
+    robot = Robot("uncoupled", (upper, fore), gravity=(0.0, 0.0, 0.0))
+    responses = measure(robot, [(0.0, 0.0)], np.random.default_rng(0))
+    noise = 1e-6 * np.random.default_rng(1).standard_normal(responses[0].G.shape)
+    G, variance = responses[0].G.copy(), responses[0].total.variance.copy()
+    for i, j in ((0, 1), (1, 0)):
+        G[:, i, j], variance[:, i, j] = noise[:, i, j], 1e-12
+    result = identify([replace(responses[0], G=G, total=Covariance(variance, 6.0))], robot, FitSpec(starts=2))
+    assert result.dof == 2 * 2 * len(FREQ) - 6
+    assert "motor 1 from motor 2, motor 2 from motor 1" in result.warnings[0]
+    assert deviations(result, robot).max() < 3.5
+
+
+def test_without_a_measured_variance_the_residuals_set_the_intervals():
+    """0.14 % of noise that nobody measured: intervals near those of the known noise, far below the floor of 1 %."""
+    (response,) = measure(pendulum(), [(0.0,)])
+    rng = np.random.default_rng(4)
+    unit = rng.standard_normal(response.G.shape) + 1j * rng.standard_normal(response.G.shape)
+    bare = replace(response, G=response.G + 1e-3 * np.abs(response.G) * unit, noise=None)
+    spec = FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=2)
+    result = identify([bare], pendulum(), spec)
+    known = replace(bare, noise=Covariance(2e-6 * np.abs(response.G) ** 2, np.inf))
+    reference = identify([known], pendulum(), replace(spec, weights=WeightSpec(floor=0.0)))
+    assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
+    assert deviations(result, pendulum()).max() < 3
+    assert "no variance is known" in result.warnings[0]

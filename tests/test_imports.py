@@ -1,0 +1,55 @@
+"""What a command must not load before it needs it: `--help` and `check` answer at once."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = {"casadi", "scipy", "h5py", "matplotlib", "control", "pandas", "jinja2"}
+SPECS = [
+    "elastid.errors",
+    "elastid.robot",
+    "elastid.parameters",
+    "elastid.record",
+    "elastid.response",
+    "elastid.excitation.spec",
+    "elastid.experiment.spec",
+    "elastid.frf.spec",
+    "elastid.fit.spec",
+    "elastid.model.spec",
+    "elastid.report.spec",
+    "elastid.validation.spec",
+    "elastid.study",
+    "elastid.overview",
+]
+
+
+def loaded_after(code: str) -> set[str]:
+    """The packages in a fresh interpreter once `code` has run."""
+    report = "; import sys; sys.stdout = sys.__stdout__; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_help_loads_neither_numpy_nor_pydantic() -> None:
+    """Nothing but click."""
+    loaded = loaded_after("from elastid.cli import run_command; run_command(['--help'])")
+    assert "click" in loaded
+    assert not loaded & (HEAVY | {"numpy", "pydantic", "ruamel", "rich"})
+
+
+@pytest.mark.parametrize("edit", ["", "seed: -1"])
+def test_check_loads_no_heavy_package(tiny: Path, edit: str) -> None:
+    """Whether the study is right or wrong."""
+    tiny.write_text(tiny.read_text().replace("seed: 1", edit or "seed: 1"))
+    loaded = loaded_after(f"from elastid.cli import run_command; run_command(['check', {str(tiny)!r}])")
+    assert {"numpy", "pydantic"} <= loaded
+    assert not loaded & (HEAVY | {"rich"})
+
+
+def test_specs_and_values_load_no_heavy_package() -> None:
+    """A section of a study is plain data, wherever it lives; value types know neither YAML nor pydantic."""
+    assert not loaded_after("; ".join(f"import {module}" for module in SPECS)) & HEAVY
+    values = "; ".join(f"import {module}" for module in SPECS if module not in ("elastid.study", "elastid.overview"))
+    assert not loaded_after(values) & (HEAVY | {"pydantic", "ruamel", "click"})

@@ -1,0 +1,311 @@
+"""file -> value -> file: what is kept, what is done again, what is left when work is stopped."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastid import provenance, stages
+from elastid.console import Console
+from elastid.errors import FitError, StudyError
+from elastid.experiment.plan import Experiment
+from elastid.experiment.simulated import SimulatedRig
+from elastid.fit.result import FitResult
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+from elastid.run import Run
+from elastid.store import read_fit, read_plan, read_records, read_responses, read_stamp
+from elastid.study import load
+
+ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
+
+
+def run_of(study: Path, folder: Path, *overrides: str, jobs: int = 1) -> Run:
+    return Run(load(study, overrides), folder, jobs, Console(-1))
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
+    """The folder of a study that was run: study.yml, robot.yml, run/."""
+    folder = tmp_path_factory.mktemp("finished")
+    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
+        (folder / name).write_text(text)
+    stages.run_all(run_of(folder / "study.yml", folder / "run"))
+    return folder
+
+
+@pytest.fixture
+def copy(finished: Path, tmp_path: Path) -> Path:
+    """A copy of it to spoil."""
+    return Path(shutil.copytree(finished, tmp_path / "copy"))
+
+
+@pytest.fixture
+def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Stages write down their names instead of working."""
+    done: list[str] = []
+    for name in ALL:
+        monkeypatch.setitem(stages.WORK, name, lambda run, name=name: done.append(name))
+    return done
+
+
+def edit(path: Path, old: str, new: str) -> None:
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "expected"),
+    [
+        ([], []),
+        (["report.formats=[pdf]"], ["report"]),
+        (["validation.left_out=[b]"], ["fit", "validate", "report"]),
+        (["fit.starts=3"], ["fit", "validate", "report"]),
+        (["estimator.outlier_sigma=7"], ["estimate", "fit", "validate", "report"]),
+        (["experiment.simulated.noise.angle_std=1e-5"], ALL),
+        (["seed=2"], ALL),
+        (["robot.bodies.0.mass=1"], ALL),
+    ],
+)
+def test_only_what_hangs_on_a_change_is_done_again(
+    finished: Path, worked_on: list[str], overrides: list[str], expected: list[str]
+) -> None:
+    """A key of the study reaches the stages that read it, and those after them."""
+    stages.run_all(run_of(finished / "study.yml", finished / "run", *overrides))
+    assert worked_on == expected
+
+
+def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, worked_on: list[str]) -> None:
+    """Content counts, not dates; a comment reaches the report alone, which shows the study's text."""
+    study = copy / "study.yml"
+    study.touch()
+    stages.run_all(run_of(study, copy / "run"))
+    assert worked_on == []
+    study.write_text("# a comment\n" + study.read_text())
+    stages.run_all(run_of(study, copy / "run"))
+    assert worked_on == ["report"]
+
+
+def test_the_order_of_configurations_counts(copy: Path, worked_on: list[str]) -> None:
+    """It decides which random phases each gets."""
+    edit(copy / "study.yml", "    a: [0]\n    b: [30 deg]\n", "    b: [30 deg]\n    a: [0]\n")
+    stages.run_all(run_of(copy / "study.yml", copy / "run"))
+    assert worked_on == ALL
+
+
+def test_a_change_of_the_code_does_everything_again(
+    finished: Path, worked_on: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Results of another version are not passed off as this one's."""
+    monkeypatch.setattr(provenance, "code_hash", lambda: "another")
+    stages.run_all(run_of(finished / "study.yml", finished / "run"))
+    assert worked_on == ALL
+
+
+def test_a_lost_or_damaged_result_is_made_again_alone(copy: Path, worked_on: list[str]) -> None:
+    """The rest is kept: the same inputs give the same file."""
+    (copy / "run" / "frf.h5").unlink()
+    records = copy / "run" / "records.h5"
+    records.write_bytes(records.read_bytes()[:5000])
+    (copy / "run" / "summary.json").unlink()
+    stages.run_all(run_of(copy / "study.yml", copy / "run"))
+    assert worked_on == ["measure", "estimate", "fit"]
+
+
+def test_results_do_not_hang_on_the_number_of_processes(tiny: Path, tmp_path: Path) -> None:
+    """Two processes give the same bytes as one, in every file but the log."""
+    trees = []
+    for jobs in ("1", "2"):
+        folder = tmp_path / jobs
+        command = [sys.executable, "-m", "elastid", "run", str(tiny), "--run", str(folder), "--jobs", jobs, "-q"]
+        subprocess.run(command, check=True, capture_output=True)
+        trees.append({p.relative_to(folder): p.read_bytes() for p in folder.rglob("*") if p.is_file()})
+    one, two = trees
+    assert one.keys() == two.keys()
+    assert [str(path) for path in one if one[path] != two[path]] == ["run.log"]
+
+
+def test_every_result_says_where_it_came_from(finished: Path) -> None:
+    """Study with robot, seed, version and hashes, in every file."""
+    for name in ("plan.h5", "records.h5", "frf.h5", "fit.h5", "validation.h5"):
+        stamp = read_stamp(finished / "run" / name)
+        assert stamp is not None
+        assert "name: tiny" in stamp.study
+        assert "one elastic joint" in stamp.study
+        assert stamp.seed == 1
+        assert len(stamp.inputs) == len(stamp.code) == 64
+
+
+def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:
+    """And names the command; nothing is written."""
+    study = finished / "study.yml"
+    with pytest.raises(StudyError, match=r"frf\.h5 is missing: run `elastid estimate .*study\.yml` first"):
+        stages.only(run_of(study, tmp_path / "new"), "fit")
+    assert not (tmp_path / "new").exists()
+    with pytest.raises(StudyError, match=r"frf\.h5 was made from another study"):
+        stages.only(run_of(study, finished / "run", "seed=5"), "fit")
+    (copy / "run" / "frf.h5").write_text("no")
+    with pytest.raises(StudyError, match=r"frf\.h5 cannot be read"):
+        stages.only(run_of(copy / "study.yml", copy / "run"), "fit")
+
+
+def test_a_stage_alone_is_always_done(finished: Path, worked_on: list[str]) -> None:
+    """Whoever asks for a stage by name wants it done."""
+    stages.only(run_of(finished / "study.yml", finished / "run"), "estimate")
+    assert worked_on == ["estimate"]
+
+
+class Interrupting(SimulatedRig):
+    """A rig whose user loses patience."""
+
+    def measure(self, experiment: Experiment) -> Record:
+        if experiment.name == "b-r0-e0":
+            raise KeyboardInterrupt
+        return super().measure(experiment)
+
+
+def test_a_stopped_measurement_goes_on_where_it_was(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finished experiments are kept and not simulated again; the end is the same to the bit."""
+    run = run_of(finished / "study.yml", tmp_path / "run")
+    stages.only(run, "design")
+    with monkeypatch.context() as patch:
+        patch.setattr(stages, "SimulatedRig", Interrupting)
+        with pytest.raises(KeyboardInterrupt):
+            stages.only(run, "measure")
+    assert sorted(p.name for p in (run.folder / stages.PARTIAL).iterdir()) == ["a-r0-e0.h5", "a-r1-e0.h5"]
+    assert not run.path("measure").exists()
+    measured = []
+    inner = SimulatedRig.measure
+    monkeypatch.setattr(SimulatedRig, "measure", lambda rig, e: (measured.append(e.name), inner(rig, e))[1])
+    stages.only(run, "measure")
+    assert measured == ["b-r0-e0", "b-r1-e0"]
+    assert run.path("measure").read_bytes() == (finished / "run" / "records.h5").read_bytes()
+    assert not (run.folder / stages.PARTIAL).exists()
+
+
+def test_leftovers_of_another_study_are_measured_again(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A finished experiment counts only for the study that asked for it."""
+    run = run_of(finished / "study.yml", tmp_path / "run")
+    stages.only(run, "design")
+    with monkeypatch.context() as patch:
+        patch.setattr(stages, "SimulatedRig", Interrupting)
+        with pytest.raises(KeyboardInterrupt):
+            stages.only(run, "measure")
+    other = run_of(finished / "study.yml", tmp_path / "run", "experiment.simulated.truth.k_1=70")
+    stages.only(other, "design")
+    stages.only(other, "measure")
+    before, after = (next(read_records(folder / "records.h5")).y for folder in (finished / "run", tmp_path / "run"))
+    assert np.abs(after - before).max() > 0.01 * np.abs(before).max()
+
+
+def test_the_summary_keeps_its_form(finished: Path) -> None:
+    """Schema 1, as programs read it; the truth stands beside each estimate."""
+    summary = json.loads((finished / "run" / "summary.json").read_text())
+    assert list(summary) == [
+        *("schema", "study", "status", "message", "cost", "cost_expected", "dof", "starts", "hits"),
+        *("parameters", "correlations_above_0.9", "modes", "frf_error", "warnings"),
+    ]
+    assert summary["schema"] == 1
+    assert summary["status"] == "converged"
+    k_1 = summary["parameters"]["k_1"]
+    assert list(k_1) == ["value", "std", "interval95", "unit", "at_bound", "start", "truth"]
+    assert k_1["truth"] == 60.0
+    assert k_1["value"] == pytest.approx(60.0, rel=0.01)
+    assert list(summary["modes"][0]) == ["configuration", "frequency_hz", "damping_ratio"]
+    # f = sqrt(k (1/J + 1/I)) / 2 pi
+    assert summary["modes"][0]["frequency_hz"][0] == pytest.approx(np.sqrt(60 * 2e3) / (2 * np.pi), rel=0.01)
+    assert list(summary["frf_error"][0]) == ["configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma"]
+
+
+def test_references_are_the_planned_torques(finished: Path) -> None:
+    """One period of each experiment, for a robot controller."""
+    plan = read_plan(finished / "run" / "plan.h5")
+    for experiment in plan.experiments:
+        with (finished / "run" / "references" / f"{experiment.name}.csv").open() as file:
+            head, *rows = csv.reader(file)
+        table = np.array(rows, dtype=float)
+        assert head == ["time_s", "motor 1 (N*m, link side)"]
+        np.testing.assert_allclose(table[:, 0], np.arange(500) / 500)
+        np.testing.assert_allclose(table[:, 1:], plan.torque(experiment), rtol=1e-7, atol=1e-9)
+
+
+def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fit sees the others alone; validation and summary speak of all."""
+    seen: list[str] = []
+    inner = stages.identify
+
+    def spy(responses: list[FrequencyResponse], *arguments: Any, **options: Any) -> FitResult:
+        seen.extend(response.configuration.name for response in responses)
+        return inner(responses, *arguments, **options)
+
+    monkeypatch.setattr(stages, "identify", spy)
+    run = run_of(copy / "study.yml", copy / "run", "validation.left_out=[b]")
+    stages.only(run, "fit")
+    stages.only(run, "validate")
+    assert seen == ["a"]
+    summary = json.loads((copy / "run" / "summary.json").read_text())
+    assert [error["configuration"] for error in summary["frf_error"]] == ["a", "b"]
+
+
+def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
+    """A mass without gravity moves nothing: FitError names it, and no fit of before is passed off as this one."""
+    run = run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1")
+    with pytest.raises(FitError, match="m_load"):
+        stages.run_all(run)
+    summary = json.loads((copy / "run" / "summary.json").read_text())
+    assert summary["status"] == "failed"
+    assert "m_load" in summary["message"]
+    assert not run.is_current("fit")
+
+
+@pytest.fixture
+def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A solver that gives up."""
+    inner = stages.identify
+
+    def give_up(*arguments: Any, **options: Any) -> FitResult:
+        return replace(inner(*arguments, **options), status="not_converged")
+
+    monkeypatch.setattr(stages, "identify", give_up)
+
+
+@pytest.mark.usefixtures("never_converging")
+def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
+    """The report shows where it stands, the command fails, and fails again when nothing is left to do."""
+    run = run_of(copy / "study.yml", copy / "run", "fit.starts=1")
+    for _ in range(2):
+        with pytest.raises(FitError, match="the fit cannot be trusted"):
+            stages.run_all(run)
+        assert run.is_current("report")
+        assert read_fit(run.path("fit")).status == "not_converged"
+    assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
+
+
+def test_the_log_tells_the_whole_story(copy: Path) -> None:
+    """Appended to, with warnings and with the reason for a stop."""
+    log = copy / "run" / "run.log"
+    before = log.read_text()
+    with pytest.raises(FitError):
+        stages.run_all(run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1"))
+    after = log.read_text()
+    assert after.startswith(before)
+    assert "design: 4 experiments" in before
+    assert "m_load" in after[len(before) :]
+
+
+def test_responses_are_on_the_planned_lines(finished: Path) -> None:
+    """The plan tells the estimator which lines were excited."""
+    plan = read_plan(finished / "run" / "plan.h5")
+    for response in read_responses(finished / "run" / "frf.h5"):
+        np.testing.assert_allclose(response.freq_hz, plan.freq_hz)
