@@ -16,6 +16,7 @@ default. Frictions are fitted but not compared: what Coulomb friction adds to th
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import os
 from dataclasses import dataclass, replace
@@ -233,9 +234,19 @@ def main(quick: bool, jobs: int) -> list[Outcome]:
     return [study(three_axes(4), 4, 24, 7, 6, jobs), study(six_axes(6), 6, 12, 5, 4, jobs)]
 
 
+def in_numbers(outcome: Outcome) -> dict[str, object]:
+    """For programs."""
+    return {
+        "reached_over_stated": dict(zip(outcome.names, outcome.ratio.round(3).tolist(), strict=True)),
+        "gain": round(outcome.gain, 3),
+        "repetitions": outcome.repetitions,
+    }
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="one configuration of the three-axis arm")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
-    main(arguments.quick, arguments.jobs)
+    found = main(arguments.quick, arguments.jobs)
+    print(json.dumps({str(len(one.names)) + " parameters": in_numbers(one) for one in found}))
