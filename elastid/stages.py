@@ -82,7 +82,7 @@ def only(run: Run, stage: str) -> None:
 
 
 def design(run: Run) -> None:
-    """plan.h5 and references/*.csv, one period of each experiment's torques for a robot controller."""
+    """plan.h5 with its forecast, and references/*.csv, one period of each experiment's torques for a controller."""
     study = run.study
     assert study.excitation is not None  # the study's checks ask for it
     with run.console.progress("design") as progress:
