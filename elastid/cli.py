@@ -168,7 +168,7 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
 @_study
 @_stage_options
 def design(study: Path, **options: Any) -> None:
-    """Design the excitation: plan.h5 and references/*.csv."""
+    """Choose configurations, plan the excitation and tell what it will show: plan.h5 and references/*.csv."""
     _only("design", study, options)
 
 

@@ -53,7 +53,15 @@ def _experiments(study: Study) -> Iterator[str]:
         files = len(experiment.responses.files)
         yield f"{files} frequency responses from elsewhere of {len(experiment.configurations)} configurations ({names})"
         return
-    n_u, Q, M = len(study.robot.driven), len(experiment.configurations), experiment.realisations
+    n_u, M = len(study.robot.driven), experiment.realisations
+    Q = len(experiment.configurations)
+    if study.design is not None:
+        if study.design.robot_time is not None:
+            given = f"{Q} configurations ({names}) and " if Q else ""
+            yield f"{study.design.robot_time:g} s of the robot's time: {given}as many as the design fits in"
+            return
+        chosen = study.design.count or 0
+        Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
     yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
     if excitation is not None:
         yield from _run(experiment, excitation, Q * M * n_u)

@@ -7,14 +7,16 @@ import json
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from elastid import __version__
 from elastid.store import Stamp
 from elastid.study import LoadedStudy, Study
+from elastid.study.design_checks import responses_file
 
 # The sections of a study that each stage reads; what an earlier stage has read comes with its result.
 _SECTIONS = {
-    "design": ("seed", "robot", "excitation", "experiment"),
+    "design": ("seed", "robot", "excitation", "experiment", "design", "model"),
     "measure": ("seed", "robot", "excitation", "experiment"),
     "estimate": ("estimator",),
     "fit": ("name", "seed", "robot", "model", "fit", "validation"),
@@ -55,7 +57,11 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
         # What the stages that a study lacks would have read is read by its first one.
         names = dict.fromkeys((*(_SECTIONS["measure"] if stage == first else ()), *_SECTIONS[stage]))
         document: list[object] = [stage, [sections[name] for name in names]]
-        document += [inputs[name] for name in upstream(study, stage)]
+        # A plan without choice holds nothing that its own sections do not tell; its forecast is no matter to the rig.
+        before = () if stage == "measure" and study.design is None else upstream(study, stage)
+        document += [inputs[name] for name in before]
+        if stage == "design":
+            document.append(_foretold_with(loaded, sections))
         if stage == first:
             document.append([[path, file_hash(loaded.base / path)] for path in data_files(study)])
         if stage == "report":
@@ -71,6 +77,18 @@ def data_files(study: Study) -> tuple[str, ...]:
     files = [path for file in (recorded.files if recorded else ()) for path in (file.path, *file.also)]
     files += [file.path for file in (responses.files if responses else ())]
     return tuple(dict.fromkeys(files))
+
+
+def _foretold_with(loaded: LoadedStudy, sections: dict[str, Any]) -> list[object]:
+    """What choice and forecast hang on beside the plan's sections: what the fit will do, what was measured."""
+    design, fit = loaded.study.design, sections["fit"]
+    told: list[object] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
+    told += [sections["estimator"]["quantity"], sections["validation"]["left_out"]]
+    if design is not None:
+        files = [responses_file(loaded.base, path) for path in (*design.measured, design.noise.frf) if path]
+        files += [file.with_name("fit.h5") for file in files if file.with_name("fit.h5").is_file()]
+        told += [[file.name, file_hash(file)] for file in files]
+    return told
 
 
 def file_hash(path: Path) -> str:

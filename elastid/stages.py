@@ -15,8 +15,8 @@ from typing import Any
 
 from elastid.arrays import IntArray
 from elastid.errors import FitError, StudyError
-from elastid.experiment.limits import within_limits
-from elastid.experiment.plan import Experiment, make_plan
+from elastid.experiment.designing import designed
+from elastid.experiment.plan import Experiment
 from elastid.experiment.recorded import RecordedRig
 from elastid.experiment.references import references
 from elastid.experiment.rig import Rig
@@ -28,6 +28,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.imported import imported_responses
 from elastid.outcome import failure, modes_of, summary, truth
 from elastid.parallel import unordered
+from elastid.planning import brief_of
 from elastid.record import Record
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
@@ -36,6 +37,7 @@ from elastid.store import (
     Stamp,
     read_configurations,
     read_fit,
+    read_forecast,
     read_plan,
     read_records,
     read_responses,
@@ -51,7 +53,7 @@ from elastid.store import (
     write_torque,
     write_validation,
 )
-from elastid.tables import parameter_table
+from elastid.tables import forecast_table, parameter_table
 from elastid.validation.frequency import agreement
 from elastid.validation.frequency import validate as validate_responses
 
@@ -87,18 +89,15 @@ def only(run: Run, stage: str) -> None:
 
 
 def design(run: Run) -> None:
-    """plan.h5 and references/*.csv for a robot controller, rehearsed on the nominal robot against its limits.
+    """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
 
     <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
     """
     study = run.study
-    assert study.excitation is not None  # the study's checks ask for it
-    assert study.experiment.simulated is not None
-    plan = make_plan(study.excitation, study.experiment, study.robot, study.seed)
+    assert study.experiment.simulated is not None  # a recorded experiment has no design
     with run.console.progress("design") as progress:
-        plan, peaks = within_limits(
-            plan, study.excitation, study.experiment, study.robot, study.seed, run.jobs, progress
-        )
+        design = designed(brief_of(run.loaded), run.jobs, progress)
+    plan, forecast, peaks = design.plan, design.forecast, design.peaks
     movements = references(plan, study.experiment.simulated.carrier, study.robot)
     folder = run.folder / "references"
     shutil.rmtree(folder, ignore_errors=True)
@@ -106,13 +105,17 @@ def design(run: Run) -> None:
         write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs)
     for experiment in plan.experiments:
         write_torque(folder / f"{experiment.name}.csv", plan, experiment)
-    write_plan(run.path("design"), plan, run.stamps["design"], movements, peaks)
+    write_plan(run.path("design"), plan, run.stamps["design"], movements, peaks, forecast)
     _pass_on(run, peaks.notes)
     run.console.say(f"design: {peaks.closest}")
     run.console.say(
         f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, {len(plan.lines)} "
         f"lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of the robot's time"
     )
+    if forecast.choice:
+        run.console.say(f"design: {forecast.choice}")
+    run.console.table(forecast_table(forecast))
+    _pass_on(run, forecast.notes)
 
 
 def measure(run: Run) -> None:
@@ -217,6 +220,8 @@ def report(run: Run) -> None:
         },
         truth=truth(study),
         plan=read_plan(run.path("design")) if study.experiment.simulated is not None else None,
+        forecast=read_forecast(run.path("design")) if study.experiment.simulated is not None else None,
+        robot=study.robot,
     )
     shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)

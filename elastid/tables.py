@@ -1,10 +1,11 @@
-"""The parameter table at the end of a run."""
+"""The tables of the terminal: what a plan is expected to tell, and what a run has found."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 
+from elastid.experiment.forecast import Forecast
 from elastid.report.numbers import digits, number
 from elastid.report.parameter_rows import ParameterRow
 
@@ -15,6 +16,29 @@ def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
     headings = ["parameter", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval"]
     headings += ["off / std"] if simulated else []
     return [headings, *(_line(row, simulated) for row in rows)]
+
+
+def forecast_table(forecast: Forecast) -> list[list[str]]:
+    """Headings, then a line for each parameter: how well it will be known, from where, and with what confused."""
+    rows = [["parameter", "unit", "nominal", "expected std", "most of it from", "most correlated with"]]
+    by_configuration = forecast.share.sum(axis=1)
+    for i, name in enumerate(forecast.parameters):
+        relative, std = float(forecast.relative[i]), float(forecast.std[i])
+        seen = math.isfinite(std)
+        known = f"{number(100 * relative, 2)} %" if math.isfinite(relative) else number(std, 2)
+        best = int(by_configuration[:, i].argmax())
+        other, correlation = forecast.strongest(name)
+        rows.append(
+            [
+                name,
+                forecast.units[i],
+                number(float(forecast.nominal[i])),
+                known if seen else "not seen",
+                f"{forecast.configurations[best]} {100 * by_configuration[best, i]:.0f} %" if seen else "–",
+                f"{other} {correlation:+.2f}" if other else "–",
+            ]
+        )
+    return rows
 
 
 def _line(row: ParameterRow, simulated: bool) -> list[str]:

@@ -66,7 +66,7 @@ def edit(path: Path, old: str, new: str) -> None:
     [
         ([], []),
         (["report.formats=[pdf]"], ["report"]),
-        (["validation.left_out=[b]"], ["fit", "validate", "report"]),
+        (["validation.left_out=[b]"], ["design", "fit", "validate", "report"]),  # the plan's forecast, no measurement
         (["fit.starts=3"], ["fit", "validate", "report"]),
         (["estimator.outlier_sigma=7"], ["estimate", "fit", "validate", "report"]),
         (["experiment.simulated.noise.angle_std=1e-5"], ALL),

@@ -56,6 +56,20 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
     return Movement(s * p, ds * p + s * dp, dds * p + 2 * ds * dp + s * ddp, s[:, 0])
 
 
+def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
+    """Velocity (period_samples, n_u) of the movement while the periods repeat, rad/s."""
+    velocity: FloatArray = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
+    return velocity
+
+
+def reach(carrier: CarrierSpec, period_s: float, run_s: float) -> float:
+    """How far, at most, the movement of runs of run_s takes a joint to either side, in rad."""
+    if carrier.amplitude is not None:
+        return carrier.amplitude
+    v = float(np.max(np.abs(carrier.velocities(1 if carrier.velocity is None else np.size(carrier.velocity)))))
+    return v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+
+
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
     """The carrier must not fall among the analysed lines, nor leave the joints' limits, the ramps included.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -33,14 +34,22 @@ class Experiment:
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """A configuration that a design has chosen, and in how many realisations it is measured."""
+
+    configuration: Configuration
+    realisations: int
+
+
+@dataclass(frozen=True)
 class Plan:
     """What to run, sampled at rate_hz with period_samples per period.
 
     lines (F,): excited DFT lines, frequency = line * rate_hz / period_samples.
-    R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t).
-    periods are measured after transient_periods that are run but not used.  detection (F_d,): lines of the band that
-    were left free for the distortion to show.  A run holds still for hold_samples, begins within ramp_samples, repeats
-    its periods, ends within ramp_samples and holds still again.
+    R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t); zero where a
+    configuration has fewer realisations than M.  periods are measured after transient_periods that are run but not
+    used.  detection (F_d,): lines of the band that were left free for the distortion to show.  A run holds still for
+    hold_samples, begins within ramp_samples, repeats its periods, ends within ramp_samples and holds still again.
     """
 
     configurations: tuple[Configuration, ...]
@@ -72,8 +81,14 @@ class Plan:
     @property
     def experiments(self) -> tuple[Experiment, ...]:
         """All runs, configuration by configuration."""
-        _, M, E, _, _ = self.R.shape
-        return tuple(Experiment(c, m, e) for c in self.configurations for m in range(M) for e in range(E))
+        E = self.R.shape[2]
+        each = zip(self.configurations, self.realisations, strict=True)
+        return tuple(Experiment(c, m, e) for c, M in each for m in range(M) for e in range(E))
+
+    @property
+    def realisations(self) -> tuple[int, ...]:
+        """How many realisations each configuration has."""
+        return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
 
     def torque(self, experiment: Experiment) -> FloatArray:
         """One period of the torque to inject (period_samples, n_u), link-side Nm."""
@@ -114,30 +129,34 @@ def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Co
     return tuple(Configuration(name, np.array(angles)) for name, angles in experiment.configurations.items())
 
 
-def make_plan(excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int) -> Plan:
+def make_plan(
+    excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int, chosen: Sequence[Chosen] = ()
+) -> Plan:
     """The plan of a study: n_u experiments of an orthogonal multisine per realisation and configuration.
 
-    The phases of a set hang on seed, configuration index and realisation alone, so that a further configuration or
-    realisation leaves the others as they were.  Raises StudyError for what the robot cannot do.
+    chosen: configurations that a design has added to those of the study.  The phases of a set hang on seed,
+    configuration index and realisation alone, so that a further configuration or realisation leaves the others as they
+    were.  Raises StudyError for what the robot cannot do.
     """
     # CasADi, which a plan as a value does not need.
     from elastid.experiment.injection import injected
 
-    configurations = checked_configurations(experiment, robot)
-    lines = planned_lines(excitation, seed)
-    R = []
-    for q, configuration in enumerate(configurations):
-        draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(experiment.realisations)]
-        R.append(injected(excitation, experiment, robot, lines.excited, configuration, draws))
+    given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
+    everyone = (*given, *chosen)
+    lines, n_u = planned_lines(excitation, seed), len(robot.driven)
+    R = np.zeros((len(everyone), max(one.realisations for one in everyone), n_u, len(lines.excited), n_u), complex)
+    for q, one in enumerate(everyone):
+        draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(one.realisations)]
+        R[q, : len(draws)] = injected(excitation, experiment, robot, lines.excited, one.configuration, draws)
     return Plan(
-        configurations=configurations,
+        configurations=tuple(one.configuration for one in everyone),
         inputs=robot.motor_locations,
         rate_hz=excitation.rate_hz,
         period_samples=excitation.period_samples,
         periods=experiment.periods,
         transient_periods=experiment.transient_periods,
         lines=lines.excited,
-        R=np.array(R),
+        R=R,
         detection=lines.detection,
         ramp_samples=round(experiment.ramp * excitation.rate_hz),
         hold_samples=round(experiment.hold * excitation.rate_hz),

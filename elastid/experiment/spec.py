@@ -306,12 +306,14 @@ class ResponsesSpec:
 class ExperimentSpec:
     """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
 
+    Further configurations are chosen where the study has a section `design`.
+
     realisations: independent draws of the random phases.  periods: measured after transient_periods that are left out.
     ramp: time in which torque and movement grow at the start and fade at the end.  hold: rest before and after that.
     Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
     """
 
-    configurations: dict[str, tuple[Angle, ...]]
+    configurations: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
     realisations: int = 2
     periods: int = 2
     transient_periods: int = 1
@@ -325,8 +327,6 @@ class ExperimentSpec:
         """Exactly one kind; counts that give a variance."""
         if sum(kind is not None for kind in (self.simulated, self.recorded, self.responses)) != 1:
             raise ValueError("give exactly one of simulated, recorded and responses")
-        if not self.configurations:
-            raise ValueError("configurations is empty; name at least one")
         for name, number, least in (
             ("realisations", self.realisations, "1"),
             ("periods", self.periods, "2, for the noise level"),

@@ -6,9 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.arrays import FloatArray, frozen
+from elastid.experiment.forecast import Forecast
 from elastid.experiment.plan import Plan
 from elastid.fit.result import FitResult
 from elastid.response import FrequencyResponse
+from elastid.robot import Robot
 from elastid.validation.frequency import Validation
 
 
@@ -37,7 +39,8 @@ class ReportContent:
 
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
-    here.  provenance: name to text (version, seed, ...), shown as it is, so without a date the page is reproducible.
+    here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  provenance: name
+    to text (version, seed, ...), shown as it is, so without a date the page is reproducible.
     """
 
     title: str
@@ -51,6 +54,8 @@ class ReportContent:
     provenance: Mapping[str, str]
     truth: Mapping[str, float] | None = None
     plan: Plan | None = None
+    forecast: Forecast | None = None
+    robot: Robot | None = None
 
     @property
     def all_warnings(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.report.content import ReportContent
+from elastid.report.design_figures import information, postures
 from elastid.report.excitation_figures import excitation
 from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
@@ -59,6 +60,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             "Correlations near 1 or −1 mean that the data tell only a combination of two parameters.",
             identifiability(content.result),
         )
+    yield from _plan(content)
     if content.plan is not None:
         yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
 
@@ -79,6 +81,19 @@ def _quality(name: str, measured: FrequencyResponse, title: str) -> Iterator[Dra
         f"{configuration}: what part of each output no input explains; singular values of responses and inputs.",
         coherence(measured, quality, title),
     )
+
+
+def _plan(content: ReportContent) -> Iterator[Drawing]:
+    """What was expected before the robot moved, and where it stood."""
+    if content.forecast is not None:
+        caption = "Expected information: by configuration and frequency, and by configuration and parameter."
+        yield Drawing("information", "plan", caption, information(content.forecast))
+    if content.robot is not None and content.plan is not None:
+        configurations = content.plan.configurations
+        angles = [", ".join(f"{a:.0f}°" for a in np.degrees(c.angles)) for c in configurations]
+        counts = [f"{angle}; {M} realisations" for angle, M in zip(angles, content.plan.realisations, strict=True)]
+        caption = "The robot in each configuration; driven joints' angles."
+        yield Drawing("configurations", "plan", caption, postures(content.robot, configurations, counts))
 
 
 def _configuration_title(measured: FrequencyResponse, left_out: bool) -> str:

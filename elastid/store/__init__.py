@@ -2,6 +2,7 @@
 
 - files:    written under another name, synced and renamed, so that no half file is ever seen; read-only afterwards
 - design:   reference trajectories, and the peaks of their rehearsal
+- forecasts: what a plan is expected to tell
 - wing:     plan, records, frequency responses
 - results:  fit and validation
 
@@ -11,6 +12,7 @@ The same value gives the same bytes: nothing in a file tells the time.
 from elastid.store.description import described, kind_of
 from elastid.store.design import read_peaks, write_movement, write_torque
 from elastid.store.files import Stamp, read_stamp, remove_leftovers, text_file
+from elastid.store.forecasts import read_forecast
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
 from elastid.store.wing import (
     read_configurations,
@@ -28,6 +30,7 @@ __all__ = [
     "kind_of",
     "read_configurations",
     "read_fit",
+    "read_forecast",
     "read_peaks",
     "read_plan",
     "read_records",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from elastid.experiment.forecast import Forecast
 from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
 from elastid.experiment.references import Reference
@@ -15,6 +16,7 @@ from elastid.record import MOTION_UNIT, Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 from elastid.store.design import write_peaks, write_references
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.store.forecasts import GROUP, write_forecast
 from elastid.store.quality import read_quality, write_quality
 
 _PLAN_ATTRIBUTES = ("rate_hz", "period_samples", "periods", "transient_periods", "ramp_samples", "hold_samples")
@@ -26,8 +28,9 @@ def write_plan(
     stamp: Stamp = NO_STAMP,
     references: tuple[Reference, ...] = (),
     peaks: Peaks | None = None,
+    forecast: Forecast | None = None,
 ) -> None:
-    """plan.h5: R (configuration, realisation, experiment, line, input), reference trajectories and rehearsed peaks."""
+    """plan.h5: R (configuration, realisation, experiment, line, input), references, peaks, forecast."""
     with created(path, "plan", stamp) as file:
         _, M, E, _, _ = plan.R.shape
         angles = np.stack([c.angles for c in plan.configurations])
@@ -49,6 +52,8 @@ def write_plan(
         write_references(file, references, axes[4])
         if peaks is not None:
             write_peaks(file, peaks, configuration, axes[4])
+        if forecast is not None:
+            write_forecast(file.create_group(GROUP), forecast)
 
 
 def read_plan(path: Path) -> Plan:

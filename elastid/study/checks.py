@@ -13,6 +13,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose
 from elastid.record import MOTION_UNIT
+from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
 from elastid.study.types_of_keys import did_you_mean
@@ -26,6 +27,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     yield from _excitation(study)
     yield from _configurations(study)
+    yield from check_design(study, base)
     yield from _references(study)
     if study.experiment.recorded is not None:
         yield from _files(study.experiment.recorded, study, base)
@@ -120,8 +122,9 @@ def _references(study: Study) -> Iterator[Problem]:
     for i, name in enumerate(left_out):
         if name not in configurations:
             yield _unknown(("validation", "left_out", i), "configuration", name, configurations)
-    if configurations and set(left_out) >= set(configurations):
+    if configurations and study.design is None and set(left_out) >= set(configurations):
         yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")
+    masked = configurations + chosen_names(study)
     inputs, outputs = _inputs(study), _outputs(study)
     for i, output in enumerate(outputs):
         if study.experiment.simulated is not None:
@@ -129,8 +132,8 @@ def _references(study: Study) -> Iterator[Problem]:
     for i, mask in enumerate(study.fit.mask):
         path: KeyPath = ("fit", "mask", i)
         for j, name in enumerate(mask.configurations):
-            if name not in configurations:
-                yield _unknown((*path, "configurations", j), "configuration", name, configurations)
+            if name not in masked:
+                yield _unknown((*path, "configurations", j), "configuration", name, masked)
         if mask.output and outputs and mask.output not in outputs:
             yield _unknown((*path, "output"), "output", mask.output, outputs)
         if mask.input and mask.input not in inputs:

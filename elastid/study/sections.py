@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.design_spec import DesignSpec
 from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
@@ -18,14 +19,15 @@ class Study:
     """One identification, from the excitation to the report.
 
     name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself.
-    excitation: needed where the rig is simulated.  seed: of everything that is drawn; the same seed gives the same
-    results, bit for bit, whatever the number of processes.
+    excitation: needed where the rig is simulated.  design: chooses further configurations.  seed: of everything that
+    is drawn; the same seed gives the same results, bit for bit, whatever the number of processes.
     """
 
     name: str
     robot: Robot
     experiment: ExperimentSpec
     excitation: MultisineSpec | None = None
+    design: DesignSpec | None = None
     seed: int = 0
     estimator: EstimatorSpec = EstimatorSpec()
     model: ModelSpec = ModelSpec()

@@ -1,0 +1,227 @@
+r"""The frequency response that a plan will measure, with its covariance, before anything has been measured.
+
+.. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
+          C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R
+
+R (n_u, E): the torques injected in the E experiments of a realisation, F = k_p + j omega k_d the joint controller, G_q
+from torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
+line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that the log does not
+know, C_s: what Coulomb friction scatters (`friction_level`), the same in all periods; rho: further nonlinear
+distortion. (identification.md 2.1; the estimator's own covariance is `frf.uncertainty`.)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.excitation.grids import line_frequencies
+from elastid.experiment.friction_level import friction_level
+from elastid.experiment.spec import ControllerSpec, NoiseSpec
+from elastid.fit.elastic import ElasticFit, elastic_fit, matched
+from elastid.fit.spec import FitSpec
+from elastid.fit.weights import Weights, weigh
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.transfer import frequency_response
+from elastid.model.serial import serial
+from elastid.parameters import ParameterSet
+from elastid.record import MOTION_ORDER, Configuration, Motion
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Robot
+from elastid.simulation.controller import tuned
+
+
+@dataclass(frozen=True)
+class Level:
+    """What disturbs one realisation.
+
+    noise: of the sensors, Nm and rad.  distortion: standard deviation of G relative to |G|.  In place of the noise,
+    where given: absolute, a standard deviation of G in its unit, or variance (F, n_y, n_u) of G.
+    """
+
+    noise: NoiseSpec = field(default_factory=NoiseSpec)
+    distortion: float = 0.0
+    absolute: float | None = None
+    variance: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """All that the information of a configuration hangs on, but for the configuration; it pickles.
+
+    R (M, E, F, n_u): torques to be injected, in realisations that stand for all, on lines (F,) of period_samples.
+    outputs and quantity: what is estimated.
+    """
+
+    robot: Robot
+    parameters: ParameterSet
+    fit: FitSpec
+    outputs: tuple[str, ...]
+    quantity: Motion
+    controller: ControllerSpec
+    carrier_velocity: FloatArray
+    level: Level
+    lines: IntArray
+    R: ComplexArray
+    rate_hz: float
+    period_samples: int
+    periods: int
+    realisations: int
+
+    @property
+    def freq_hz(self) -> FloatArray:
+        """Frequencies (F,)."""
+        return line_frequencies(self.lines, self.rate_hz, self.period_samples)
+
+    def expected(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> Expected:
+        """What a configuration measured in so many realisations tells about a robot with parameters x (n_x,).
+
+        realisations: self.realisations unless given.  StudyError where the configuration has no equilibrium.
+        """
+        theta = self.parameters.expand(x)
+        motors = self.robot.motor_locations
+        both = _linearisation(self.robot).at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
+        n_u = len(motors)
+        every = frequency_response(both, theta, self.freq_hz)
+        G, model = every[:, n_u:], replace(both, C=both.C[n_u:], outputs=self.outputs)
+        covariance = self._covariance(G, every[:, :n_u], configuration, realisations or self.realisations)
+        response = FrequencyResponse(
+            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
+        )
+        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+
+    def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
+        """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
+        level = self.level
+        distortion = (level.distortion * np.abs(G)) ** 2 / M
+        if level.variance is not None:
+            return Covariance(level.variance / M + distortion, math.inf)
+        if level.absolute is not None:
+            return Covariance(level.absolute**2 / M + distortion, math.inf)
+        U = self._input(configuration, motion)
+        power = np.einsum("mefi,mefj->fij", U, U.conj()) / len(U)
+        left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
+        scatter = self._friction(U, motion)[1]
+        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
+        if level.distortion > 0:
+            return Covariance(noise + distortion, math.inf)
+        return Covariance(noise, math.inf, left, right)
+
+    def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """Nms/rad (n_u,), link side: what Coulomb friction adds to the viscous friction that a fit finds."""
+        theta = self.parameters.expand(x)
+        motors = self.robot.motor_locations
+        model = _linearisation(self.robot).at(configuration, theta[:-1], motors, self.quantity)
+        motion = frequency_response(model, theta, self.freq_hz)
+        return self._friction(self._input(configuration, motion), motion)[0]
+
+    def _input(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
+        """U (M, E, F, n_u): what the controller leaves of the injected torques."""
+        s = 2j * np.pi * self.freq_hz[:, None, None]
+        k_p, k_d = _gains(self.robot, tuple(configuration.angles.tolist()), self.controller)
+        F = k_p[:, None] + k_d[:, None] * s
+        sensitivity = np.linalg.inv(np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity])
+        U: ComplexArray = (sensitivity @ self.R[..., None])[..., 0]
+        return U
+
+    def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
+        coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
+        if not coulomb.any():
+            return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
+        s = 2j * np.pi * self.freq_hz[:, None, None]
+        V = ((motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        return friction_level(
+            V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
+        )
+
+    def _equation_error(self, G: ComplexArray) -> ComplexArray:
+        """C_V (F, n_y, n_y), of the mean over the periods."""
+        noise = self.level.noise
+        hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
+        torque = hold[:, None, None] * (noise.torque_std**2 + noise.disturbance_std**2)
+        omega = 2 * np.pi * self.freq_hz[:, None]
+        angle = omega ** (2 * MOTION_ORDER[self.quantity]) * self._output_variances()
+        per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
+        error: ComplexArray = per_sample * (4 / (self.period_samples * self.periods))
+        return error
+
+    def _output_variances(self) -> FloatArray:
+        """rad^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
+        noise = self.level.noise
+        variances = np.full(len(self.outputs), noise.angle_std**2)
+        for i, place in enumerate(self.outputs):
+            if noise.encoder_counts and place in self.robot.motor_locations:
+                ratio = self.robot.ratio(place.removeprefix("motor "))
+                variances[i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+        return variances
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """The response that will be measured, its model, how the fit will weigh it."""
+
+    response: FrequencyResponse
+    model: LinearModel
+    weights: Weights
+    parameters: ParameterSet
+    fit: FitSpec
+
+    @property
+    def problem(self) -> ElasticFit:
+        """The fit of this response alone."""
+        return expected_fit([self])
+
+    def information(self, x: FloatArray) -> FloatArray:
+        r"""H (n_x, n_x) = 2 Re sum_k J_k^H W_k J_k at x (n_x,), without priors, W as the fit weighs."""
+        fit = self.problem
+        information: FloatArray = fit.evaluate(x).hessian / 2 - np.diag(fit.prior_slopes**2)
+        return information
+
+
+def expected_fit(expected: Sequence[Expected]) -> ElasticFit:
+    """The fit that all expected responses will be put into."""
+    first = expected[0]
+    return elastic_fit(
+        [each.response for each in expected],
+        [each.model for each in expected],
+        [each.weights for each in expected],
+        first.parameters,
+        first.fit.criterion,
+    )
+
+
+def linear_model(robot: Robot, parameters: ParameterSet, response: FrequencyResponse, x: FloatArray) -> LinearModel:
+    """The model of a measured response about parameters x (n_x,), its inputs and outputs in its order."""
+    theta = parameters.expand(x)
+    model = _linearisation(robot).at(response.configuration, theta[:-1], response.outputs, response.quantity)
+    return matched(model, response)
+
+
+@lru_cache(maxsize=4)
+def _linearisation(robot: Robot) -> Linearisation:
+    """Built once in a process."""
+    return Linearisation.of(serial(robot))
+
+
+@lru_cache(maxsize=1024)
+def _gains(robot: Robot, angles: tuple[float, ...], spec: ControllerSpec) -> tuple[FloatArray, FloatArray]:
+    """k_p and k_d (n_u,) of the simulated joint controller in a configuration."""
+    model = _linearisation(robot).model
+    q = np.zeros(model.n_q)
+    for joint, angle in zip(robot.driven, angles, strict=True):
+        q[[model.index(f"joint {joint.name}"), model.index(f"motor {joint.name}")]] = angle
+    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio)
+    return gains.kp, gains.kd
+
+
+def _diagonal(matrices: ComplexArray) -> FloatArray:
+    diagonal: FloatArray = np.einsum("fii->fi", matrices).real
+    return diagonal

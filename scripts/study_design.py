@@ -1,0 +1,255 @@
+"""Planned configurations against random ones of the same robot time, through simulation, estimation and fit.
+
+    python scripts/study_design.py [--quick] [--jobs N]
+
+For the demo's three-axis arm and for a six-axis arm, a plan is designed for a given robot time: configurations, how
+often each, and how many periods. It is measured again and again on the simulated rig, with new phases and new noise
+each time, and fitted from the nominal robot, which is the true one. Told are the standard deviations over the
+repetitions against those that the forecast stated before, and their geometric mean against that of plans of the same
+robot time with random configurations (admissible ones, as many as fit in with the study's own two periods).
+
+Coulomb friction is a twentieth of the demo's and the sensors' noise is raised, so that noise and not the model's error
+(Coulomb friction fitted as viscous) is what spreads the estimates; for the same reason the fit's floor is lower than by
+default. Frictions are fitted but not compared: what Coulomb friction adds to them is the excitation's affair.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.configurations import candidates
+from elastid.experiment.design_spec import CandidateSpec, DesignSpec
+from elastid.experiment.designing import Brief, designed
+from elastid.experiment.plan import Chosen, make_plan
+from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.frf.estimators import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.parallel import ordered
+from elastid.record import Configuration
+from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.study import load
+
+FRICTION = 0.05
+CANDIDATES = CandidateSpec(random=500, floor=0.0, clearance=0.05)
+PERIODS = (2, 4, 8)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one robot, for the parameters (n,) that are compared, relative: stated and reached standard deviations of the
+    planned configurations, reached ones (B, n) of random plans and what the forecasts stated for those.
+    """
+
+    names: tuple[str, ...]
+    stated: FloatArray
+    reached: FloatArray
+    random: FloatArray
+    random_stated: FloatArray
+    repetitions: int
+
+    @property
+    def ratio(self) -> FloatArray:
+        """Reached over stated (n,)."""
+        return self.reached / self.stated
+
+    @property
+    def gain(self) -> float:
+        """How many times smaller the planned geometric mean is than the median of the random plans."""
+        return float(np.median(geometric_mean(self.random)) / geometric_mean(self.reached))
+
+
+def geometric_mean(std: FloatArray) -> FloatArray:
+    """Over the last axis."""
+    mean: FloatArray = np.exp(np.mean(np.log(std), axis=-1))
+    return mean
+
+
+def slippery(robot: Robot) -> Robot:
+    """The robot with a part of its Coulomb friction."""
+
+    def joint(one: Joint) -> Joint:
+        return (
+            one if one.motor is None else replace(one, motor=replace(one.motor, coulomb=FRICTION * one.motor.coulomb))
+        )
+
+    bodies = tuple(replace(body, joints=tuple(joint(one) for one in body.joints)) for body in robot.bodies)
+    return replace(robot, bodies=bodies)
+
+
+def three_axes(count: int) -> Brief:
+    """The demo's arm: 17 unknowns, stiffness and damping of seven springs and the friction of three motors."""
+    template = Path(str(files("elastid"))) / "templates" / "serial" / "study.yml"
+    robot = load(template).study.robot
+    return brief(robot, (160.0, 160.0, 80.0), count)
+
+
+def six_axes(count: int) -> Brief:
+    """An arm with a spherical wrist: six elastic gears, four further elastic joints, 26 unknowns."""
+
+    def axis(name: str, about: Axis, ratio: float, motor: float, k: float, d: float, limit: float) -> Joint:
+        limits = Limits((-math.radians(limit), math.radians(limit)), 3.0, 4000.0)
+        return Joint(name, about, Spring(k, d), Motor(motor, ratio, 1e-3, 0.2), limits=limits)
+
+    def bearing(name: str, about: Axis, k: float, d: float) -> Joint:
+        return Joint(name, about, Spring(k, d))
+
+    turret = (bearing("1y", "y", 1.6e6, 1500), axis("1", "z", 120, 2.4e-3, 3.2e5, 450, 170))
+    upper = (axis("2", "y", 125, 2.8e-3, 3.6e5, 500, 80), bearing("2x", "x", 4.5e5, 500))
+    fore = (axis("3", "y", 110, 1.6e-3, 1.8e5, 220, 80), bearing("3x", "x", 9e4, 80), bearing("3z", "z", 2.2e5, 200))
+    roll = (axis("4", "x", 80, 6e-4, 3.2e4, 30, 170),)
+    pitch = (axis("5", "y", 75, 5e-4, 2.2e4, 20, 110),)
+    hand = (axis("6", "x", 60, 4e-4, 1.2e4, 10, 170),)
+    robot = Robot(
+        "six-axis arm",
+        (
+            Body("turret", "base", Placement((0, 0, 0.4)), turret, 150, (0.1, 0, 0.1), (8, 9, 9)),
+            Body("upper", "turret", Placement((0.2, 0, 0.3)), upper, 60, (0.05, 0, 0.4), (6, 6, 0.8)),
+            Body("fore", "upper", Placement((0, 0, 0.85)), fore, 45, (0.15, 0.03, 0.1), (1, 3, 3)),
+            Body("roll", "fore", Placement((0.4, 0, 0.1)), roll, 20, (0.2, 0, 0), (0.4, 0.7, 0.7)),
+            Body("pitch", "roll", Placement((0.4, 0, 0)), pitch, 8, (0.05, 0, 0), (0.1, 0.15, 0.1)),
+            Body("hand", "pitch", Placement((0.1, 0, 0)), hand, 18, (0.12, 0.06, 0.04), (0.3, 0.4, 0.45)),
+        ),
+    )
+    return brief(robot, (160.0, 160.0, 80.0, 25.0, 20.0, 12.0), count)
+
+
+def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> Brief:
+    """A study in which the design chooses all, in the robot time of `count` configurations of two periods of 2 s."""
+    noise = NoiseSpec(torque_std=6.0, encoder_counts=65536)
+    simulated = SimulatedSpec(carrier=CarrierSpec(math.radians(1)), noise=noise, substeps=2)
+    return Brief(
+        robot=slippery(robot),
+        excitation=MultisineSpec(500.0, 2.0, (2.0, 60.0), torque_rms),
+        experiment=ExperimentSpec(realisations=2, periods=2, simulated=simulated),
+        fit=FitSpec(
+            parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")},
+            starts=1,
+            weights=WeightSpec(floor=0.002),
+        ),
+        quantity="acceleration",
+        seed=1,
+        design=DesignSpec(robot_time=count * 2 * len(robot.driven) * 3 * 2.0, periods=PERIODS, candidates=CANDIDATES),
+    )
+
+
+def fitted(brief: Brief, chosen: tuple[Chosen, ...], seed: int) -> FloatArray:
+    """Measure, estimate, fit: the estimate x (n,)."""
+    plan = make_plan(brief.excitation, brief.experiment, brief.robot, seed, chosen)
+    rig = SimulatedRig(brief.robot, brief.experiment, plan, seed)
+    responses = []
+    for configuration in plan.configurations:
+        runs = [run for run in plan.experiments if run.configuration.name == configuration.name]
+        responses.append(estimate([rig.measure(run) for run in runs], EstimatorSpec(), plan.lines))
+    return identify(responses, brief.robot, brief.fit).x
+
+
+def random_choice(brief: Brief, count: int, seed: int) -> tuple[Chosen, ...]:
+    """Configurations drawn from the candidates that the design chooses from."""
+    assert brief.design is not None
+    there = candidates(brief.design.candidates, brief.robot, brief.seed, math.radians(1)).configurations
+    drawn = np.random.default_rng(seed).choice(len(there), count, replace=False)
+    M = brief.experiment.realisations
+    return tuple(Chosen(Configuration(f"r{i}", there[k].angles), M) for i, k in enumerate(drawn))
+
+
+def stated(brief: Brief, chosen: tuple[Chosen, ...]) -> FloatArray:
+    """What the forecast says of the standard deviations of x (n,)."""
+    assert brief.design is not None
+    only = {one.configuration.name: tuple(one.configuration.angles.tolist()) for one in chosen}
+    told = designed(replace(brief, design=None, experiment=replace(brief.experiment, configurations=only)))
+    return np.sqrt(np.diag(told.forecast.covariance))
+
+
+def study(brief: Brief, count: int, repetitions: int, plans: int, repetitions_random: int, jobs: int) -> Outcome:
+    """Planned against random plans of `count` configurations."""
+    design = designed(brief, jobs)
+    chosen = tuple(Chosen(c, m) for c, m in zip(design.plan.configurations, design.plan.realisations, strict=True))
+    print(f"{brief.robot.name}: {design.plan.robot_time_s:g} s of robot time; {design.forecast.choice}", flush=True)
+    names = design.forecast.parameters
+    compared = [i for i, name in enumerate(names) if not name.startswith("fm_")]
+    planned = replace(brief, experiment=replace(brief.experiment, periods=design.plan.periods))
+    x = np.array(ordered(partial(fitted, planned, chosen), range(100, 100 + repetitions), jobs))
+    random, random_stated = [], []
+    for plan in range(plans):
+        drawn = random_choice(brief, count, plan)
+        each = np.array(ordered(partial(fitted, brief, drawn), range(200, 200 + repetitions_random), jobs))
+        random.append(spread(each)[compared])
+        random_stated.append(stated(brief, drawn)[compared])
+        reached, foretold = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
+        print(f"  random plan {plan + 1} of {plans}: {reached:.3g} % (forecast {foretold:.3g} %)", flush=True)
+    outcome = Outcome(
+        tuple(names[i] for i in compared),
+        np.sqrt(np.diag(design.forecast.covariance))[compared],
+        spread(x)[compared],
+        np.array(random),
+        np.array(random_stated),
+        repetitions,
+    )
+    told(outcome)
+    return outcome
+
+
+def spread(x: FloatArray) -> FloatArray:
+    """Standard deviations (n,) over repetitions (R, n), free of the bias of their logarithm, about 1 / (2 (R - 1))."""
+    std: FloatArray = x.std(axis=0, ddof=1) * math.exp(0.5 / (len(x) - 1))
+    return std
+
+
+def told(outcome: Outcome) -> None:
+    """The numbers."""
+    print("  parameter  stated %  reached %  ratio")
+    for name, a, b in zip(outcome.names, outcome.stated, outcome.reached, strict=True):
+        print(f"  {name:9}  {100 * a:8.3f}  {100 * b:9.3f}  {b / a:5.2f}")
+    chance = 1 / math.sqrt(2 * (outcome.repetitions - 1))
+    print(
+        f"  reached / stated: geometric mean {geometric_mean(outcome.ratio):.2f}, from {outcome.ratio.min():.2f} to "
+        f"{outcome.ratio.max():.2f} (one standard deviation of chance in each: {chance:.2f})"
+    )
+    by_random = geometric_mean(outcome.random)
+    print(
+        f"  geometric mean of std: planned {100 * geometric_mean(outcome.reached):.3g} %, random plans "
+        f"{100 * by_random.min():.3g} to {100 * by_random.max():.3g} %, median {100 * np.median(by_random):.3g} %: "
+        f"planned {outcome.gain:.2f} times smaller (forecast: "
+        f"{np.median(geometric_mean(outcome.random_stated)) / geometric_mean(outcome.stated):.2f})"
+    )
+
+
+def main(quick: bool, jobs: int) -> list[Outcome]:
+    if quick:
+        arm = three_axes(1)
+        assert arm.design is not None
+        few = replace(arm.design, candidates=replace(CANDIDATES, random=40), periods=())
+        return [study(replace(arm, design=few), 1, 3, 1, 3, jobs)]
+    return [study(three_axes(4), 4, 24, 7, 6, jobs), study(six_axes(6), 6, 12, 5, 4, jobs)]
+
+
+def in_numbers(outcome: Outcome) -> dict[str, object]:
+    """For programs."""
+    return {
+        "reached_over_stated": dict(zip(outcome.names, outcome.ratio.round(3).tolist(), strict=True)),
+        "gain": round(outcome.gain, 3),
+        "repetitions": outcome.repetitions,
+    }
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="one configuration of the three-axis arm")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    arguments = parser.parse_args()
+    found = main(arguments.quick, arguments.jobs)
+    print(json.dumps({str(len(one.names)) + " parameters": in_numbers(one) for one in found}))

@@ -1,0 +1,323 @@
+"""From a study to a plan with its forecast: choice, robot time, earlier measurements, what is told and refused."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.cli import run_command
+from elastid.errors import StudyError
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.design_spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
+from elastid.experiment.designing import Brief, designed
+from elastid.experiment.friction_level import friction_level
+from elastid.experiment.plan import Plan, make_plan
+from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.frf.estimators import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.response import FrequencyResponse
+from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.store import read_forecast, read_plan, write_plan
+
+LIMITS = Limits((-2.0, 2.0))
+TWO = Robot(
+    "two axes",
+    (
+        Body(
+            "upper",
+            joints=(Joint("1", "z", Spring(2000, 2), Motor(1e-3, 30, 1e-3), limits=LIMITS),),
+            mass=5.0,
+            center_of_mass=(0.2, 0, 0),
+            inertia=0.1,
+        ),
+        Body(
+            "fore",
+            "upper",
+            Placement((0.4, 0, 0)),
+            (Joint("2", "z", Spring(800, 1), Motor(4e-4, 30, 1e-3), limits=LIMITS),),
+            3.0,
+            (0.2, 0, 0),
+            0.05,
+        ),
+    ),
+    gravity=(0, 0, 0),
+)
+NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-5)
+BRIEF = Brief(
+    robot=TWO,
+    excitation=MultisineSpec(500.0, 1.0, (3.0, 60.0), (5.0, 2.0)),
+    experiment=ExperimentSpec(simulated=SimulatedSpec(noise=NOISE)),
+    fit=FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, starts=1, weights=WeightSpec(floor=1e-3)),
+    quantity="acceleration",
+    seed=1,
+    design=DesignSpec(count=3, candidates=CandidateSpec(random=60)),
+)
+
+
+def _measured(brief: Brief, plan: Plan, seed: int) -> list[FrequencyResponse]:
+    rig = SimulatedRig(brief.robot, brief.experiment, plan, seed)
+    runs = {c.name: [e for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations}
+    return [estimate([rig.measure(run) for run in each], EstimatorSpec(), plan.lines) for each in runs.values()]
+
+
+def _with(**changes: object) -> Brief:
+    assert BRIEF.design is not None
+    return replace(BRIEF, design=replace(BRIEF.design, **changes))  # type: ignore[arg-type]
+
+
+def test_fits_scatter_as_the_forecast_said() -> None:
+    """Thirty times measured, estimated and fitted: 4 parameters within what 30 draws allow, 25 % on average."""
+    brief = replace(BRIEF, design=None, experiment=replace(BRIEF.experiment, configurations={"a": (0.3, 0.8)}))
+    told = designed(brief).forecast
+    x = []
+    for seed in range(30):
+        plan = make_plan(brief.excitation, brief.experiment, brief.robot, seed)
+        x.append(identify(_measured(brief, plan, seed), brief.robot, brief.fit).x)
+    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(told.covariance))
+    assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.25)
+    assert np.all((ratio > 0.6) & (ratio < 1.5))
+
+
+def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -> None:
+    """sign of a Gaussian velocity: d = sqrt(2 / pi) tau / sigma, and the scattered power of van Vleck's arcsine."""
+    rng = np.random.default_rng(0)
+    N, lines = 16384, np.arange(1, 1500)
+    V = np.exp(2j * np.pi * rng.random((20, len(lines), 1))) * math.sqrt(2 / len(lines)) * 0.3
+    d, power = friction_level(V, lines, N, np.array([5.0]), np.zeros(N))
+    assert d[0] == pytest.approx(math.sqrt(2 / math.pi) * 5.0 / 0.3, rel=0.01)
+    # Van Vleck: sign has the autocorrelation 2 / pi asin(rho); less its linear part, the power within the band.
+    band = np.zeros(N // 2 + 1)
+    band[lines] = 1 / len(lines)
+    rho = np.fft.irfft(band) * N / 2
+    scattered = np.fft.rfft(2 / np.pi * (np.arcsin(np.clip(rho, -1, 1)) - rho)).real[lines] * 2 / N
+    assert power.sum() / 2 / 25 == pytest.approx(scattered.sum(), rel=0.02)
+    fast, _ = friction_level(V, lines, N, np.array([5.0]), np.full(N, 3.0))
+    assert abs(fast[0]) < 1e-6 * d[0]
+
+
+def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
+    """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
+    brief = replace(BRIEF, experiment=replace(BRIEF.experiment, configurations={"home": (0.0, 0.5)}))
+    found = designed(brief)
+    names = [c.name for c in found.plan.configurations]
+    assert names[0] == "home"
+    assert names[1:] == [f"c{i + 1}" for i in range(len(names) - 1)]
+    assert sum(found.plan.realisations) == 2 * (1 + 3)
+    assert found.plan.robot_time_s == 8 * 2 * 3 * 1.0
+    assert "chosen among" in found.forecast.choice
+
+    def level(angles: np.ndarray) -> float:
+        given = {"home": (0.0, 0.5), **{f"r{i}": (float(a), float(b)) for i, (a, b) in enumerate(angles)}}
+        plain = replace(brief, design=None, experiment=replace(brief.experiment, configurations=given))
+        return float(np.linalg.slogdet(designed(plain).forecast.covariance)[1])
+
+    draw = np.random.default_rng(0)
+    planned = float(np.linalg.slogdet(found.forecast.covariance)[1])
+    assert planned < min(level(draw.uniform(-1.9, 1.9, (3, 2))) for _ in range(5))
+
+
+def test_given_candidates_keep_their_names_and_may_be_chosen_twice() -> None:
+    """Two candidates, two experiments; a configuration chosen twice has twice the realisations."""
+    given = {"near": (0.0, 1.9), "far": (0.0, 0.2)}
+    found = designed(_with(count=2, candidates=CandidateSpec(given=given)))
+    assert {c.name for c in found.plan.configurations} <= set(given)
+    assert sum(found.plan.realisations) == 4
+    assert len(found.plan.experiments) == 4 * 2
+
+
+def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
+    """Without friction and with one candidate the transient is best spread over many periods."""
+    one = CandidateSpec(given={"a": (0.1, 0.9)})
+    found = designed(_with(count=None, robot_time=40.0, periods=(2, 4, 9), candidates=one))
+    assert found.plan.periods == 9
+    assert found.plan.robot_time_s == 40.0
+    with pytest.raises(StudyError, match=r"leave no room for a configuration.*one takes 12 s.*give at least 12 s"):
+        designed(_with(count=None, robot_time=10.0))
+
+
+def test_what_was_measured_before_counts() -> None:
+    """After fifty measurements one more hardly matters, whichever it is; without any the choice is worth something."""
+    first = designed(_with(count=1))
+    measured = 50 * tuple(_measured(BRIEF, first.plan, 3))
+    seeing = designed(replace(_with(count=1), measured=measured))
+    gains = [float(d.forecast.choice.split(" times smaller")[0].split()[-1]) for d in (first, seeing)]
+    assert gains[0] > 1.15
+    assert 1.0 <= gains[1] < 1.02
+
+
+def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one() -> None:
+    """Averaged over guesses, and judged by the worst."""
+    one, again, worst = (
+        designed(_with(robust=GuessSpec(4, 2.0, over))).plan.configurations for over in ("mean", "mean", "worst")
+    )
+    for a, b in zip(one, again, strict=True):
+        np.testing.assert_array_equal(a.angles, b.angles)
+    assert len(worst) >= 1
+
+
+def test_noise_levels_may_be_stated_or_taken_from_an_earlier_measurement() -> None:
+    """Twice the absolute level, twice the standard deviations; the level of a measurement gives those of the rig."""
+    home = replace(BRIEF.experiment, configurations={"home": (0.0, 0.9)})
+    brief = replace(_with(candidates=CandidateSpec(given={"a": (0.1, 0.9)}), count=1), experiment=home)
+    assert brief.design is not None
+
+    def told(**level: object) -> np.ndarray:
+        assert brief.design is not None
+        design = replace(brief.design, noise=LevelSpec(**level))  # type: ignore[arg-type]
+        fit = replace(brief.fit, weights=WeightSpec(floor=0.0))
+        return designed(replace(brief, design=design, fit=fit)).forecast.std
+
+    np.testing.assert_allclose(told(absolute=2e-3), 2 * told(absolute=1e-3), rtol=0.2)
+    assert np.all(told(distortion=0.05) > told())
+    plan = designed(replace(brief, design=None)).plan
+    like = designed(replace(brief, like=tuple(_measured(brief, plan, 5)))).forecast.std
+    np.testing.assert_allclose(like, designed(brief).forecast.std, rtol=0.4)
+
+
+def test_shares_of_information_add_up_and_the_file_keeps_the_forecast(tmp_path: Path) -> None:
+    """To one for each parameter; plan.h5 gives back what was written."""
+    found = designed(BRIEF)
+    np.testing.assert_allclose(found.forecast.share.sum(axis=(0, 1)), 1.0)
+    assert found.forecast.share.shape == (len(found.plan.configurations), len(found.plan.lines), 4)
+    write_plan(tmp_path / "plan.h5", found.plan, forecast=found.forecast)
+    back = read_forecast(tmp_path / "plan.h5")
+    assert back is not None
+    for name in ("parameters", "units", "log", "configurations", "notes", "choice"):
+        assert getattr(back, name) == getattr(found.forecast, name)
+    for name in ("nominal", "covariance", "freq_hz", "share", "blind"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(found.forecast, name))
+    assert read_plan(tmp_path / "plan.h5").realisations == found.plan.realisations
+    write_plan(tmp_path / "bare.h5", found.plan)
+    assert read_forecast(tmp_path / "bare.h5") is None
+
+
+def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
+    """Without gravity m c^2 + I of the fore arm is all that counts in one configuration: two of its numbers are one."""
+    fit = FitSpec(parameters={"k_2": ParameterSpec(), "I_upper": ParameterSpec(), "m_upper": ParameterSpec()})
+    brief = replace(BRIEF, design=None, fit=fit, experiment=replace(BRIEF.experiment, configurations={"a": (0.0, 0.5)}))
+    told = designed(brief).forecast
+    seen = dict(zip(told.parameters, np.isfinite(told.std), strict=True))
+    assert seen == {"k_2": True, "I_upper": False, "m_upper": False}
+    # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
+    direction = dict(zip(told.parameters, told.blind[0], strict=True))
+    assert direction["I_upper"] / direction["m_upper"] == pytest.approx(-2.0, rel=1e-3)
+    assert "cannot see the combination +0.89 I_upper -0.45 m_upper" in told.notes[0]
+    alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
+    note = designed(replace(brief, fit=alone)).forecast.notes[0]
+    assert "cannot see c_upper_z: fix it" in note
+
+
+UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()})
+
+
+@pytest.mark.parametrize(
+    ("brief", "message"),
+    [
+        (_with(count=90), "90 configurations are asked for, 5. candidates are admissible.*lower count to 5"),
+        (replace(BRIEF, excitation=replace(BRIEF.excitation, band_hz=(3.0, 6.0))), "2 lines from 3 to 5 Hz for 4 unk"),
+        (_with(parameters=("k_9",)), "the fit does not identify 'k_9'; .*there are k_1"),
+        (_with(parameters=("c_*",)), "the fit does not identify"),
+        (replace(_with(parameters=("c_*",)), fit=UNSEEN), "no candidate tells anything about c_fore_z"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_designed_is_refused_with_what_would_fit(brief: Brief, message: str) -> None:
+    """One message each."""
+    with pytest.raises(StudyError, match=message):
+        designed(brief)
+
+
+DESIGN = "design:\n  count: 2\n  candidates: {random: 30}\n"
+
+
+@pytest.fixture
+def study(tiny: Path) -> Callable[[str], Path]:
+    """The tiny study with a section in place of its configurations."""
+
+    def edited(section: str) -> Path:
+        text = tiny.read_text().replace("  configurations:\n    a: [0]\n    b: [30 deg]\n", "")
+        tiny.write_text(text + section)
+        return tiny
+
+    return edited
+
+
+def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[str], Path], tmp_path: Path) -> None:
+    """Plan, records, fit and page; another fit leaves them measured."""
+    path, run = study(DESIGN), tmp_path / "run"
+    assert run_command(["run", str(path), "--run", str(run), "-q", "--jobs", "1"]) == 0
+    plan, told = read_plan(run / "plan.h5"), read_forecast(run / "plan.h5")
+    assert sum(plan.realisations) == 4
+    assert told is not None
+    assert told.parameters == ("k_1", "d_1")
+    assert json.loads((run / "summary.json").read_text())["status"] == "converged"
+    page = (run / "report.html").read_text()
+    assert "chosen among" in page
+    assert (run / "figures" / "configurations.png").is_file()
+    assert (run / "figures" / "information.png").is_file()
+    # The next design adds to this run.
+    more = path.with_name("more.yml")
+    more.write_text(path.read_text() + f"  measured: [{run.as_posix()}]\n  noise: {{frf: {run.as_posix()}}}\n")
+    assert run_command(["design", str(more), "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
+
+
+def test_another_fit_tells_another_forecast_and_measures_nothing_anew(tiny: Path, tmp_path: Path) -> None:
+    """Where the configurations are given, the plan does not hang on the fit."""
+    run = str(tmp_path / "run")
+    assert run_command(["run", str(tiny), "--run", run, "-q", "--jobs", "1"]) == 0
+    before = (tmp_path / "run" / "records.h5").stat().st_mtime_ns
+    again = ["run", str(tiny), "--run", run, "-q", "--jobs", "1", "--set", "fit.parameters={k_1: {}}"]
+    assert run_command(again) == 0
+    assert (tmp_path / "run" / "records.h5").stat().st_mtime_ns == before
+    told = read_forecast(tmp_path / "run" / "plan.h5")
+    assert told is not None
+    assert told.parameters == ("k_1",)
+
+
+@pytest.mark.parametrize(
+    ("section", "message"),
+    [
+        ("", "experiment.configurations: no configuration is given; name at least one, or add a section `design`"),
+        (
+            "design: {count: 2, parameters: [k1]}\n",
+            "design.parameters[0]: the fit does not identify 'k1'; did you mean",
+        ),
+        ("design: {count: 2, robot_time: 5}\n", "give either count (of configurations) or robot_time"),
+        ("design: {count: 2, candidates: {grid: 3, random: 5}}\n", "give only one of random, grid and given"),
+        ("design: {count: 2, candidates: {grid: [3, 4]}}\n", "design.candidates.grid: 2 numbers for 1 driven joints"),
+        ("design: {count: 2, candidates: {points: {arm: [[0, 0, 0]]}}}\n", "no body is called 'arm'; there are load"),
+        ("design: {count: 2, measured: [gone]}\n", "design.measured[0]: no such measurement"),
+        ("design: {count: 2, criterion: C}\n", "design.criterion: expected one of D, A, E"),
+        ("design: {cuont: 2}\n", "did you mean 'count'?"),
+    ],
+)
+def test_wrong_designs_are_refused_at_their_line(
+    section: str, message: str, study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`elastid check` names file, line and what would fit."""
+    path = study(section)
+    assert run_command(["check", str(path)]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_check_tells_how_many_configurations_will_be_chosen(
+    study: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By number or by robot time."""
+    assert run_command(["check", str(study(DESIGN))]) == 0
+    assert "4 experiments: 2 configurations (2 to be chosen)" in capsys.readouterr().out
+
+
+def test_a_carrier_narrows_the_candidates() -> None:
+    """Its swing stays within the limits."""
+    wide = replace(BRIEF.experiment, simulated=SimulatedSpec(noise=NOISE, carrier=CarrierSpec(1.0)))
+    found = designed(replace(_with(), experiment=wide))
+    assert max(np.abs(c.angles).max() for c in found.plan.configurations) <= 1.0

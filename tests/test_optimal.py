@@ -1,0 +1,137 @@
+"""Optimal design: closed forms, certificates, whole experiments."""
+
+from __future__ import annotations
+
+from itertools import combinations_with_replacement
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.arrays import FloatArray
+from elastid.experiment.optimal import Criterion, Letter, Over, relaxed, whole
+
+LETTERS: tuple[Letter, ...] = ("D", "A", "E")
+
+
+def _random(seed: int, S: int = 1, Q: int = 30, d: int = 4, rank: int = 2) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    J = rng.standard_normal((1, Q, d, rank)) + 0.3 * rng.standard_normal((S, Q, d, rank))
+    H: FloatArray = J @ np.swapaxes(J, -1, -2)
+    return H
+
+
+def _quadratic() -> tuple[FloatArray, FloatArray]:
+    x = np.linspace(-1, 1, 201)
+    f = np.stack([np.ones_like(x), x, x**2], axis=1)
+    return x, (f[:, :, None] * f[:, None, :])[None]
+
+
+@pytest.mark.parametrize(("letter", "ends"), [("D", 1 / 3), ("A", 1 / 4), ("E", 1 / 5)])
+def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_middle(letter: Letter, ends: float) -> None:
+    """1, x, x^2 on [-1, 1]: 1/3, 1/3, 1/3 for D; 1/4, 1/2, 1/4 for A; 1/5, 3/5, 1/5 for E (Pukelsheim, chapter 9)."""
+    x, H = _quadratic()
+    found = relaxed(H, Criterion(letter, np.eye(3)), tolerance=1e-5)
+    assert found.weights[x == -1] == pytest.approx(ends, abs=2e-3)
+    assert found.weights[x == 1] == pytest.approx(ends, abs=2e-3)
+    assert found.weights[np.abs(x) < 0.035].sum() == pytest.approx(1 - 2 * ends, abs=5e-3)
+    assert found.gap < 1e-3
+
+
+def test_d_optimal_sensitivity_of_the_textbook_case_is_the_number_of_parameters() -> None:
+    """Kiefer and Wolfowitz: max Tr(M^-1 H_i) = d = 3 at the optimum, and no less for any other design."""
+    _, H = _quadratic()
+    found = relaxed(H, Criterion("D", np.eye(3)), tolerance=1e-5)
+    M = np.einsum("q,qij->ij", found.weights, H[0])
+    assert np.einsum("ij,qji->q", np.linalg.inv(M), H[0]).max() == pytest.approx(3 * (1 + found.excess), rel=1e-9)
+    assert 0 <= found.excess < 1e-4
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    seed=st.integers(0, 10**6),
+    letter=st.sampled_from(LETTERS),
+    over=st.sampled_from(("mean", "worst")),
+    guesses=st.integers(1, 3),
+    wanted=st.integers(1, 4),
+)
+def test_no_design_exceeds_the_certified_bound(
+    seed: int, letter: Letter, over: Over, guesses: int, wanted: int
+) -> None:
+    """Random shares, sparse and dense, on any criterion, subset and number of guesses."""
+    H = _random(seed, guesses)
+    criterion = Criterion(letter, np.eye(4)[:, :wanted], over)
+    found = relaxed(H, criterion)
+    rng = np.random.default_rng(seed + 1)
+    for concentration in (0.03, 0.1, 1.0):
+        shares = rng.dirichlet(np.full(H.shape[1], concentration), 20)
+        values = [float(criterion.value(np.einsum("q,sqij->sij", one, H) + 1e-12 * np.eye(4))) for one in shares]
+        assert max(values) <= found.bound + 1e-6
+    assert found.value <= found.bound + 1e-12
+    assert found.weights.sum() == pytest.approx(1)
+    assert found.gap < 0.08
+
+
+@pytest.mark.parametrize("rank", [3, 12])
+def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to_97_percent(rank: int) -> None:
+    """7920 candidates, 12 parameters, 15 whole experiments."""
+    H = _random(0, Q=7920, d=12, rank=rank)
+    criterion = Criterion("D", np.eye(12))
+    found = relaxed(H, criterion)
+    assert found.excess <= 1e-3
+    assert np.count_nonzero(found.weights > 1e-6) <= 12 * 13 / 2 + 1
+    numbers = whole(H, found.weights, 15, criterion)
+    assert numbers.sum() == 15
+    assert np.exp(criterion.value(np.einsum("q,sqij->sij", numbers, H) / 15) - found.bound) >= 0.97
+
+
+@pytest.mark.parametrize("letter", LETTERS)
+def test_whole_experiments_come_close_to_the_best_of_all_combinations(letter: Letter) -> None:
+    """Four of nine candidates, by brute force."""
+    criterion = Criterion(letter, np.eye(3))
+    for seed in range(4):
+        H = _random(seed, Q=9, d=3)
+        numbers = whole(H, relaxed(H, criterion).weights, 4, criterion)
+        every = combinations_with_replacement(range(9), 4)
+        best = max(float(criterion.value(H[:, list(four)].sum(axis=1))) for four in every)
+        assert float(criterion.value(np.einsum("q,sqij->sij", numbers, H))) >= best - 1e-6
+
+
+def test_d_optimum_does_not_hang_on_the_units_of_the_parameters() -> None:
+    """Scaling a parameter scales its row and column."""
+    H, scale = _random(3), np.diag([1.0, 1e3, 1e-2, 7.0])
+    criterion = Criterion("D", np.eye(4))
+    one, other = relaxed(H, criterion), relaxed(scale @ H @ scale, criterion)
+    np.testing.assert_allclose(one.weights, other.weights, atol=1e-3)
+
+
+def test_what_is_known_already_is_not_measured_again() -> None:
+    """Two candidates, one for each parameter: knowledge about the first moves all weight to the second."""
+    H = np.array([[[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]])
+    criterion = Criterion("D", np.eye(2))
+    np.testing.assert_allclose(relaxed(H, criterion).weights, [0.5, 0.5], atol=1e-3)
+    known = np.array([[[5.0, 0], [0, 1e-9]]])
+    assert whole(H, relaxed(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
+
+
+def test_a_subset_criterion_serves_the_subset() -> None:
+    """The variance of the wanted parameters is smaller than where all count, that of the others larger."""
+    H = _random(5, Q=60)
+    every, some = Criterion("D", np.eye(4)), Criterion("D", np.eye(4)[:, :1])
+    variances = [
+        np.diag(np.linalg.inv(np.einsum("q,qij->ij", relaxed(H, criterion).weights, H[0])))
+        for criterion in (every, some)
+    ]
+    assert variances[1][0] < 0.95 * variances[0][0]
+    assert np.prod(variances[1][1:]) > np.prod(variances[0][1:])
+
+
+def test_the_worst_guess_fares_better_where_the_worst_counts() -> None:
+    """At the price of the mean."""
+    H = _random(2, S=3, Q=40)
+    H[1] *= np.array([1.0, 1.0, 0.05, 0.05])[:, None] * np.array([1.0, 1.0, 0.05, 0.05])
+    mean, worst = Criterion("D", np.eye(4)), Criterion("D", np.eye(4), "worst")
+    by_mean, by_worst = (np.einsum("q,sqij->sij", relaxed(H, c).weights, H) for c in (mean, worst))
+    assert worst.value(by_worst) >= worst.value(by_mean)
+    assert mean.value(by_worst) <= mean.value(by_mean) + 1e-3
