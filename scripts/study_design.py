@@ -134,7 +134,7 @@ def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> Brief:
     return Brief(
         robot=slippery(robot),
         excitation=MultisineSpec(500.0, 2.0, (2.0, 60.0), torque_rms),
-        experiment=ExperimentSpec(realisations=2, periods=2, simulated=simulated),
+        experiment=ExperimentSpec(realisations=2, periods=2, ramp=0.0, simulated=simulated),
         fit=FitSpec(
             parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")},
             starts=1,

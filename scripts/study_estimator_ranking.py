@@ -106,7 +106,7 @@ def rig_of(case: Case, realisations: int) -> SimulatedRig:
     """Odd multisines from 1 to 40 Hz, periods of 5 s, one of transient and three measured."""
     excitation = MultisineSpec(500.0, 5.0, (1.0, 40.0), (case.torque_rms, 0.5 * case.torque_rms))
     simulated = SimulatedSpec(noise=case.noise, carrier=case.carrier, substeps=8)
-    experiment = ExperimentSpec({"c": tuple(ANGLES)}, realisations, 3, 1, simulated)
+    experiment = ExperimentSpec({"c": tuple(ANGLES)}, realisations, 3, 1, simulated=simulated)
     return SimulatedRig(robot(), experiment, make_plan(excitation, experiment, robot(), 1), 1)
 
 

@@ -55,7 +55,7 @@ NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-5)
 BRIEF = Brief(
     robot=TWO,
     excitation=MultisineSpec(500.0, 1.0, (3.0, 60.0), (5.0, 2.0)),
-    experiment=ExperimentSpec(simulated=SimulatedSpec(noise=NOISE)),
+    experiment=ExperimentSpec(ramp=0.0, simulated=SimulatedSpec(noise=NOISE)),
     fit=FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, starts=1, weights=WeightSpec(floor=1e-3)),
     quantity="acceleration",
     seed=1,
@@ -92,7 +92,7 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     rng = np.random.default_rng(0)
     N, lines = 16384, np.arange(1, 1500)
     V = np.exp(2j * np.pi * rng.random((20, len(lines), 1))) * math.sqrt(2 / len(lines)) * 0.3
-    d, power = friction_level(V, lines, N, np.array([5.0]), np.zeros(N))
+    d, power = friction_level(V, lines, N, np.array([5.0]), np.zeros((N, 1)))
     assert d[0] == pytest.approx(math.sqrt(2 / math.pi) * 5.0 / 0.3, rel=0.01)
     # Van Vleck: sign has the autocorrelation 2 / pi asin(rho); less its linear part, the power within the band.
     band = np.zeros(N // 2 + 1)
@@ -100,7 +100,7 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
     rho = np.fft.irfft(band) * N / 2
     scattered = np.fft.rfft(2 / np.pi * (np.arcsin(np.clip(rho, -1, 1)) - rho)).real[lines] * 2 / N
     assert power.sum() / 2 / 25 == pytest.approx(scattered.sum(), rel=0.02)
-    fast, _ = friction_level(V, lines, N, np.array([5.0]), np.full(N, 3.0))
+    fast, _ = friction_level(V, lines, N, np.array([5.0]), np.full((N, 1), 3.0))
     assert abs(fast[0]) < 1e-6 * d[0]
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import digamma
 
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
@@ -183,7 +184,8 @@ def _swing(brief: Brief) -> float:
     if carrier is None:
         return 0.0
     periods = experiment.transient_periods + experiment.periods
-    return reach(carrier, excitation.period, periods * excitation.period + 2 * experiment.ramp)
+    swing = reach(carrier, excitation.period, periods * excitation.period + 2 * experiment.ramp)
+    return swing / (1 - excitation.margin)  # the plan keeps that margin to the limits
 
 
 def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:
@@ -264,7 +266,9 @@ def _variance_like(
                 f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
                 f"{', '.join(outputs)} with one"
             )
-        log = np.log(np.maximum(known.variance, 1e-300)).reshape(response.n_lines, -1)
+        # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
+        shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0
+        log = np.log(np.maximum(known.variance, 1e-300)).reshape(response.n_lines, -1) + shortfall
         logs.append([np.interp(freq_hz, response.freq_hz, column) for column in log.T])
     variance: FloatArray = np.exp(np.mean(logs, axis=0)).T.reshape(len(freq_hz), len(outputs), len(inputs))
     return variance

@@ -20,8 +20,8 @@ from elastid.experiment.responses.table import ResponseTable
 from elastid.experiment.responses.text import text_table
 from elastid.experiment.responses.uff import SUFFIXES, uff_contents, uff_table
 from elastid.experiment.signals import link_side_factor
-from elastid.experiment.spec import ResponsesSpec, TextFormatSpec
-from elastid.experiment.text_logs import TextLog
+from elastid.experiment.spec import ResponsesSpec
+from elastid.experiment.text_logs import TextLog, guessed
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
@@ -44,7 +44,7 @@ def contents_of(path: Path) -> tuple[str, ...]:
     """A line for each frequency response in a file; none where there is none."""
     if path.suffix.lower() in SUFFIXES:
         return uff_contents(path)
-    with opened_log(path, TextFormatSpec()) as log:
+    with opened_log(path, guessed(path)) as log:
         if isinstance(log, TextLog):
             return ()
         tables = [(name, struct_table(path, log, name)) for name in structs_in(log)]
