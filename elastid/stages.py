@@ -38,8 +38,10 @@ from elastid.store import (
     read_configurations,
     read_fit,
     read_forecast,
+    read_peaks,
     read_plan,
     read_records,
+    read_rehearsal,
     read_responses,
     read_stamp,
     read_validation,
@@ -105,7 +107,7 @@ def design(run: Run) -> None:
         write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs)
     for experiment in plan.experiments:
         write_torque(folder / f"{experiment.name}.csv", plan, experiment)
-    write_plan(run.path("design"), plan, run.stamps["design"], movements, peaks, forecast)
+    write_plan(run.path("design"), plan, run.stamps["design"], movements, peaks, forecast, design.nearest)
     _pass_on(run, peaks.notes)
     run.console.say(f"design: {peaks.closest}")
     run.console.say(
@@ -221,6 +223,8 @@ def report(run: Run) -> None:
         truth=truth(study),
         plan=read_plan(run.path("design")) if study.experiment.simulated is not None else None,
         forecast=read_forecast(run.path("design")) if study.experiment.simulated is not None else None,
+        peaks=read_peaks(run.path("design")) if study.experiment.simulated is not None else None,
+        nearest=read_rehearsal(run.path("design")) if study.experiment.simulated is not None else None,
         robot=study.robot,
     )
     shutil.rmtree(run.folder / "figures", ignore_errors=True)

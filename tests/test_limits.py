@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from elastid.cli import run_command
 from elastid.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.limits import QUANTITIES, Peaks, peaks_of_run, within_limits
+from elastid.experiment.limits import QUANTITIES, Peaks, nearest_run, peaks_of_run, within_limits
 from elastid.experiment.movement import check_movement, movement
 from elastid.experiment.plan import Plan, make_plan
 from elastid.experiment.prior import closed_loop_response
@@ -28,8 +28,9 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.transfer import frequency_response
 from elastid.model.serial import serial
+from elastid.report.limit_figures import peaks_against_limits, time_signals
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.store import read_peaks, read_plan, write_plan
+from elastid.store import read_peaks, read_plan, read_rehearsal, write_plan
 
 LIMITS = Limits(angle=(-1.5, 1.5), velocity=0.8, torque=1500.0, acceleration=40.0)
 EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms="limits")
@@ -288,14 +289,35 @@ def test_references_hold_the_robot_up_and_inject_the_plans_torque_under_a_ramp()
 def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     """plan.h5 holds plan, references and peaks."""
     plan, peaks, _ = designed(CARRIERS[1], grid="odd-random")
-    write_plan(tmp_path / "plan.h5", plan, references=references(plan, CARRIERS[1], arm()), peaks=peaks)
+    run = nearest_run(plan, peaks, experiment(CARRIERS[1]), arm(), 1)
+    path = tmp_path / "plan.h5"
+    write_plan(path, plan, references=references(plan, CARRIERS[1], arm()), peaks=peaks, nearest=run)
     again, found = read_plan(tmp_path / "plan.h5"), read_peaks(tmp_path / "plan.h5")
     for name in ("lines", "detection", "R", "ramp_samples", "hold_samples"):
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     for name in ("peak", "limit", "factor"):
         np.testing.assert_array_equal(getattr(found, name), getattr(peaks, name))
     assert found.closest == peaks.closest
+    assert (found.nearest, read_rehearsal(path).experiment.name) == (peaks.nearest, peaks.nearest)
+    np.testing.assert_array_equal(read_rehearsal(path).signals, run.signals)
     assert len(QUANTITIES) == found.peak.shape[1]
+
+
+def test_the_run_nearest_to_a_limit_is_drawn_between_the_limits() -> None:
+    """Its largest signal is the largest peak of the plan; the panels show it whole, with limits on both sides."""
+    plan, peaks, _ = designed(CARRIERS[0])
+    run = nearest_run(plan, peaks, experiment(CARRIERS[0]), arm(), 1)
+    used = np.abs(run.signals).max(axis=1) / peaks.limit[0, :4]
+    assert used.max() == pytest.approx(peaks.used.max(), rel=1e-9)
+    panels = np.reshape(time_signals(run, peaks, plan).axes, (2, 4))
+    for (i, kind), axes in np.ndenumerate(panels):
+        signal, *limits = axes.get_lines()
+        drawn = np.asarray(signal.get_ydata())
+        assert np.abs(drawn).max() == pytest.approx(used[kind, i] * peaks.limit[0, kind, i])
+        assert [abs(line.get_ydata()[0]) for line in limits] in ([], [peaks.limit[0, kind, i]] * 2)
+        assert bool(limits) == (used[kind, i] > 0.2)
+    texts = [text.get_text() for axes in peaks_against_limits(peaks).axes for text in axes.texts]
+    assert texts == [f"{100 * value:.0f}" for kind in peaks.used[0, :4] for value in kind]
 
 
 def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: Path) -> None:

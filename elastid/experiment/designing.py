@@ -16,9 +16,10 @@ from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import DesignSpec, LevelSpec
 from elastid.experiment.expected import Expected, Level, Prospect, linear_model
 from elastid.experiment.forecast import Forecast, check_lines, forecast
-from elastid.experiment.limits import Peaks, within_limits
+from elastid.experiment.limits import Peaks, nearest_run, within_limits
 from elastid.experiment.movement import one_period, reach
 from elastid.experiment.plan import Chosen, Plan, make_plan
+from elastid.experiment.rehearsal import Rehearsal
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
@@ -109,11 +110,12 @@ class Brief:
 
 @dataclass(frozen=True)
 class Design:
-    """A plan within the robot's limits, the peaks of its rehearsal, and what it will tell."""
+    """A plan within the robot's limits, the peaks of its rehearsal, its run nearest to a limit, what it will tell."""
 
     plan: Plan
     forecast: Forecast
     peaks: Peaks
+    nearest: Rehearsal
 
 
 def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design:
@@ -130,7 +132,8 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
     told = forecast(_expected(brief, plan), brief.parameters.x)
-    return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks)
+    nearest = nearest_run(plan, peaks, experiment, robot, brief.seed)
+    return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
 
 
 def _probe(brief: Brief, experiment: ExperimentSpec, realisations: int = PROBED) -> Plan:

@@ -10,6 +10,7 @@ with its friction and noise, and the configuration scaled again until all peaks 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -21,6 +22,7 @@ from elastid.excitation.crest import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.prior import closed_loop_response
+from elastid.experiment.rehearsal import Rehearsal, derivatives
 from elastid.experiment.simulated import SimulatedRig
 from elastid.experiment.spec import CarrierSpec, ExperimentSpec
 from elastid.parallel import Progress, ordered, silent
@@ -44,7 +46,8 @@ class Peaks:
     """Largest values in the rehearsal, and the limits: peak, limit (Q, 5, n_u) for QUANTITIES, infinite where none.
 
     position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
-    the amplitudes of the study were multiplied.  notes: a word for every configuration that was scaled down.
+    the amplitudes of the study were multiplied.  notes: a word for every configuration that was scaled down.  nearest:
+    the run that came closest to a limit.
     """
 
     configurations: tuple[str, ...]
@@ -54,6 +57,7 @@ class Peaks:
     factor: FloatArray
     margin: float
     notes: tuple[str, ...] = ()
+    nearest: str = ""
 
     def __post_init__(self) -> None:
         """Freeze."""
@@ -106,11 +110,21 @@ def within_limits(
     if is_free:
         for q in range(len(factor)):
             factor[q] = _filling(plan, q, experiment, robot, allowed[q] - base[q])
-    factor, peak = _rehearsed(rig, factor, base, allowed, is_free, jobs, progress)
+    factor, runs = _rehearsed(rig, factor, base, allowed, is_free, jobs, progress)
     scaled = replace(plan, R=plan.R * factor[:, None, None, None, :])
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
-    return scaled, Peaks(names, plan.inputs, peak, limit, factor, excitation.margin, notes)
+    peak, nearest = _largest(plan, runs), _nearest(plan, runs, limit)
+    return scaled, Peaks(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest)
+
+
+def nearest_run(plan: Plan, peaks: Peaks, experiment: ExperimentSpec, robot: Robot, seed: int) -> Rehearsal:
+    """The rehearsal of the run that came closest to a limit, once more, with its signals."""
+    assert experiment.simulated is not None  # a recorded experiment has no design
+    experiment = replace(experiment, simulated=replace(experiment.simulated, truth={}))
+    run = next(run for run in plan.experiments if run.name == peaks.nearest)
+    position, torque = SimulatedRig(robot, experiment, plan, seed).rehearse(run)
+    return Rehearsal(run, plan.rate_hz, plan.first_sample, position, torque)
 
 
 def _limits(robot: Robot, configuration: Configuration, carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
@@ -179,19 +193,20 @@ def _rehearsed(
     is_free: bool,
     jobs: int,
     progress: Progress,
-) -> tuple[FloatArray, FloatArray]:
-    """Factors (Q, n_u) with which every experiment keeps inside `allowed` (Q, 5, n_u), and the peaks there."""
+) -> tuple[FloatArray, dict[str, FloatArray]]:
+    """Factors (Q, n_u) with which every run keeps inside `allowed` (Q, 5, n_u), and each run's peaks (5, n_u) there."""
     plan = rig.plan
-    peak = np.zeros_like(base)
+    runs: dict[str, FloatArray] = {}
     open_ = np.ones(len(factor), dtype=np.bool_)
     for round_ in range(_ROUNDS):
-        peak[open_] = _all_peaks(rig, factor, open_, jobs, progress)[open_]
+        runs |= _all_peaks(rig, factor, open_, jobs, progress)
+        peak = _largest(plan, runs)
         with np.errstate(divide="ignore", invalid="ignore"):
             growth = np.where(peak > base, (allowed - base) / (peak - base), np.inf).min(axis=(1, 2))
         may_grow = is_free and round_ == 0
         open_ = (peak > allowed).any(axis=(1, 2)) | (may_grow & (_SPARE * growth > _TOO_SMALL))
         if not open_.any():
-            return factor, peak
+            return factor, runs
         factor = np.where(open_[:, None], factor * (_SPARE * np.minimum(growth, 10.0))[:, None], factor)
     names = ", ".join(c.name for c, unsettled in zip(plan.configurations, open_, strict=True) if unsettled)
     raise StudyError(
@@ -200,17 +215,29 @@ def _rehearsed(
     )
 
 
-def _all_peaks(rig: SimulatedRig, factor: FloatArray, wanted: BoolArray, jobs: int, progress: Progress) -> FloatArray:
-    """Largest peaks (Q, 5, n_u) of the wanted configurations' experiments."""
+def _all_peaks(
+    rig: SimulatedRig, factor: FloatArray, wanted: BoolArray, jobs: int, progress: Progress
+) -> dict[str, FloatArray]:
+    """Peaks (5, n_u) of every run of the wanted configurations, by its name."""
     plan = replace(rig.plan, R=rig.plan.R * factor[:, None, None, None, :])
-    index = {c.name: q for q, c in enumerate(plan.configurations)}
-    todo = [e for e in plan.experiments if wanted[index[e.configuration.name]]]
+    names = {c.name for c, is_wanted in zip(plan.configurations, wanted, strict=True) if is_wanted}
+    todo = [e for e in plan.experiments if e.configuration.name in names]
     found = ordered(partial(_peaks_of, replace(rig, plan=plan)), todo, jobs, progress)
-    peak = np.zeros((len(plan.configurations), len(QUANTITIES), len(plan.inputs)))
-    for experiment, one in zip(todo, found, strict=True):
-        q = index[experiment.configuration.name]
-        peak[q] = np.maximum(peak[q], one)
-    return peak
+    return {experiment.name: one for experiment, one in zip(todo, found, strict=True)}
+
+
+def _largest(plan: Plan, runs: Mapping[str, FloatArray]) -> FloatArray:
+    """Largest peaks (Q, 5, n_u) of the runs in each configuration."""
+    of = {
+        c.name: [runs[e.name] for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations
+    }
+    return np.array([np.max(of[c.name], axis=0) for c in plan.configurations])
+
+
+def _nearest(plan: Plan, runs: Mapping[str, FloatArray], limit: FloatArray) -> str:
+    """The run that comes closest to a limit (Q, 5, n_u)."""
+    index = {c.name: q for q, c in enumerate(plan.configurations)}
+    return max(plan.experiments, key=lambda e: float((runs[e.name] / limit[index[e.configuration.name]]).max())).name
 
 
 def _peaks_of(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
@@ -235,7 +262,7 @@ def _moving(rig: SimulatedRig, experiment: Experiment) -> FloatArray:
 def peaks_of_run(rig: SimulatedRig, experiment: Experiment, position: FloatArray, torque: FloatArray) -> FloatArray:
     """Peaks (5, n_u) of motor angles and torques (n, n_u) of a whole run."""
     plan = rig.plan
-    velocity, acceleration = _derivatives(position, plan.rate_hz)
+    velocity, acceleration = derivatives(position, plan.rate_hz)
     rows = [torque, position - experiment.configuration.angles, velocity, acceleration]
     largest = [np.abs(row).max(axis=0) for row in rows]
     assert rig.spec.simulated is not None
@@ -247,15 +274,6 @@ def peaks_of_run(rig: SimulatedRig, experiment: Experiment, position: FloatArray
         measured = velocity[end - plan.periods * plan.period_samples : end]
         back = np.maximum(0.0, np.abs(v) - (np.sign(v) * measured).min(axis=0))
     return np.array([*largest, back])
-
-
-def _derivatives(x: FloatArray, rate_hz: float) -> tuple[FloatArray, FloatArray]:
-    """First and second derivative (n, c) of x (n, c), of sixth order; the run begins and ends at rest."""
-    padded = np.pad(x, ((3, 3), (0, 0)), mode="edge")
-    f = [padded[i : i + len(x)] for i in range(7)]
-    first = (45 * (f[4] - f[2]) - 9 * (f[5] - f[1]) + f[6] - f[0]) * (rate_hz / 60)
-    second = (2 * (f[6] + f[0]) - 27 * (f[5] + f[1]) + 270 * (f[4] + f[2]) - 490 * f[3]) * (rate_hz**2 / 180)
-    return first, second
 
 
 def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[str, ...]:

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 from elastid.arrays import FloatArray, frozen
 from elastid.experiment.forecast import Forecast
+from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
+from elastid.experiment.rehearsal import Rehearsal
 from elastid.fit.result import FitResult
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -39,8 +41,9 @@ class ReportContent:
 
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
-    here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  provenance: name
-    to text (version, seed, ...), shown as it is, so without a date the page is reproducible.
+    here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  peaks: of its
+    rehearsal; nearest: the run that came closest to a limit.  provenance: name to text (version, seed, ...), shown as
+    it is, so without a date the page is reproducible.
     """
 
     title: str
@@ -56,6 +59,8 @@ class ReportContent:
     plan: Plan | None = None
     forecast: Forecast | None = None
     robot: Robot | None = None
+    peaks: Peaks | None = None
+    nearest: Rehearsal | None = None
 
     @property
     def all_warnings(self) -> tuple[str, ...]:

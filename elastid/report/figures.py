@@ -15,6 +15,7 @@ from elastid.report.excitation_figures import excitation
 from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import frf_magnitude, frf_phase
+from elastid.report.limit_figures import peaks_against_limits, time_signals
 from elastid.report.parameter_rows import parameter_rows
 from elastid.report.quality_figures import coherence, levels
 from elastid.response import FrequencyResponse
@@ -61,6 +62,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             identifiability(content.result),
         )
     yield from _plan(content)
+    yield from _limits(content)
     if content.plan is not None:
         yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
 
@@ -94,6 +96,20 @@ def _plan(content: ReportContent) -> Iterator[Drawing]:
         counts = [f"{angle}; {M} realisations" for angle, M in zip(angles, content.plan.realisations, strict=True)]
         caption = "The robot in each configuration; driven joints' angles."
         yield Drawing("configurations", "plan", caption, postures(content.robot, configurations, counts))
+
+
+def _limits(content: ReportContent) -> Iterator[Drawing]:
+    """How much of the robot's limits the plan uses."""
+    if content.peaks is None or not np.isfinite(content.peaks.limit).any():
+        return
+    caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
+    yield Drawing("peaks", "plan", caption, peaks_against_limits(content.peaks))
+    if content.nearest is not None:
+        caption = (
+            f"The run that comes closest to a limit, on the nominal robot (dashed: limit; "
+            f"shaded: the {content.peaks.margin:.0%} of it that are kept free; grey: not measured)."
+        )
+        yield Drawing("limits", "plan", caption, time_signals(content.nearest, content.peaks, content.plan))
 
 
 def _configuration_title(measured: FrequencyResponse, left_out: bool) -> str:

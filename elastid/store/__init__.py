@@ -1,7 +1,7 @@
 """The HDF5 layout of every artefact: named axes as dimension scales, units, native complex numbers, provenance.
 
 - files:    written under another name, synced and renamed, so that no half file is ever seen; read-only afterwards
-- design:   reference trajectories, and the peaks of their rehearsal
+- design:   reference trajectories, the peaks of their rehearsal, the run nearest to a limit
 - forecasts: what a plan is expected to tell
 - wing:     plan, records, frequency responses
 - results:  fit and validation
@@ -10,7 +10,7 @@ The same value gives the same bytes: nothing in a file tells the time.
 """
 
 from elastid.store.description import described, kind_of
-from elastid.store.design import read_peaks, write_movement, write_torque
+from elastid.store.design import read_peaks, read_rehearsal, write_movement, write_torque
 from elastid.store.files import Stamp, read_stamp, remove_leftovers, text_file
 from elastid.store.forecasts import read_forecast
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
@@ -34,6 +34,7 @@ __all__ = [
     "read_peaks",
     "read_plan",
     "read_records",
+    "read_rehearsal",
     "read_responses",
     "read_stamp",
     "read_validation",

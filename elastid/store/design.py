@@ -11,7 +11,9 @@ import numpy as np
 from elastid.experiment.limits import QUANTITIES, UNITS, Peaks
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.references import Reference
-from elastid.store.files import key, opened, scale, text_file, texts, variable
+from elastid.experiment.rehearsal import Rehearsal
+from elastid.record import Configuration
+from elastid.store.files import attributes, key, opened, scale, text_file, texts, variable
 
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
 
@@ -59,6 +61,7 @@ def write_peaks(file: Any, peaks: Peaks, configurations: Any, inputs: Any) -> No
     variable(group, "peak", peaks.peak, axes, "largest value of any experiment in the rehearsal")
     variable(group, "limit", peaks.limit, axes, "limit, infinite where there is none")
     variable(group, "factor", peaks.factor, [configurations, inputs], "factor on the amplitudes that the study gives")
+    group.attrs["nearest"] = peaks.nearest
     scale(group, "note", peaks.notes, "note")
 
 
@@ -74,4 +77,33 @@ def read_peaks(path: Path) -> Peaks:
             group["factor"][:],
             float(group.attrs["margin"]),
             texts(group, "note"),
+            str(group.attrs["nearest"]),
+        )
+
+
+def write_rehearsal(file: Any, run: Rehearsal, inputs: Any) -> None:
+    """The run that comes closest to a limit in the open plan.h5."""
+    group = file.create_group("rehearsal")
+    for name in ("realisation", "experiment"):
+        group.attrs[name] = getattr(run.experiment, name)
+    group.attrs["configuration"] = run.experiment.configuration.name
+    group.attrs["rate_hz"], group.attrs["first_sample"] = run.rate_hz, run.first_sample
+    time = scale(group, "time", run.time_s, "time, 0 where the periods begin", "s")
+    variable(group, "position", run.position, [time, inputs], "angle of each motor, link side", "rad")
+    variable(group, "torque", run.torque, [time, inputs], "torque of each motor, link side", "N*m")
+
+
+def read_rehearsal(path: Path) -> Rehearsal:
+    """The run that comes closest to a limit."""
+    with opened(path, "plan") as file:
+        group = file["rehearsal"]
+        known = attributes(group)
+        index = texts(file, "configuration").index(known["configuration"])
+        configuration = Configuration(known["configuration"], file["angles"][index])
+        return Rehearsal(
+            Experiment(configuration, known["realisation"], known["experiment"]),
+            known["rate_hz"],
+            known["first_sample"],
+            group["position"][:],
+            group["torque"][:],
         )

@@ -12,9 +12,10 @@ from elastid.experiment.forecast import Forecast
 from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
 from elastid.experiment.references import Reference
+from elastid.experiment.rehearsal import Rehearsal
 from elastid.record import MOTION_UNIT, Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
-from elastid.store.design import write_peaks, write_references
+from elastid.store.design import write_peaks, write_references, write_rehearsal
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
 from elastid.store.forecasts import GROUP, write_forecast
 from elastid.store.quality import read_quality, write_quality
@@ -29,8 +30,9 @@ def write_plan(
     references: tuple[Reference, ...] = (),
     peaks: Peaks | None = None,
     forecast: Forecast | None = None,
+    nearest: Rehearsal | None = None,
 ) -> None:
-    """plan.h5: R (configuration, realisation, experiment, line, input), references, peaks, forecast."""
+    """plan.h5: R (configuration, realisation, experiment, line, input), references, peaks, forecast, nearest run."""
     with created(path, "plan", stamp) as file:
         _, M, E, _, _ = plan.R.shape
         angles = np.stack([c.angles for c in plan.configurations])
@@ -54,6 +56,8 @@ def write_plan(
             write_peaks(file, peaks, configuration, axes[4])
         if forecast is not None:
             write_forecast(file.create_group(GROUP), forecast)
+        if nearest is not None:
+            write_rehearsal(file, nearest, axes[4])
 
 
 def read_plan(path: Path) -> Plan:
