@@ -53,7 +53,7 @@ def _experiments(study: Study) -> Iterator[str]:
         files = len(experiment.responses.files)
         yield f"{files} frequency responses from elsewhere of {len(experiment.configurations)} configurations ({names})"
         return
-    n_u, M = len(study.robot.driven), experiment.realisations
+    E, M = experiment.runs(len(study.robot.driven)), experiment.realisations
     Q = len(experiment.configurations)
     if study.design is not None:
         if study.design.robot_time is not None:
@@ -62,9 +62,9 @@ def _experiments(study: Study) -> Iterator[str]:
             return
         chosen = study.design.count or 0
         Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
-    yield f"{Q * M * n_u} experiments: {Q} configurations ({names}) x {M} realisations x {n_u} experiments"
+    yield f"{Q * M * E} experiments: {Q} configurations ({names}) x {M} realisations x {E} experiments"
     if excitation is not None:
-        yield from _run(experiment, excitation, Q * M * n_u)
+        yield from _run(experiment, excitation, Q * M * E)
         yield from _signal(study, excitation)
 
 

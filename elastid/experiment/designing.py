@@ -132,8 +132,21 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
     told = forecast(_expected(brief, plan), brief.parameters.x)
+    told = replace(told, notes=(*told.notes, *_by_neighbours(plan)))
     nearest = nearest_run(plan, peaks, experiment, robot, brief.seed)
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
+
+
+def _by_neighbours(plan: Plan) -> tuple[str, ...]:
+    """A word where lines alone do not tell the inputs apart."""
+    E, n_u = plan.R.shape[2], len(plan.inputs)
+    if n_u <= E:
+        return ()
+    return (
+        f"the expected deviations are an approximation: {E} of {n_u} experiments in a realisation tell the inputs "
+        "apart by neighbouring lines only, and what a local method gives up for that, and for transients, is not "
+        "counted",
+    )
 
 
 def _probe(brief: Brief, experiment: ExperimentSpec, realisations: int = PROBED) -> Plan:
@@ -216,7 +229,7 @@ def _periods(brief: Brief, spec: DesignSpec) -> tuple[int, ...]:
 def _unit_time_s(brief: Brief, periods: int) -> float:
     """Robot time of one configuration."""
     experiment = brief.experiment
-    runs = experiment.realisations * len(brief.robot.driven)
+    runs = experiment.realisations * experiment.runs(len(brief.robot.driven))
     at_ends = 2 * (experiment.ramp + experiment.hold)
     return runs * ((periods + experiment.transient_periods) * brief.excitation.period + at_ends)
 

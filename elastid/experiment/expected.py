@@ -104,8 +104,9 @@ class Prospect:
             return Covariance(level.variance / M + distortion, math.inf)
         if level.absolute is not None:
             return Covariance(level.absolute**2 / M + distortion, math.inf)
-        U = self._input(configuration, motion)
-        power = np.einsum("mefi,mefj->fij", U, U.conj()) / len(U)
+        sensitivity = self._sensitivity(configuration, motion)
+        U: ComplexArray = (sensitivity @ self.R[..., None])[..., 0]
+        power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         scatter = self._friction(U, motion)[1]
         right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
@@ -120,16 +121,32 @@ class Prospect:
         motors = self.robot.motor_locations
         model = _linearisation(self.robot).at(configuration, theta[:-1], motors, self.quantity)
         motion = frequency_response(model, theta, self.freq_hz)
-        return self._friction(self._input(configuration, motion), motion)[0]
+        sensitivity = self._sensitivity(configuration, motion)
+        return self._friction((sensitivity @ self.R[..., None])[..., 0], motion)[0]
 
-    def _input(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
-        """U (M, E, F, n_u): what the controller leaves of the injected torques."""
+    def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
+        """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
+
+        Fewer experiments than inputs: a line and its neighbours have independent phases, and together the power
+        S diag(|R|^2) S^H at each line, with |R|^2 the mean of n_u lines.
+        """
+        M, E, F, n_u = U.shape
+        if n_u <= E:
+            full: ComplexArray = np.einsum("mefi,mefj->fij", U, U.conj()) / M
+            return full
+        squares = np.sum(np.abs(self.R) ** 2, axis=(0, 1)) / M
+        nearby = np.clip(np.arange(F) - n_u // 2, 0, F - n_u)[:, None] + np.arange(n_u)
+        mean = squares[nearby].mean(axis=1)
+        shared = np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj())
+        return np.asarray(shared, dtype=np.complex128)
+
+    def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
+        """(I + F G_q)^-1 (F, n_u, n_u): what the controller leaves of injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
         k_p, k_d = _gains(self.robot, tuple(configuration.angles.tolist()), self.controller)
         F = k_p[:, None] + k_d[:, None] * s
-        sensitivity = np.linalg.inv(np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity])
-        U: ComplexArray = (sensitivity @ self.R[..., None])[..., 0]
-        return U
+        difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
+        return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""

@@ -132,7 +132,7 @@ def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Co
 def make_plan(
     excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int, chosen: Sequence[Chosen] = ()
 ) -> Plan:
-    """The plan of a study: n_u experiments of an orthogonal multisine per realisation and configuration.
+    """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
     chosen: configurations that a design has added to those of the study.  The phases of a set hang on seed,
     configuration index and realisation alone, so that a further configuration or realisation leaves the others as they
@@ -144,10 +144,11 @@ def make_plan(
     given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = (*given, *chosen)
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
-    R = np.zeros((len(everyone), max(one.realisations for one in everyone), n_u, len(lines.excited), n_u), complex)
+    M, E = max(one.realisations for one in everyone), experiment.runs(n_u)
+    R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
     for q, one in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(one.realisations)]
-        R[q, : len(draws)] = injected(excitation, experiment, robot, lines.excited, one.configuration, draws)
+        R[q, : len(draws)] = injected(excitation, experiment, robot, lines.excited, one.configuration, draws)[:, :E]
     return Plan(
         configurations=tuple(one.configuration for one in everyone),
         inputs=robot.motor_locations,

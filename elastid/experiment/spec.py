@@ -308,13 +308,16 @@ class ExperimentSpec:
 
     Further configurations are chosen where the study has a section `design`.
 
-    realisations: independent draws of the random phases.  periods: measured after transient_periods that are left out.
+    realisations: independent draws of the random phases.  experiments: of every realisation (default: as many as
+    motors, each with all motors moving); fewer are for the local methods of `estimator`, which tell inputs apart by
+    neighbouring lines.  periods: measured after transient_periods that are left out.
     ramp: time in which torque and movement grow at the start and fade at the end.  hold: rest before and after that.
     Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
     """
 
     configurations: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
     realisations: int = 2
+    experiments: int | None = None
     periods: int = 2
     transient_periods: int = 1
     ramp: Time = 0.5
@@ -329,6 +332,7 @@ class ExperimentSpec:
             raise ValueError("give exactly one of simulated, recorded and responses")
         for name, number, least in (
             ("realisations", self.realisations, "1"),
+            ("experiments", 1 if self.experiments is None else self.experiments, "1"),
             ("periods", self.periods, "2, for the noise level"),
             ("transient_periods", self.transient_periods, "0"),
         ):
@@ -336,6 +340,10 @@ class ExperimentSpec:
                 raise ValueError(f"{name} is {number}; it must be at least {least}")
         if self.ramp < 0 or self.hold < 0:
             raise ValueError("ramp and hold are times; they must not be negative")
+
+    def runs(self, n_u: int) -> int:
+        """How many experiments a realisation has on a robot of n_u motors."""
+        return n_u if self.experiments is None else self.experiments
 
     @property
     def kind(self) -> Literal["simulated", "recorded", "responses"]:

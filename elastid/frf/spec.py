@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal, TypeAlias
 
 from elastid.record import Motion
@@ -21,6 +22,10 @@ Method: TypeAlias = Literal[
     "local_polynomial",
     "local_rational",
 ]
+
+
+_MEANS = ("arithmetic", "harmonic", "logarithmic")
+_BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 
 @section
@@ -61,3 +66,9 @@ class EstimatorSpec:
                 f"local_order is {self.local_order}, it must be 1 to 6; local_margin is {self.local_margin}, it must "
                 "not be negative"
             )
+
+    def experiments_needed(self, n_u: int, realisations: int) -> int:
+        """Experiments that each of so many realisations must have at least to tell n_u inputs apart."""
+        if self.method in _BY_NEIGHBOURS:
+            return 1
+        return n_u if self.method in _MEANS else math.ceil(n_u / realisations)

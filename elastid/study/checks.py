@@ -26,6 +26,7 @@ _QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 def check(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     yield from _excitation(study)
+    yield from _experiments(study)
     yield from _configurations(study)
     yield from check_design(study, base)
     yield from _references(study)
@@ -88,6 +89,42 @@ def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
             hadamard(len(study.robot.driven))
     except StudyError as error:
         yield Problem(("excitation", "orthogonal"), str(error))
+
+
+def _experiments(study: Study) -> Iterator[Problem]:
+    """As many experiments in a realisation as motors at most, and enough for the estimator."""
+    experiment, excitation = study.experiment, study.excitation
+    given, n_u, path = experiment.experiments, len(study.robot.driven), ("experiment", "experiments")
+    if given is None:
+        return
+    if experiment.simulated is None:
+        yield Problem(
+            path, f"the experiment is {experiment.kind}: its files say how many there are; drop this key", True
+        )
+        return
+    if given > n_u:
+        yield Problem(
+            path,
+            f"{given} experiments in a realisation, but an orthogonal set for {n_u} motors has {n_u}; give {n_u} at "
+            "most, and more realisations instead",
+        )
+    needed = study.estimator.experiments_needed(n_u, experiment.realisations)
+    if given < needed:
+        yield Problem(
+            path,
+            f"{given} experiments in each of {experiment.realisations} realisations, but estimator.method "
+            f"{study.estimator.method} needs at least {needed} to tell {n_u} motors apart; give {needed}, or take "
+            "estimator.method local_rational, local_polynomial or auto",
+        )
+    if excitation is None or given >= n_u or excitation.orthogonal == "zippered":
+        return
+    if not excitation.is_new_in_every_realisation:
+        yield Problem(
+            path,
+            f"with {excitation.phases} phases all motors move in proportion in each of {given} experiments, so that "
+            f"neighbouring lines do not tell {n_u} motors apart; take random phases, orthogonal: zippered, or {n_u} "
+            "experiments",
+        )
 
 
 def _configurations(study: Study) -> Iterator[Problem]:

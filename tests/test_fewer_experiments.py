@@ -1,0 +1,142 @@
+"""Fewer experiments in a realisation than motors: the local methods tell inputs apart by neighbouring lines."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid import stages
+from elastid.console import Console
+from elastid.errors import StudyError
+from elastid.experiment.plan import make_plan
+from elastid.overview import overview
+from elastid.run import Run
+from elastid.store import read_fit, read_forecast, read_plan, read_responses
+from elastid.study import load
+
+ROBOT = """\
+name: two elastic axes
+gravity: [0, 0, 0]
+bodies:
+  - name: upper
+    joints:
+      - name: 1
+        axis: z
+        motor: {inertia: 1e-3, ratio: 30, viscous: 1e-3}
+        spring: {stiffness: 2000, damping: 5}
+        limits: {angle: [-90 deg, 90 deg]}
+    mass: 5
+    center_of_mass: [0.2, 0, 0]
+    inertia: 0.1
+  - name: fore
+    parent: upper
+    placement: {xyz: [0.4, 0, 0]}
+    joints:
+      - name: 2
+        axis: z
+        motor: {inertia: 4e-4, ratio: 30, viscous: 1e-3}
+        spring: {stiffness: 800, damping: 3}
+        limits: {angle: [-90 deg, 90 deg]}
+    mass: 3
+    center_of_mass: [0.2, 0, 0]
+    inertia: 0.05
+"""
+STUDY = """\
+name: one of two
+robot: robot.yml
+excitation:
+  rate_hz: 500
+  period: 4 s
+  band_hz: [2, 60]
+  torque_rms: [10, 5]
+experiment:
+  configurations:
+    bent: [0, 60 deg]
+  realisations: 1
+  experiments: 1
+  simulated:
+    truth: {k_1: 2400 N*m/rad, k_2: 700 N*m/rad}
+    noise: {torque_std: 0.1, angle_std: 1e-6}
+estimator: {method: local_rational}
+fit:
+  starts: 2
+  weights: {floor: 1e-6}
+  parameters:
+    k_*: {}
+    d_*: {}
+report: {formats: [png]}
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """The path of the study."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    return tmp_path / "study.yml"
+
+
+def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: Path) -> None:
+    """From study to report: both true stiffnesses to 1 %, in one run of the robot, with a word on the forecast."""
+    run = Run(load(study), tmp_path / "run", 1, Console(-1))
+    stages.run_all(run)
+    plan, forecast, result = read_plan(run.path("design")), read_forecast(run.path("design")), read_fit(run.path("fit"))
+    assert [experiment.name for experiment in plan.experiments] == ["bent-r0-e0"]
+    assert plan.robot_time_s == 3 * 4 + 2 * 0.5
+    assert read_responses(run.path("estimate"))[0].G.shape[1:] == (2, 2)
+    assert result.values["k_1"] == pytest.approx(2400, rel=0.01)
+    assert result.values["k_2"] == pytest.approx(700, rel=0.01)
+    assert any("1 of 2 experiments in a realisation" in note for note in forecast.notes)
+    whole = Run(load(study, ["experiment.experiments=2"]), tmp_path / "whole", 1, Console(-1))
+    stages.only(whole, "design")
+    two = read_forecast(whole.path("design"))
+    np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)
+    assert not any("approximation" in note for note in two.notes)
+
+
+@pytest.mark.parametrize("orthogonal", ["dft", "zippered"])
+def test_the_first_experiments_of_a_set_are_planned_and_told(study: Path, tmp_path: Path, orthogonal: str) -> None:
+    """As they were in the whole set, for the robot's time of these alone, and the forecast sees every parameter."""
+    parts = [load(study, [f"experiment.experiments={E}", f"excitation.orthogonal={orthogonal}"]).study for E in (1, 2)]
+    one, two = (make_plan(s.excitation, s.experiment, s.robot, s.seed) for s in parts if s.excitation is not None)
+    np.testing.assert_array_equal(one.R, two.R[:, :, :1])
+    assert two.robot_time_s == 2 * one.robot_time_s
+    run = Run(load(study, [f"excitation.orthogonal={orthogonal}"]), tmp_path / "run", 1, Console(-1))
+    stages.only(run, "design")
+    assert np.all(read_forecast(run.path("design")).relative < 0.01)
+
+
+def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_experiments(
+    study: Path, tmp_path: Path
+) -> None:
+    """A run takes 13 s: 39 s hold two configurations beside the one given, and `check` counts the experiments."""
+    assert "1 experiments: 1 configurations (bent) x 1 realisations x 1 experiments" in overview(load(study).study)
+    run = Run(load(study, ["design={robot_time: 39, candidates: {random: 20}}"]), tmp_path / "run", 1, Console(-1))
+    stages.only(run, "design")
+    plan = read_plan(run.path("design"))
+    assert len(plan.experiments) == 3
+    assert plan.robot_time_s == 39
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["experiment.experiments=0"], "experiments is 0; it must be at least 1"),
+        (["experiment.experiments=3"], "an orthogonal set for 2 motors has 2; give 2 at most"),
+        (["estimator.method=arithmetic"], "method arithmetic needs at least 2 to tell 2 motors apart; .* local_ration"),
+        (["estimator.method=joint"], "method joint needs at least 2"),
+        (["excitation.phases=schroeder"], "with schroeder phases all motors move in proportion"),
+    ],
+)
+def test_too_few_or_too_many_experiments_are_refused_with_what_would_fit(
+    study: Path, overrides: list[str], message: str
+) -> None:
+    """Before the robot moves, at the key."""
+    with pytest.raises(StudyError, match=message):
+        load(study, overrides)
+
+
+@pytest.mark.parametrize("overrides", [["estimator.method=auto"], ["estimator.method=h1", "experiment.realisations=2"]])
+def test_enough_experiments_for_the_method_are_not_refused(study: Path, overrides: list[str]) -> None:
+    """auto takes a local method; one that pools has two experiments from two realisations."""
+    assert load(study, overrides).study.experiment.runs(2) == 1
