@@ -1,0 +1,84 @@
+"""A study on an odd-random grid: friction shows on the lines that were left out, from the robot to the report."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid import stages
+from elastid.console import Console
+from elastid.quality import Levels
+from elastid.report.quality_figures import levels
+from elastid.response import FrequencyResponse
+from elastid.run import Run
+from elastid.store import read_plan, read_responses
+from elastid.study import load
+
+PERIOD = 2  # s
+
+
+def finished(study: Path, folder: Path, coulomb: float, cycles: int) -> Run:
+    """One realisation with Coulomb friction (Nm) under a sine carrier of so many cycles a period."""
+    overrides = [
+        "excitation.grid=odd-random",
+        f"excitation.period={PERIOD}",
+        "experiment.realisations=1",
+        "experiment.configurations={a: [0]}",
+        "experiment.simulated.substeps=12",
+        f"experiment.simulated.carrier={{amplitude: 3 deg, cycles: {cycles}}}",
+        f"robot.bodies.0.joints.0.motor.coulomb={coulomb}",
+    ]
+    run = Run(load(study, overrides), folder, 1, Console(-1))
+    stages.run_all(run)
+    return run
+
+
+def above_noise(found: Levels | None) -> float:
+    """RMS of a level relative to that of the noise in it."""
+    assert found is not None
+    return float(np.sqrt(np.mean(found.amplitude**2) / np.mean(found.noise**2)))
+
+
+def response_of(run: Run) -> FrequencyResponse:
+    """The one response in frf.h5."""
+    (response,) = read_responses(run.path("estimate"))
+    return response
+
+
+@pytest.mark.parametrize(("cycles", "is_even"), [(1, False), (2, True)])
+def test_friction_shows_on_the_lines_left_out(tiny: Path, tmp_path: Path, cycles: int, is_even: bool) -> None:
+    """Coulomb friction is odd: with an odd carrier on odd lines alone; with an even one on even lines too.
+
+    frf.h5 holds both levels at the plan's detection lines and, of one realisation, the total covariance, which friction
+    lifts above the noise; the report draws them.
+    """
+    run = finished(tiny, tmp_path / "run", 0.01, cycles)
+    response, plan = response_of(run), read_plan(run.path("design"))
+    quality = response.quality
+    assert quality is not None
+    assert quality.even is not None
+    assert quality.odd is not None
+    assert (above_noise(quality.even) > 3) == is_even
+    assert above_noise(quality.odd) > 3
+    odd, even = (np.rint(found.freq_hz * PERIOD).astype(int) for found in (quality.odd, quality.even))
+    assert len(odd) > 10
+    assert set(odd.tolist()) <= set(plan.detection.tolist())
+    assert np.all(even % 2 == 0)
+    assert response.noise is not None
+    assert response.total is not None
+    assert response.distortion is not None
+    assert np.median(response.total.variance / response.noise.variance) > 4
+    labels = {line.get_label() for line in levels(response, quality, "title").axes[0].get_lines()}
+    assert {"nonlinear, even", "nonlinear, odd", "stochastic nonlinear"} <= labels
+    assert (run.folder / "figures" / "frf-a-levels.png").is_file()
+
+
+def test_a_linear_robot_shows_no_distortion(tiny: Path, tmp_path: Path) -> None:
+    """Without friction both levels are the noise, and the total variance of one realisation is the noise's."""
+    response = response_of(finished(tiny, tmp_path / "run", 0.0, 1))
+    assert response.quality is not None
+    assert above_noise(response.quality.even) == pytest.approx(1, abs=0.4)
+    assert above_noise(response.quality.odd) == pytest.approx(1, abs=0.4)
+    assert response.total is not None
+    assert response.noise is not None
+    assert 0.3 < np.median(response.total.variance / response.noise.variance) < 3
