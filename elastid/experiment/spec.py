@@ -317,11 +317,11 @@ class ExperimentSpec:
 
     configurations: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
     realisations: int = 2
-    experiments: int | None = None
     periods: int = 2
     transient_periods: int = 1
     ramp: Time = 0.5
     hold: Time = 0.0
+    experiments: int | None = None
     simulated: SimulatedSpec | None = None
     recorded: RecordedSpec | None = None
     responses: ResponsesSpec | None = None
