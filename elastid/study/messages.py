@@ -41,6 +41,17 @@ def problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Pro
     return list(dict.fromkeys(found))
 
 
+def booleans(data: Any, root: type, path: KeyPath = ()) -> list[Problem]:
+    """Where true or false stands for something else; pydantic takes them for the numbers 1 and 0."""
+    if isinstance(data, dict | list):
+        entries = data.items() if isinstance(data, dict) else enumerate(data)
+        return [problem for key, entry in entries for problem in booleans(entry, root, (*path, key))]
+    kind = type_at(root, path) if isinstance(data, bool) else Any
+    if kind is Any or "true or false" in describe(kind):
+        return []
+    return [Problem(path, f"expected {describe(kind)}")]
+
+
 def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
     """pydantic's location as a path through the data, and the path of the outermost union on its way."""
     path: list[str | int] = []
