@@ -41,7 +41,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def check_lines(study: Study) -> Iterator[Problem]:
-    """Enough lines for an orthogonal set and the unknowns of a study without contradictions; bands and carrier fit them."""
+    """Enough lines for an orthogonal set and for the unknowns; some in each band; none where the carrier is."""
     excitation, simulated = study.excitation, study.experiment.simulated
     if excitation is None or simulated is None:
         return
