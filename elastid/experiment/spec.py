@@ -8,11 +8,14 @@ from typing import Literal
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.record import MOTION_UNIT
 from elastid.section import section
 from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Time, Torque, TorqueConstant
 
 # Whatever is more is a slip of the pen.
 MOST_REALISATIONS = 10_000
+# SI units of what channels hold.
+QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 
 
 @section

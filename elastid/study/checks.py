@@ -13,17 +13,14 @@ from elastid.excitation.lines import planned_lines
 from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.carrier_lines import refusal
-from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.spec import QUANTITY_UNIT, ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose
-from elastid.record import MOTION_UNIT
+from elastid.names import did_you_mean
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
-from elastid.study.types_of_keys import did_you_mean
 from elastid.study.yaml_source import KeyPath
 from elastid.units import factor
-
-_QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 
 
 def check(study: Study, base: Path) -> Iterator[Problem]:
@@ -249,7 +246,7 @@ def _channel(channel: ChannelSpec, path: KeyPath, study: Study) -> Iterator[Prob
         yield from _place(study, (*path, "at"), channel.at)
     if channel.unit:
         try:
-            factor(channel.unit, _QUANTITY_UNIT[channel.quantity])
+            factor(channel.unit, QUANTITY_UNIT[channel.quantity])
         except ValueError as error:
             yield Problem((*path, "unit"), str(error))
 

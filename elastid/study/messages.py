@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from elastid.study.types_of_keys import describe, did_you_mean, keys_of, type_at, words_of
+from elastid.names import did_you_mean
+from elastid.study.types_of_keys import describe, keys_of, type_at, words_of
 from elastid.study.yaml_source import KeyPath
 
 PydanticError: TypeAlias = Mapping[str, Any]
