@@ -19,7 +19,9 @@ from elastid.experiment.forecast import Forecast, check_lines, forecast
 from elastid.experiment.limits import Peaks, within_limits
 from elastid.experiment.movement import one_period, reach
 from elastid.experiment.plan import Chosen, Plan, make_plan
+from elastid.experiment.simulated import true_robot
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.experiment.sticking import sticking
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
@@ -130,6 +132,9 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
     told = forecast(_expected(brief, plan), brief.parameters.x)
+    simulated = brief.simulated
+    stuck = sticking(plan, true_robot(robot, simulated.truth), simulated.carrier)
+    told = replace(told, notes=(*stuck, *told.notes))
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks)
 
 
