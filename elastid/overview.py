@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.spec import MultisineSpec
@@ -21,16 +21,18 @@ def _robot(study: Study) -> Iterator[str]:
     robot = study.robot
     elastic = [joint.name for joint in robot.joints if joint.spring is not None]
     yield f"study {study.name}, robot {robot.name}"
+    bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
     yield (
-        f"  {len(robot.bodies)} bodies, {len(robot.joints)} joints, of which {len(robot.driven)} driven "
+        f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
-    yield f"  {len(robot.joints) + len(robot.flexible)} coordinates, {study.model.formulation} model"
+    coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
+    yield f"  {coordinates}, {study.model.formulation} model"
 
 
 def _unknowns(study: Study) -> Iterator[str]:
     parameters = choose(study.fit, study.robot)
-    yield f"{len(parameters.free)} unknowns"
+    yield _count(parameters.free, "unknown")
     rows = [("  name", "start", "lower", "upper", "unit")]
     rows += [("  " + p.name, _g(p.value), _g(p.lower), _g(p.upper), p.unit + _prior(p)) for p in parameters.free]
     yield from _columns(rows)
@@ -47,22 +49,24 @@ def _experiments(study: Study) -> Iterator[str]:
     experiment, excitation = study.experiment, study.excitation
     names = ", ".join(experiment.configurations)
     if experiment.recorded is not None:
-        yield f"{len(experiment.recorded.files)} log files of {len(experiment.configurations)} configurations ({names})"
+        configurations = _count(experiment.configurations, "configuration")
+        yield f"{_count(experiment.recorded.files, 'log file')} of {configurations} ({names})"
         return
     if experiment.responses is not None:
-        files = len(experiment.responses.files)
-        yield f"{files} frequency responses from elsewhere of {len(experiment.configurations)} configurations ({names})"
+        files = _count(experiment.responses.files, "frequency response")
+        yield f"{files} from elsewhere of {_count(experiment.configurations, 'configuration')} ({names})"
         return
     E, M = experiment.runs(len(study.robot.driven)), experiment.realisations
     Q = len(experiment.configurations)
     if study.design is not None:
         if study.design.robot_time is not None:
-            given = f"{Q} configurations ({names}) and " if Q else ""
+            given = f"{_plural(Q, 'configuration')} ({names}) and " if Q else ""
             yield f"{study.design.robot_time:g} s of the robot's time: {given}as many as the design fits in"
             return
         chosen = study.design.count or 0
         Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
-    yield f"{Q * M * E} experiments: {Q} configurations ({names}) x {M} realisations x {E} experiments"
+    factors = (f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment"))
+    yield f"{_plural(Q * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
         yield from _run(experiment, excitation, Q * M * E)
         yield from _signal(study, excitation)
@@ -72,8 +76,8 @@ def _run(experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> It
     periods = experiment.periods + experiment.transient_periods
     duration = periods * excitation.period + 2 * (experiment.ramp + experiment.hold)
     yield (
-        f"  {periods} periods of {excitation.period:g} s each ({experiment.transient_periods} of transient) with ramps "
-        f"of {experiment.ramp:g} s, {runs * duration:g} s of the robot's time, movements between not counted"
+        f"  {_plural(periods, 'period')} of {excitation.period:g} s each ({experiment.transient_periods} of transient) "
+        f"with ramps of {experiment.ramp:g} s, {runs * duration:g} s of the robot's time, movements between not counted"
     )
     carrier = experiment.simulated.carrier if experiment.simulated is not None else None
     if carrier is None:
@@ -108,9 +112,17 @@ def _plan_of_work(study: Study) -> Iterator[str]:
     judged = f"judge it on {', '.join(left_out)}, which it has not seen" if left_out else "judge it on what it has seen"
     log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
     yield (
-        f"will {first} in {study.estimator.quantity}, fit from {study.fit.starts} starts "
+        f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "
         f"({log_first}{study.fit.criterion}), {judged}, write the report"
     )
+
+
+def _count(things: Collection[object], one: str, more: str = "") -> str:
+    return _plural(len(things), one, more)
+
+
+def _plural(number: int, one: str, more: str = "") -> str:
+    return f"{number} {one if number == 1 else more or one + 's'}"
 
 
 def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:

@@ -107,11 +107,6 @@ class Record:
         """How many whole periods the record holds."""
         return self.n_samples // self.period_samples
 
-    @property
-    def period_s(self) -> float:
-        """Length of a period in s."""
-        return self.period_samples / self.rate_hz
-
     def hold_response(self, freq_hz: FloatArray) -> ComplexArray:
         r"""H (F,), with H(f) times the DFT of u the spectrum of the torque that acts: Y = G H U.
 

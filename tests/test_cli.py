@@ -98,6 +98,14 @@ def test_a_new_study_passes_check(here: Path, capsys: pytest.CaptureFixture[str]
         assert part in said
 
 
+def test_one_of_a_kind_is_counted_in_the_singular(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One body, one joint; two coordinates, since the motor of an elastic gear has its own."""
+    assert cli.run_command(["check", str(tiny), "--set", "experiment.realisations=1"]) == 0
+    said = capsys.readouterr().out
+    assert "1 body, 1 joint, of which" in said
+    assert "2 configurations (a, b) x 1 realisation x 1 experiment" in said
+
+
 def test_new_does_not_touch_what_is_there(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2 and a word."""
     (here / "mine").mkdir()

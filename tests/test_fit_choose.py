@@ -80,7 +80,7 @@ def test_fixed_tied_and_known_beforehand():
 @pytest.mark.parametrize(
     ("specs", "says"),
     [
-        ({"k1": ParameterSpec()}, "no parameter k1; did you mean k_1?"),
+        ({"k1": ParameterSpec()}, "no parameter k1; did you mean 'k_1'?"),
         ({"q_*": ParameterSpec()}, r"no parameter q_\*; .*there are k_1"),
         ({"d_1x": ParameterSpec()}, r"d_1x: .*the start is 0 N\*m\*s/rad; give a positive one"),
         ({"k_1": ParameterSpec(bounds=(1.0, 2.0))}, "outside its bounds"),

@@ -192,11 +192,11 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
 
 def test_an_estimate_at_its_bound_says_so():
     """Bounds that keep the truth out: the fit ends there, and the message names parameter, side and value."""
-    spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 80.0)), "d_1": ParameterSpec()}, starts=3)
+    spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 95.0)), "d_1": ParameterSpec()}, starts=3)
     result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
     assert result.status == "at_bound"
     np.testing.assert_array_equal(result.at_bound, [True, False])
-    assert any("k_1 ended at its upper bound of 80 N*m/rad" in warning for warning in result.warnings)
+    assert any("k_1 ended at its upper bound of 95 N*m/rad" in warning for warning in result.warnings)
     assert result.model_error > 1.5
 
 
@@ -262,3 +262,66 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
     assert deviations(result, pendulum()).max() < 3
     assert "no variance is known" in result.warnings[0]
+
+
+OUTPUTS = ("motor 1", "motor 2", "joint 2")
+
+
+def turned(response: FrequencyResponse, output: str = "", source: str = "") -> FrequencyResponse:
+    """With one output or input of the other sign."""
+    y = [-1.0 if name == output else 1.0 for name in response.outputs]
+    u = [-1.0 if name == source else 1.0 for name in response.inputs]
+    return replace(response, G=response.G * np.outer(y, u))
+
+
+def fitted(output: str = "", source: str = "", times: float = 1.0) -> FitResult:
+    """The arm, from a factor two off, one of its channels with the other sign, all of them too large by `times`."""
+    responses = measure(arm(), rng=np.random.default_rng(5), outputs=OUTPUTS)
+    responses = [turned(replace(r, G=times * r.G), output, source) for r in responses]
+    return identify(responses, started_elsewhere(arm(), 2.0), FitSpec(starts=3), seed=3)
+
+
+@pytest.mark.parametrize(("output", "source"), [("joint 2", ""), ("motor 1", ""), ("", "motor 2")])
+def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
+    """Motor, load or torque: the fit far from the truth cannot tell, one that starts again with the other sign can."""
+    result = fitted(output, source)
+    assert result.status == "model_error"
+    name = f"y at {output}" if output else f"u at {source}"
+    assert result.warnings[0].startswith(f"{name} fits far better with the other sign (V = ")
+
+
+def test_input_and_output_of_the_only_motor_are_named_together() -> None:
+    """With one channel of each kind, the data cannot tell which of the two is wrong."""
+    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
+    result = identify([turned(response, "motor 1")], pendulum(), FitSpec(starts=2))
+    assert result.warnings[0].startswith("y at motor 1 or u at motor 1 fits far better with the other sign")
+
+
+def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
+    """Torques in the wrong unit: nothing is explained, but by no sign either."""
+    result = fitted(times=20.0)
+    assert result.status == "model_error"
+    assert result.message.startswith("the model does not describe the robot: it explains ")
+    assert not any("other sign" in warning for warning in result.warnings)
+
+
+def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:
+    """A model that is right within 10 % of each element is kept and told to lack something, whatever the noise."""
+    (response,) = measure(pendulum(), [(0.0,)])
+    quiet = replace(response.noise, variance=1e-8 * np.abs(response.G) ** 2)
+    off = 1 + 0.1 * np.random.default_rng(0).standard_normal(response.G.shape)
+    spec = FitSpec(starts=2, weights=replace(FitSpec().weights, floor=0.0))
+    result = identify([replace(response, G=off * response.G, noise=quiet)], pendulum(), spec)
+    assert result.model_error > 100
+    assert result.status == "converged"
+    assert any("the model lacks something" in warning for warning in result.warnings)
+
+
+def test_a_noisy_response_is_no_model_error() -> None:
+    """Half of what was measured is noise, and known to be."""
+    (response,) = measure(pendulum(), [(0.0,)])
+    rng = np.random.default_rng(2)
+    std = 0.65 * np.abs(response.G)
+    noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+    noisy = replace(response, G=response.G + noise, noise=replace(response.noise, variance=std**2))
+    assert identify([noisy], pendulum(), FitSpec(starts=2)).status != "model_error"

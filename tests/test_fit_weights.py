@@ -137,8 +137,8 @@ def test_exact_data_without_a_floor_leave_nothing():
 @pytest.mark.parametrize(
     ("mask", "says"),
     [
-        (MaskSpec(configurations=("c2",)), r"fit.mask\[0\]: no configuration 'c2' was measured; did you mean c1\?"),
-        (MaskSpec(output="motor1"), "no output 'motor1' was measured; did you mean motor 1"),
+        (MaskSpec(configurations=("c2",)), r"fit.mask\[0\]: no configuration 'c2' was measured; there are c1"),
+        (MaskSpec(output="motor1"), "no output 'motor1' was measured; did you mean 'motor 1'"),
         (MaskSpec(input="joint 7"), "no input 'joint 7' was measured"),
     ],
 )

@@ -296,17 +296,21 @@ def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() ->
 
 
 def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -> None:
-    """From rest, three and five periods, acceleration from a position that gains from end to end."""
-    plant = study.TwoModes(zeta=0.03)
-    rng = np.random.default_rng(5)
-    records = []
-    for P in (3, 5):
-        taken = plant.from_rest(P, 100.0, rng)
-        drift = np.linspace(0, 3 * np.std(taken.y), len(taken.y))[:, None]
-        records.append(replace(taken, name=f"{P} periods", y=taken.y + drift, quantities=("position",)))
-    response = local_response(records, replace(LRM, quantity="acceleration"), plant.excited)
-    omega = 2 * np.pi * response.freq_hz
-    assert study.decibels(response.G[:, 0, 0] / -(omega**2), plant.G()) < -80
+    """From rest, three and five periods, acceleration from a position that gains from end to end: -70 dB as a rule.
+
+    Single draws scatter from -66 to -94 dB: where the phases leave a line near a resonance with little input.
+    """
+    plant, errors = study.TwoModes(zeta=0.03), []
+    for seed in range(5):
+        rng, records = np.random.default_rng(seed), []
+        for P in (3, 5):
+            taken = plant.from_rest(P, 100.0, rng)
+            drift = np.linspace(0, 3 * np.std(taken.y), len(taken.y))[:, None]
+            records.append(replace(taken, name=f"{P} periods", y=taken.y + drift, quantities=("position",)))
+        response = local_response(records, replace(LRM, quantity="acceleration"), plant.excited)
+        omega = 2 * np.pi * response.freq_hz
+        errors.append(study.decibels(response.G[:, 0, 0] / -(omega**2), plant.G()))
+    assert np.median(errors) < -70
 
 
 def test_the_transient_of_half_wave_records_shows_on_even_lines() -> None:

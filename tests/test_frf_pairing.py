@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from elastid.frf.pairing import pairing_words
 from elastid.record import Configuration
-from elastid.response import FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse
 
 FREQ_HZ = np.linspace(1.0, 60.0, 60)
 MOTORS = ("motor 1", "motor 2", "motor 3")
@@ -57,6 +57,17 @@ def test_a_ring_of_three_is_named_too_and_an_output_elsewhere_does_not_disturb()
     G = np.concatenate([response.G[:, [1, 2, 0]], response.G[:, :1]], axis=1)
     (word,) = pairing_words(replace(response, G=G, outputs=(*MOTORS, "body tool z")))
     assert "y at motor 1 answers to u at motor 2, y at motor 2 answers to u at motor 3, y at motor 3" in word
+
+
+def test_an_inertia_turned_round_is_told_with_the_lines_that_show_it() -> None:
+    """Without any loss the real part is 0 and says nothing; with a delay every line of it speaks."""
+    place = ("motor 1",)
+    noise = Covariance(np.full((60, 1, 1), 1e-6), 10.0)
+    configuration = Configuration("home", np.zeros(1))
+    right = FrequencyResponse(FREQ_HZ, np.ones((60, 1, 1)), place, place, "acceleration", configuration, noise)
+    assert pairing_words(right) == ()
+    (word,) = pairing_words(replace(right, G=-right.G))
+    assert "is negative beyond noise at 60 of 60 lines, so the motor would feed on its load" in word
 
 
 def test_a_response_of_zeros_is_no_exchange() -> None:

@@ -65,6 +65,16 @@ def test_the_demo_finds_every_spring(tmp_path: Path) -> None:
 
 
 @needs_bench
+def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
+    """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and is told."""
+    options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
+    assert cli.run_command(["run", str(CONFIGS / "motor_bench.yml"), "--run", str(tmp_path), "-q", *options]) == 1
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["status"] == "model_error"
+    assert any(word.startswith("y at joint 1 fits far better with the other sign") for word in summary["warnings"])
+
+
+@needs_bench
 def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     """Antiresonance and resonance within 1 %, bad periods named, inertias, shaft and delay as expected."""
     study = CONFIGS / "motor_bench.yml"

@@ -20,7 +20,9 @@ from elastid.experiment.limits import Peaks, nearest_run, within_limits
 from elastid.experiment.movement import one_period, reach
 from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.rehearsal import Rehearsal
+from elastid.experiment.simulated import true_robot
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.experiment.sticking import sticking
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
@@ -132,7 +134,9 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
     told = forecast(_expected(brief, plan), brief.parameters.x)
-    told = replace(told, notes=(*told.notes, *_by_neighbours(plan)))
+    simulated = brief.simulated
+    stuck = sticking(plan, true_robot(robot, simulated.truth), simulated.carrier)
+    told = replace(told, notes=(*stuck, *told.notes, *_by_neighbours(plan)))
     nearest = nearest_run(plan, peaks, experiment, robot, brief.seed)
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
-from elastid.fit.names import did_you_mean
+from elastid.names import did_you_mean
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:

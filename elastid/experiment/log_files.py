@@ -48,12 +48,12 @@ def read_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatS
         signals = [_signal(path, log, channel) for channel in channels]
     lengths = [len(signal) for signal in signals]
     if len(set(lengths)) > 1:
-        table = ", ".join(f"{described(c)} {n}" for c, n in zip(channels, lengths, strict=True))
+        table = ", ".join(f"{name_in_file(c)} {n}" for c, n in zip(channels, lengths, strict=True))
         raise DataError(f"{path}: the channels differ in length: {table} samples; all must come from one recording")
     return np.stack(signals, axis=1)
 
 
-def described(channel: ChannelSpec) -> str:
+def name_in_file(channel: ChannelSpec) -> str:
     """How messages name a channel: as it is called in the file."""
     column = "" if channel.column is None else f"column {channel.column}"
     return " ".join(filter(None, (channel.channel, column)))

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import StudyError
+from elastid.experiment.carrier_lines import refusal
 from elastid.experiment.plan import Plan
 from elastid.experiment.spec import CarrierSpec
 from elastid.robot import Robot
@@ -75,19 +76,10 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
 
     Raises StudyError with what would fit.
     """
-    lowest = int(min(plan.lines.min(), plan.detection.min(initial=plan.lines.min())))
-    if carrier.kind != "offset" and carrier.cycles >= lowest:
-        raise StudyError(
-            f"experiment.simulated.carrier: {carrier.cycles} cycles a period are "
-            f"{carrier.cycles * plan.rate_hz / plan.period_samples:g} Hz, not below the lowest excited frequency of "
-            f"{plan.freq_hz.min():g} Hz; take at most {lowest - 1} cycles, or raise excitation.band_hz"
-        )
-    given = np.size(0.0 if carrier.velocity is None else carrier.velocity)
-    if given not in (1, len(plan.inputs)):
-        raise StudyError(
-            f"experiment.simulated.carrier: {given} velocities for {len(plan.inputs)} motors; give one for all or one "
-            "for each"
-        )
+    analysed = np.concatenate([plan.lines, plan.detection])
+    refused = refusal(carrier, analysed, plan.rate_hz / plan.period_samples, len(plan.inputs))
+    if refused:
+        raise StudyError(f"experiment.simulated.carrier: {refused}")
     position = movement(carrier, plan).position
     for configuration in plan.configurations:
         for i, (joint, angle) in enumerate(zip(robot.driven, configuration.angles, strict=True)):

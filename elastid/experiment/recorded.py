@@ -11,7 +11,7 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
 from elastid.experiment.gathering import Gathered, gather, period_samples
-from elastid.experiment.log_files import described
+from elastid.experiment.log_files import name_in_file
 from elastid.experiment.periodicity import repetition
 from elastid.experiment.plan import Experiment, checked_configurations
 from elastid.experiment.repairing import repaired
@@ -207,7 +207,7 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
         link_side_factor(channel, robot)
         if channel.role in ("r", "u") and channel.at not in robot.motor_locations:
             raise StudyError(
-                f"channel {described(channel)}: {channel.role} acts at '{channel.at}', where no motor is; "
+                f"channel {name_in_file(channel)}: {channel.role} acts at '{channel.at}', where no motor is; "
                 f"there are {', '.join(robot.motor_locations)}"
             )
     places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}

@@ -13,12 +13,11 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.log_files import described
-from elastid.experiment.spec import ChannelSpec
+from elastid.experiment.log_files import name_in_file
+from elastid.experiment.spec import QUANTITY_UNIT, ChannelSpec
 from elastid.robot import Robot
 from elastid.units import factor
 
-_DIMENSION = {"torque": "N*m", "current": "A", "position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 # A jump between two samples that is so close to a whole turn is an encoder that starts again, in rad.
 _NEAR_A_TURN = 1.0
 
@@ -38,7 +37,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[F
         wraps = jumps > np.pi
         if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _NEAR_A_TURN):
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-    word = f"{turns} jumps of a whole turn were taken out of {described(channel)}" if turns else ""
+    word = f"{turns} jumps of a whole turn were taken out of {name_in_file(channel)}" if turns else ""
     return signal * _gear_factor(channel, robot), word
 
 
@@ -66,7 +65,7 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
 
 def named(channel: ChannelSpec) -> str:
     """How words name a channel: as it is called in the file, and what it is on the robot."""
-    return f"channel {described(channel)} ({channel.role} at {channel.at})"
+    return f"channel {name_in_file(channel)} ({channel.role} at {channel.at})"
 
 
 def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], columns: Sequence[FloatArray]) -> bool:
@@ -75,9 +74,9 @@ def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], column
 
 def _own_side_factor(channel: ChannelSpec) -> float:
     try:
-        unit = factor(channel.unit, _DIMENSION[channel.quantity]) if channel.unit else 1.0
+        unit = factor(channel.unit, QUANTITY_UNIT[channel.quantity]) if channel.unit else 1.0
     except ValueError as error:
-        raise StudyError(f"channel {described(channel)} ({channel.role} at {channel.at}): {error}") from None
+        raise StudyError(f"{named(channel)}: {error}") from None
     return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
 
 
@@ -87,7 +86,7 @@ def _gear_factor(channel: ChannelSpec, robot: Robot) -> float:
     kind, _, joint = channel.at.partition(" ")
     if kind not in ("motor", "joint") or joint not in [driven.name for driven in robot.driven]:
         raise StudyError(
-            f"channel {described(channel)}: side: motor needs a gear, and {channel.at} has none; "
+            f"channel {name_in_file(channel)}: side: motor needs a gear, and {channel.at} has none; "
             f"there are {', '.join(robot.motor_locations)}"
         )
     ratio = robot.ratio(joint)

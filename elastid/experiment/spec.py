@@ -8,8 +8,14 @@ from typing import Literal
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.record import MOTION_UNIT
 from elastid.section import section
 from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Time, Torque, TorqueConstant
+
+# Whatever is more is a slip of the pen.
+MOST_REALISATIONS = 10_000
+# SI units of what channels hold.
+QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 
 
 @section
@@ -338,6 +344,10 @@ class ExperimentSpec:
         ):
             if number < int(least[0]):
                 raise ValueError(f"{name} is {number}; it must be at least {least}")
+        if self.realisations > MOST_REALISATIONS:
+            raise ValueError(
+                f"realisations is {self.realisations}; more than {MOST_REALISATIONS} help nobody, 2 to 20 do"
+            )
         if self.ramp < 0 or self.hold < 0:
             raise ValueError("ramp and hold are times; they must not be negative")
 

@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from fnmatch import fnmatchcase
 
 from elastid.errors import StudyError
-from elastid.fit.names import did_you_mean
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linear_model import DELAY
+from elastid.names import did_you_mean
 from elastid.parameters import Parameter, ParameterSet, Prior
 from elastid.robot import Robot
 

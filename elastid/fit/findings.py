@@ -18,6 +18,9 @@ CORRELATED = 0.99
 NEAR_BOUND = 1e-4
 # Residuals so many times what the noise explains are a model error worth a word.
 MODEL_ERROR = 1.5
+# A model that explains less than this share of what was measured does not describe the robot, whatever its optimum. One
+# whose small residuals are far beyond a still smaller noise does.
+EXPLAINED = 0.5
 
 
 def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
@@ -28,8 +31,11 @@ def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
     return near
 
 
-def status_and_message(result: FitResult, end: Start, unreached: BoolArray) -> tuple[Status, str]:
-    """How the fit ended: the worst that is true of it, and a sentence with the numbers."""
+def status_and_message(result: FitResult, end: Start, unreached: BoolArray, explained: float) -> tuple[Status, str]:
+    """How the fit ended: the worst that is true of it, and a sentence with the numbers.
+
+    explained: the share of the measured responses that the model explains.
+    """
     free = result.parameters.free_names
     fit = (
         f"V = {result.cost:.5g} for {result.dof} degrees of freedom; {result.hits} of {len(result.starts)} starts "
@@ -37,6 +43,12 @@ def status_and_message(result: FitResult, end: Start, unreached: BoolArray) -> t
     )
     if not end.converged:
         return "not_converged", f"not converged ({end.message}); {fit}"
+    if explained < EXPLAINED and result.model_error > MODEL_ERROR:
+        share = f"{100 * max(explained, 0.0):.0f} %"
+        return "model_error", (
+            f"the model does not describe the robot: it explains {share} of the measured response; check signs, units "
+            f"and places of the channels, gear ratios, bounds, and what is known of the robot; {fit}"
+        )
     if unreached.any():
         names = _listed(free, unreached)
         return "ill_conditioned", f"the data do not determine a combination of {names}; {fit}"

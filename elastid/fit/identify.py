@@ -18,6 +18,7 @@ from elastid.errors import DataError, FitError, StudyError
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
+from elastid.fit.explained import explained, sign_words
 from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.residuals import Criterion
@@ -39,6 +40,8 @@ SETTLED = 1e-3
 ROUNDS = 5
 # A parameter whose effect is this small beside the strongest one's has none; rounding leaves about 1e-16.
 NO_EFFECT = 1e-9
+# Residuals so many times what the noise explains make one look for a channel with a wrong sign.
+FAR_BEYOND_NOISE = 10.0
 
 
 def identify(
@@ -185,5 +188,7 @@ def _result(
         singular_values=sure.singular_values,
         criterion=fit.parts[0].criterion,
     )
-    status, message = status_and_message(result, end, sure.unreached)
-    return replace(result, status=status, message=message, warnings=(*notes, *findings(result, sure.unreached)))
+    share = explained(fit, end.x, result.cost_expected)
+    status, message = status_and_message(result, end, sure.unreached, share)
+    signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
+    return replace(result, status=status, message=message, warnings=(*signs, *notes, *findings(result, sure.unreached)))

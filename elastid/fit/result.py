@@ -11,7 +11,8 @@ import numpy as np
 from elastid.arrays import BoolArray, FloatArray, frozen
 from elastid.parameters import ParameterSet
 
-Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_conditioned"]
+# model_error: an optimum was found, but the model there explains less than half of the response that was measured.
+Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_conditioned", "model_error"]
 
 
 @dataclass(frozen=True)

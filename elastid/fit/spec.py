@@ -9,6 +9,15 @@ from elastid.parameters import Tie
 from elastid.section import section
 from elastid.units import Frequency, Quantity
 
+# Whatever is more is a slip of the pen.
+MOST_STARTS = 10_000
+LARGEST_FACTOR = 1e3
+
+
+def _check_band(band_hz: tuple[float, float] | None) -> None:
+    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1]:
+        raise ValueError(f"band_hz is [{band_hz[0]:g}, {band_hz[1]:g}]; give [lowest, highest]")
+
 
 @section
 class PriorSpec:
@@ -54,6 +63,10 @@ class MaskSpec:
     input: str = ""
     band_hz: tuple[Frequency, Frequency] | None = None
 
+    def __post_init__(self) -> None:
+        """Refuse a band upside down."""
+        _check_band(self.band_hz)
+
 
 @section
 class WeightSpec:
@@ -94,6 +107,11 @@ class FitSpec:
     weights: WeightSpec = WeightSpec()
 
     def __post_init__(self) -> None:
-        """Refuse a multistart without starts."""
-        if self.starts < 1 or self.start_factor < 1:
-            raise ValueError("starts must be at least 1 and start_factor at least 1")
+        """Refuse a multistart without starts or without end, and a band upside down."""
+        if not 1 <= self.starts <= MOST_STARTS:
+            raise ValueError(f"starts is {self.starts}; it must be 1 to {MOST_STARTS}, commonly 10 to 50")
+        if not 1 <= self.start_factor <= LARGEST_FACTOR:
+            raise ValueError(
+                f"start_factor is {self.start_factor:g}; it must be 1 to {LARGEST_FACTOR:g}, commonly 2 to 10"
+            )
+        _check_band(self.band_hz)

@@ -15,9 +15,9 @@ import numpy as np
 
 from elastid.arrays import BoolArray, FloatArray, frozen
 from elastid.errors import DataError, StudyError
-from elastid.fit.names import did_you_mean
 from elastid.fit.spec import FitSpec, MaskSpec
 from elastid.fit.variance import smoothed
+from elastid.names import did_you_mean
 from elastid.response import Covariance, FrequencyResponse
 
 

@@ -12,7 +12,7 @@ from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.blocks import Block, Gathered, gathered, pooled
 from elastid.frf.distortion import Detected, detected, detection_lines, fast_total_error
-from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, smoothed
+from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, smoothed_noise
 from elastid.frf.local.response import local_response
 from elastid.frf.methods import AVERAGED, METHODS, Estimate
 from elastid.frf.pairing import pairing_words
@@ -200,7 +200,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     rms[rms == 0] = 1.0
     S_U = U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms))
     of_mean = block.input_noise * np.mean(1 / block.periods)
-    noise = LEAST_SNR * smoothed((of_mean / rms**2).max(axis=1), block.dof)
+    noise = LEAST_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
     least = np.maximum(noise, _LEAST_POWER_RATIO * np.einsum("fii->f", S_U).real)
     # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs a tenth of an eigenvalue.
     separated = _weakest_at_least(S_U, least)

@@ -60,7 +60,7 @@ def excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
     return _followed(lines, np.where(power > LEAST_SNR * noise, power, 0.0), found, step)
 
 
-def smoothed(noise: FloatArray, dof: int) -> FloatArray:
+def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
     """Noise power (F,) with as many neighbouring lines averaged as make up for few degrees of freedom of each."""
     window = np.ones(min(1 + 2 * round(2 / dof), len(noise)))
     average: FloatArray = np.convolve(noise, window, "same") / np.convolve(np.ones(len(noise)), window, "same")
@@ -114,7 +114,7 @@ def _input_power(records: Sequence[Record], lines: IntArray) -> tuple[FloatArray
         dof += len(U) - 1
     whole = np.sum(power, axis=(0, 1))
     whole[whole == 0] = 1.0
-    return np.sum(power, axis=0) @ (1 / whole), smoothed(np.sum(noise, axis=0) @ (1 / whole), max(dof, 1))
+    return np.sum(power, axis=0) @ (1 / whole), smoothed_noise(np.sum(noise, axis=0) @ (1 / whole), max(dof, 1))
 
 
 def noise_of_mean(X: ComplexArray) -> FloatArray:

@@ -36,26 +36,25 @@ def sign_words(response: FrequencyResponse) -> tuple[str, ...]:
         variance = np.zeros(len(velocity)) if covariance is None else covariance.variance[:, j, i]
         # Half of the variance is in the real part.
         std = np.sqrt(variance / 2) * np.abs(j_omega) ** order
-        as_is = _passive_lines(response.freq_hz, velocity, std)
-        turned = _passive_lines(response.freq_hz, -velocity, std)
+        few = slice(None, None, -(-response.n_lines // _ENOUGH_LINES))
+        as_is, _ = _passive_lines(response.freq_hz[few], velocity[few], std[few])
+        turned, negative = _passive_lines(response.freq_hz[few], -velocity[few], std[few])
         if turned - as_is >= _FEWEST_LINES and turned > 2 * as_is:
             words.append(
                 f"configuration {response.configuration.name}: the sign of y or of u at {name} looks wrong: "
-                f"Re(velocity/torque) is negative beyond noise at {_negative(velocity, std)} of {len(velocity)} lines, "
+                f"Re(velocity/torque) is negative beyond noise at {negative} of {len(std[few])} lines, "
                 "so the motor would feed on its load; check sign, scale and gear ratio of its channels"
             )
     return tuple(words)
 
 
-def _passive_lines(freq_hz: FloatArray, velocity: ComplexArray, std: FloatArray) -> int:
-    """Lines where Re velocity / torque is positive beyond noise less those where it is negative, at the best delay."""
-    few = slice(None, None, -(-len(freq_hz) // _ENOUGH_LINES))
-    velocity, std, freq_hz = velocity[few], std[few], freq_hz[few]
+def _passive_lines(freq_hz: FloatArray, velocity: ComplexArray, std: FloatArray) -> tuple[int, int]:
+    """At the best delay: lines where Re velocity / torque is positive beyond noise less those where it is negative.
+
+    And those where it is positive.
+    """
     phase = np.exp(2j * np.pi * np.outer(_DELAY_TURNS, freq_hz / freq_hz[-1]))
     real = (velocity * phase).real
-    balance = np.sum(np.where(np.abs(real) > _SIGMAS * std, np.sign(real), 0.0), axis=1)
-    return int(balance.max())
-
-
-def _negative(velocity: ComplexArray, std: FloatArray) -> int:
-    return int(np.sum(velocity.real < -_SIGMAS * std))
+    positive, negative = (np.sum(sign * real > _SIGMAS * std, axis=1) for sign in (1, -1))
+    best = int(np.argmax(positive - negative))
+    return int(positive[best] - negative[best]), int(positive[best])

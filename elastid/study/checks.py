@@ -6,21 +6,21 @@ import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from elastid.errors import StudyError
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.carrier_lines import refusal
+from elastid.experiment.spec import QUANTITY_UNIT, ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose
-from elastid.record import MOTION_UNIT
+from elastid.names import did_you_mean
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
-from elastid.study.types_of_keys import did_you_mean
 from elastid.study.yaml_source import KeyPath
 from elastid.units import factor
-
-_QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 
 
 def check(study: Study, base: Path) -> Iterator[Problem]:
@@ -39,13 +39,14 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
 
 
 def check_lines(study: Study) -> Iterator[Problem]:
-    """Enough lines for an orthogonal set and for the unknowns of a study without contradictions."""
-    excitation = study.excitation
-    if excitation is None or study.experiment.simulated is None:
+    """Enough lines for an orthogonal set and for the unknowns; some in each band; none where the carrier is."""
+    excitation, simulated = study.excitation, study.experiment.simulated
+    if excitation is None or simulated is None:
         return
     path: KeyPath = ("excitation", "lines" if excitation.grid == "lines" else "band_hz")
     try:
-        lines = planned_lines(excitation, study.seed).excited
+        planned = planned_lines(excitation, study.seed)
+        lines = planned.excited
         unknowns = len(choose(study.fit, study.robot).free)
     except StudyError as error:
         yield Problem(path, str(error))
@@ -58,6 +59,19 @@ def check_lines(study: Study) -> Iterator[Problem]:
             f"the grid {excitation.grid} has {len(lines)} lines there for {needed} {what}; it needs as many at least: "
             f"take a period of about {period} s, a wider band or a denser grid",
         )
+    freq_hz = lines / excitation.period
+    for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
+        if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
+            yield Problem(
+                (key, "band_hz"),
+                f"none of the excited lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz is within [{band[0]:g}, "
+                f"{band[1]:g}] Hz; nothing would be left",
+            )
+    if simulated.carrier is not None:
+        analysed = np.concatenate([lines, planned.detection])
+        refused = refusal(simulated.carrier, analysed, 1 / excitation.period, len(study.robot.driven))
+        if refused:
+            yield Problem(("experiment", "simulated", "carrier"), refused)
 
 
 def _excitation(study: Study) -> Iterator[Problem]:
@@ -269,7 +283,7 @@ def _channel(channel: ChannelSpec, path: KeyPath, study: Study) -> Iterator[Prob
         yield from _place(study, (*path, "at"), channel.at)
     if channel.unit:
         try:
-            factor(channel.unit, _QUANTITY_UNIT[channel.quantity])
+            factor(channel.unit, QUANTITY_UNIT[channel.quantity])
         except ValueError as error:
             yield Problem((*path, "unit"), str(error))
 

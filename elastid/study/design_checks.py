@@ -9,9 +9,9 @@ from elastid.errors import StudyError
 from elastid.experiment.design_spec import DesignSpec
 from elastid.experiment.interest import interest
 from elastid.fit.choose import choose
+from elastid.names import did_you_mean
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
-from elastid.study.types_of_keys import did_you_mean
 from elastid.study.yaml_source import KeyPath
 
 _DESIGN: KeyPath = ("design",)

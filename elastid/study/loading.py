@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from elastid.errors import StudyError
 from elastid.study.checks import check, check_lines
-from elastid.study.messages import Problem, at, problems
+from elastid.study.messages import Problem, at, booleans, problems
 from elastid.study.quantities import in_si
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath, Place, Source, parse, read_source
@@ -41,9 +41,13 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
         study = TypeAdapter(Study).validate_python(source.data)
     except ValidationError as error:
         found = problems(error.errors(include_url=False), Study, source.data)
+        found += [p for p in booleans(source.data, Study) if p.path not in {said.path for said in found}]
         # Where the robot's file cannot be read, that is what is wrong with the robot.
         found = [p for p in found if not robot_errors or p.path != ("robot",)]
         raise _refusal(source, found, robot_errors) from None
+    found = booleans(source.data, Study)
+    if found:
+        raise _refusal(source, found)
     study, unresolved = in_si(study)
     found = [*check(study, path.parent), *unresolved]
     found = found or list(check_lines(study))

@@ -11,7 +11,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from elastid.study.types_of_keys import describe, did_you_mean, keys_of, type_at, words_of
+from elastid.names import did_you_mean
+from elastid.study.types_of_keys import describe, keys_of, type_at, words_of
 from elastid.study.yaml_source import KeyPath
 
 PydanticError: TypeAlias = Mapping[str, Any]
@@ -39,6 +40,17 @@ def problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Pro
     for union, members in unions.items():
         found += _union_problems(union, members, root, data)
     return list(dict.fromkeys(found))
+
+
+def booleans(data: Any, root: type, path: KeyPath = ()) -> list[Problem]:
+    """Where true or false stands for something else; pydantic takes them for the numbers 1 and 0."""
+    if isinstance(data, dict | list):
+        entries = data.items() if isinstance(data, dict) else enumerate(data)
+        return [problem for key, entry in entries for problem in booleans(entry, root, (*path, key))]
+    kind = type_at(root, path) if isinstance(data, bool) else Any
+    if kind is Any or "true or false" in describe(kind):
+        return []
+    return [Problem(path, f"expected {describe(kind)}")]
 
 
 def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:

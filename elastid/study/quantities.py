@@ -12,9 +12,9 @@ from elastid.errors import StudyError
 from elastid.fit.choose import choose
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
+from elastid.names import did_you_mean
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
-from elastid.study.types_of_keys import did_you_mean
 from elastid.study.yaml_source import KeyPath
 from elastid.units import Quantity, to_si
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import MISSING, fields, is_dataclass
-from difflib import get_close_matches
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -12,19 +10,6 @@ from elastid.study.yaml_source import KeyPath
 from elastid.units import InUnit
 
 _SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
-
-
-def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The name that was probably meant, or else those that there are.
-
-    >>> did_you_mean("bamd_hz", ["band_hz", "period"])
-    "did you mean 'band_hz'?"
-    >>> did_you_mean("x", ["band_hz", "period"])
-    'there are band_hz, period'
-    """
-    names = list(known)
-    close = get_close_matches(name, names, n=1)
-    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
 
 
 def type_at(root: Any, path: KeyPath) -> Any:

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.arrays import BoolArray, FloatArray
 from elastid.errors import DataError
-from elastid.experiment.log_files import described, opened_log
+from elastid.experiment.log_files import name_in_file, opened_log
 from elastid.experiment.responses.arrays_of_files import dataset_table, struct_table, structs_in
 from elastid.experiment.responses.table import ResponseTable
 from elastid.experiment.responses.text import text_table
@@ -70,7 +70,9 @@ def link_side_response(
     order = np.argsort(freq_hz, kind="stable")
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
-        raise DataError(f"{table.path}: the response of {described(outputs[i])} to {described(inputs[j])} is not in it")
+        raise DataError(
+            f"{table.path}: the response of {name_in_file(outputs[i])} to {name_in_file(inputs[j])} is not in it"
+        )
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
     good = (freq_hz > 0) & np.isfinite(G).all(axis=(1, 2))
