@@ -117,8 +117,10 @@ def _lines(title: str) -> Progress:
     started = last = time.monotonic()
 
     def progress(done: int, total: int) -> None:
-        nonlocal last
+        nonlocal last, started
         now = time.monotonic()
+        if done == 0:  # a round begins: what was prepared before says nothing about its pace
+            started = now
         if now - last >= _SECONDS_BETWEEN_LINES and 0 < done < total:
             last = now
             left = (now - started) / done * (total - done)
