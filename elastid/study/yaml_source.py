@@ -150,6 +150,7 @@ class _Reader:
             yield key, item, self.place(key_node)
 
     def scalar(self, node: Node) -> Any:
+        """A leaf as plain data: null, a boolean, a number or a text; any other tag is a problem."""
         kind = str(node.tag).removeprefix(_TAG)
         text = node.value
         try:
