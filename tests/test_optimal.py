@@ -36,7 +36,8 @@ def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_midd
     assert found.weights[x == -1] == pytest.approx(ends, abs=2e-3)
     assert found.weights[x == 1] == pytest.approx(ends, abs=2e-3)
     assert found.weights[np.abs(x) < 0.035].sum() == pytest.approx(1 - 2 * ends, abs=5e-3)
-    assert found.gap < 1e-3
+    # The smallest eigenvalue is softened for E, which leaves about a thousandth.
+    assert found.gap < (2e-3 if letter == "E" else 1e-3)
 
 
 def test_d_optimal_sensitivity_of_the_textbook_case_is_the_number_of_parameters() -> None:
