@@ -12,6 +12,7 @@ The last line is one JSON object with the numbers of the table.
 # One BLAS thread must be asked for before NumPy is loaded.
 # ruff: noqa: E402
 import os
+import statistics
 
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
@@ -108,13 +109,13 @@ def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], 
 
 
 def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
-    """Least CPU time of a call."""
+    """Median CPU time of a call."""
     times = []
     for _ in range(repeats):
         begin = time.process_time()
         function()
         times.append(time.process_time() - begin)
-    return min(times)
+    return statistics.median(times)
 
 
 def floor_seconds(records: Sequence[Record], repeats: int) -> float:
@@ -144,10 +145,10 @@ def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: i
     floor = floor_seconds(records, repeats)
     found = {"floor": floor, "elastid": mine, "data_gb": data_gb, "gb_above_data": above, **ratios}
     if peers:
-        found["csd"] = cpu_seconds(lambda: by_csd(records, lines), 1)
+        found["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
         peer = by_peer(records, lines, M)
         if peer is not None:
-            found["best-linear-approximation"] = cpu_seconds(peer, 1)
+            found["best-linear-approximation"] = cpu_seconds(peer, min(repeats, 3))
     print(f"\ncase {name}: {len(lines)} lines, {data_gb:.2f} GB of records, {above:.2f} GB above them")
     for what in ("floor", "elastid", "csd", "best-linear-approximation"):
         if what in found:
