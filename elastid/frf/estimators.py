@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.arrays import BoolArray, FloatArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.blocks import Block, Gathered, gathered, pooled
@@ -24,7 +24,6 @@ from elastid.frf.uncertainty import (
     equation_error,
     form_words,
     kronecker,
-    left_factor,
     noise_covariance,
     total_covariance,
     total_error,
@@ -195,17 +194,16 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     The weakest combination has the power lambda_min(U U^H) / E, each input counted relative to its RMS. Dividing by
     it biases G by a part exp(-power / noise): 2 % where it stands out least.
     """
-    U, (_, n_u, E) = block.U, block.U.shape
-    rms = np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 2)))
-    rms[rms == 0] = 1.0
-    S_U = U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms))
+    rms, (_, n_u, E) = block.input_rms, block.U.shape
     of_mean = block.input_noise * np.mean(1 / block.periods)
     noise = LEAST_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
-    least = np.maximum(noise, _LEAST_POWER_RATIO * np.einsum("fii->f", S_U).real)
-    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs a tenth of an eigenvalue.
-    separated = _weakest_at_least(S_U, least)
+    whole = np.sum(np.abs(block.U) ** 2, axis=2) @ (1 / (E * rms**2))
+    least = np.maximum(noise, _LEAST_POWER_RATIO * whole)
+    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
+    separated = _weakest_at_least(block, least)
     doubtful = np.flatnonzero(~separated)
-    power = np.linalg.eigvalsh(S_U[doubtful])
+    U = block.U[doubtful]
+    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms)))
     separated[doubtful] = power[:, 0] > least[doubtful]
     if not separated.any():
         record = group[0]
@@ -218,13 +216,13 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     return separated
 
 
-def _weakest_at_least(S_U: ComplexArray, least: FloatArray) -> BoolArray:
+def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
     """Lines (F,) where 1 / tr(S_U^-1) is above the least power; none where some matrix has no inverse at all."""
     try:
-        bound = 1 / np.einsum("fii->f", np.linalg.inv(S_U)).real
+        trace = block.U.shape[2] * (np.sum(np.abs(block.W) ** 2, axis=1) @ block.input_rms**2)
     except np.linalg.LinAlgError:
-        return np.zeros(len(S_U), dtype=np.bool_)
-    above: BoolArray = bound > least
+        return np.zeros(len(least), dtype=np.bool_)
+    above: BoolArray = least * trace < 1
     return above
 
 
@@ -244,12 +242,12 @@ def _with_covariances(
     """Noise, total and distortion of G, and the nonlinear levels in the outputs."""
     blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
     noise = noise_covariance(blocks, found, C_V, data.scatter.dof)
-    total, error = None, total_error(blocks, found)
+    total, error = None, total_error(data, found)
     if error is not None:
         total = total_covariance(blocks, found, *error)
     elif levels is not None:
         error = fast_total_error(levels, lines)
-        total = None if error is None else kronecker(left_factor(found), *error)
+        total = None if error is None else kronecker(found.left, *error)
     distortion, stochastic = None, None
     if total is not None and error is not None:
         distortion = distortion_covariance(noise, total, len(blocks))

@@ -24,31 +24,41 @@ _END_WINDOW = 1 / 50
 
 @dataclass(frozen=True)
 class PeriodSpectra:
-    """Z = [Y, U] (P, F, n_y + n_u) of the periods of one record that are used, by their index (P,) in it.
+    """Z = [Y, U] = scale [y, u] of the periods of one record that are used, by their index (P,) in it.
 
-    Torques in Nm as they act between the samples; outputs all in one quantity.
+    y (P, F, n_y), u (P, F, n_u): DFT of the samples as they were logged.  scale (F, n_y + n_u): to amplitudes, torques
+    in Nm as they act between the samples and outputs all in one quantity; means and scatters take it once, instead of
+    every period.
     """
 
     record: Record
     periods: IntArray
-    Z: ComplexArray
+    y: ComplexArray
+    u: ComplexArray
+    scale: ComplexArray
     notes: tuple[str, ...] = ()
 
     @property
     def Y(self) -> ComplexArray:
         """Outputs (P, F, n_y)."""
-        return self.Z[:, :, : len(self.record.outputs)]
+        return self.y * self.scale[:, : self.y.shape[2]]
 
     @property
     def U(self) -> ComplexArray:
         """Inputs (P, F, n_u)."""
-        return self.Z[:, :, len(self.record.outputs) :]
+        return self.u * self.scale[:, self.y.shape[2] :]
 
-    def on(self, lines: BoolArray) -> PeriodSpectra:
+    def on(self, lines: BoolArray | slice) -> PeriodSpectra:
         """The same on some of its lines (F,)."""
-        if lines.all():
+        if not isinstance(lines, slice) and lines.all():
             return self
-        return replace(self, Z=self.Z[:, lines])
+        return replace(self, y=self.y[:, lines], u=self.u[:, lines], scale=self.scale[lines])
+
+    def only(self, keep: IntArray) -> PeriodSpectra:
+        """The same of some of its periods."""
+        if len(keep) == len(self.periods):
+            return self
+        return replace(self, periods=self.periods[keep], y=self.y[keep], u=self.u[keep])
 
 
 def period_spectra(record: Record, lines: IntArray, quantity: Motion) -> PeriodSpectra:
@@ -63,14 +73,15 @@ def period_spectra(record: Record, lines: IntArray, quantity: Motion) -> PeriodS
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
     drifts = np.array([each != "acceleration" for each in record.quantities])
     P, n_y = record.n_samples // record.repeat_samples, len(record.outputs)
-    Z = np.empty((P, len(lines), n_y + len(record.inputs)), dtype=np.complex128)
-    line_spectra(record, record.y, lines, j_omega**order, out=Z[:, :, :n_y])
-    line_spectra(record, record.u, lines, record.hold_response(freq_hz)[:, None], out=Z[:, :, n_y:])
-    if not np.isfinite(Z[:, 0]).all():
+    scale = np.empty((len(lines), n_y + len(record.inputs)), dtype=np.complex128)
+    scale[:, :n_y], scale[:, n_y:] = j_omega**order, record.hold_response(freq_hz)[:, None]
+    scale *= 2 / record.repeat_samples
+    y, u = _dft(record, record.y, lines), _dft(record, record.u, lines)
+    if not (np.isfinite(y[:, 0]).all() and np.isfinite(u[:, 0]).all()):
         refuse_missing(record)
     if drifts.any():
-        Z[:, :, np.flatnonzero(drifts)] -= _drift_spectra(record, lines, drifts) * j_omega ** order[drifts]
-    return PeriodSpectra(record, np.arange(P), Z)
+        y[:, :, np.flatnonzero(drifts)] -= _drift_spectra(record, lines, drifts)
+    return PeriodSpectra(record, np.arange(P), y, u, scale)
 
 
 def reference_spectrum(record: Record, lines: IntArray) -> ComplexArray | None:
@@ -78,29 +89,29 @@ def reference_spectrum(record: Record, lines: IntArray) -> ComplexArray | None:
     if record.r is None:
         return None
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    R: ComplexArray = line_spectra(record, record.r, lines, record.hold_response(freq_hz)[:, None]).mean(axis=0)
+    R: ComplexArray = line_spectra(record, record.r, lines).mean(axis=0) * record.hold_response(freq_hz)[:, None]
     return R
 
 
-def line_spectra(
-    record: Record,
-    signals: FloatArray,
-    lines: IntArray,
-    factor: ComplexArray | float = 1.0,
-    out: ComplexArray | None = None,
-) -> ComplexArray:
-    """factor times complex amplitudes (P, F, c) at lines (F,) of signals (n_samples, c), one for each repetition."""
+def line_spectra(record: Record, signals: FloatArray, lines: IntArray) -> ComplexArray:
+    """Complex amplitudes (P, F, c) at lines (F,) of signals (n_samples, c), one for each repetition."""
+    amplitudes: ComplexArray = _dft(record, signals, lines) * (2 / record.repeat_samples)
+    return amplitudes
+
+
+def _dft(record: Record, signals: FloatArray, lines: IntArray) -> ComplexArray:
+    """DFT (P, F, c) at lines (F,) of signals (n_samples, c) in every repetition, maybe a view of all lines."""
     L = record.repeat_samples
     P = record.n_samples // L
     blocks = signals[: P * L].reshape(P, L, -1)
     if not record.half_wave:
-        spectra: ComplexArray = np.multiply(rfft(blocks, axis=1)[:, _contiguous(lines)], factor * (2 / L), out=out)
+        spectra: ComplexArray = rfft(blocks, axis=1)[:, _contiguous(lines)]
         return spectra
     # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
     blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
     sign = (-1.0) ** np.arange(P)
-    halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)[:, lines] * (sign[:, None, None] * (2 / L))
-    return np.multiply(halves, factor, out=out)
+    halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)[:, lines] * sign[:, None, None]
+    return halves
 
 
 def _contiguous(lines: IntArray) -> slice | IntArray:
@@ -112,9 +123,9 @@ def _contiguous(lines: IntArray) -> slice | IntArray:
 def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> ComplexArray:
     r"""Spectra (P, F, c) of the drift of those columns of y that drift.
 
-    The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: what x gains from end to end is drift, and a
-    ramp g n / N of that height is all that has to go. (Half wave: [-x(T/2) - x(0)], a constant g / 2.) With
-    theta = 2 pi k / N their sums are
+    As `_dft` has them. The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: what x gains from end to
+    end is drift, and a ramp g n / N of that height is all that has to go. (Half wave: [-x(T/2) - x(0)], a constant
+    g / 2.) With theta = 2 pi k / N their sums are
 
     .. math:: \sum_{n<N} \frac{n}{N} e^{-j\theta n} = \frac{1}{e^{-j\theta} - 1}, \quad
               \sum_{n<N/2} \frac12 e^{-j\theta n} = \frac{1}{1 - e^{-j\theta}} \quad (k\ odd)
@@ -130,7 +141,7 @@ def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> Comple
         gain[p] = (x[first + L : last + L].mean(axis=0) - sign * x[first:last].mean(axis=0))[drifts]
     if record.half_wave:  # the mean over whole periods is gone already
         gain -= gain[: P // 2 * 2].mean(axis=0)
-    ramp = sign * (2 / L) / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
+    ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
     parity = sign ** np.arange(P)
     spectra: ComplexArray = (parity[:, None] * gain)[:, None, :] * ramp[:, None]
     return spectra
