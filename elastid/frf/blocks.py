@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
@@ -86,6 +86,16 @@ class Gathered:
     blocks: tuple[Block, ...]
     scatter: Scatter
     notes: tuple[str, ...] = ()
+
+    @property
+    def periods(self) -> FloatArray:
+        """(K,): how many of each of the K experiments."""
+        return np.concatenate([each.periods for each in self.blocks])
+
+    @cached_property
+    def UU(self) -> ComplexArray:
+        """U U^H (F, n_u, n_u) of all experiments."""
+        return added(each.UU for each in self.blocks)
 
     @cached_property
     def every(self) -> Block:
@@ -172,16 +182,21 @@ def _block(
     input_noise: FloatArray,
     dof: int,
 ) -> Block:
-    Z, n_u = np.stack(means, axis=2), input_noise.shape[1]
+    n_y = means[0].shape[1] - input_noise.shape[1]
     known = [each for each in R if each is not None]
     return Block(
-        U=np.ascontiguousarray(Z[:, -n_u:]),
-        Y=np.ascontiguousarray(Z[:, :-n_u]),
+        U=np.stack([mean[:, n_y:] for mean in means], axis=2),
+        Y=np.stack([mean[:, :n_y] for mean in means], axis=2),
         R=np.stack(known, axis=2) if len(known) == len(means) else None,
         periods=np.array(periods, dtype=np.float64),
         input_noise=input_noise,
         dof=dof,
     )
+
+
+def added(terms: Iterable[ComplexArray]) -> ComplexArray:
+    """Their sum, two in memory at a time."""
+    return reduce(np.add, terms)
 
 
 def pooled(blocks: Sequence[Block]) -> Block:

@@ -102,7 +102,7 @@ def _from_periods(
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, words = _with_covariances(response, data, found, levels, lines[usable])
     notes += [f"configuration {where}: {note}" for note in found.notes]
-    notes += [*words, *input_words(where, first.inputs, data.every, quality)]
+    notes += [*words, *input_words(where, first.inputs, data, quality)]
     return replace(response, notes=(*notes, *pairing_words(response)))
 
 
@@ -251,7 +251,7 @@ def _with_covariances(
     distortion, stochastic = None, None
     if total is not None and error is not None:
         distortion = distortion_covariance(noise, total, len(blocks))
-        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / data.every.periods)).real
+        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / data.periods)).real
         stochastic = np.sqrt(np.maximum(excess, 0.0))
     assert response.quality is not None
     quality = replace(

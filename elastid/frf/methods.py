@@ -21,7 +21,7 @@ import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray
 from elastid.errors import DataError, StudyError
-from elastid.frf.blocks import Block, pooled
+from elastid.frf.blocks import Block, added, pooled
 
 # Power signal-to-noise ratio of one block's element above which its logarithm is safe: 8 dB.
 LOG_GATE = 10**0.8
@@ -40,8 +40,7 @@ class Estimate:
     @cached_property
     def left(self) -> ComplexArray:
         """sum_m W_m^T W_m^* (F, n_u, n_u): the input factor where every experiment's error has the same covariance."""
-        left: ComplexArray = np.sum([np.swapaxes(W, 1, 2) @ W.conj() for W in self.W], axis=0)
-        return left
+        return added(np.swapaxes(W, 1, 2) @ W.conj() for W in self.W)
 
 
 Estimator: TypeAlias = Callable[[Sequence[Block], ComplexArray], Estimate]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
-from elastid.frf.blocks import Block, Gathered
+from elastid.frf.blocks import Gathered, added
 from elastid.quality import Levels, Quality
 
 # An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
@@ -18,32 +18,34 @@ _WORST_CONDITION = 10.0
 
 def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Quality:
     """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
-    every, scatter = data.every, data.scatter
-    n_y = G.shape[1]
-    spread = np.einsum("fii->fi", scatter.S_Z).real
-    U_H = (every.U.conj() * every.periods).swapaxes(1, 2)
-    power = np.abs(every.Y) ** 2
+    blocks, S_Z, n_y = data.blocks, data.scatter.S_Z, G.shape[1]
+    spread = np.einsum("fii->fi", S_Z).real
+    noise = spread / data.scatter.dof
+    power = [np.abs(each.Y) ** 2 for each in blocks]
+    U_H = [(each.U.conj() * each.periods).swapaxes(1, 2) for each in blocks]
     coherence, multiple = coherences(
-        power @ every.periods + spread[:, :n_y],
-        every.Y @ U_H + scatter.S_Z[:, :n_y, n_y:],
-        every.U @ U_H + scatter.S_Z[:, n_y:, n_y:],
+        np.sum([p @ each.periods for each, p in zip(blocks, power, strict=True)], axis=0) + spread[:, :n_y],
+        added(each.Y @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, :n_y, n_y:],
+        added(each.U @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, n_y:, n_y:],
     )
-    noise = spread / scatter.dof
+    amplitude = np.sqrt(np.sum([p.sum(axis=2) for p in power], axis=0) / len(data.periods))
     return Quality(
         coherence=coherence,
         multiple_coherence=multiple,
         singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=input_singular_values(every),
+        input_singular_values=input_singular_values(data),
         input_noise=noise[:, n_y:],
         output_noise=noise[:, :n_y],
-        excited=Levels(freq_hz, np.sqrt(power.mean(axis=2)), np.sqrt(noise[:, :n_y] * np.mean(1 / every.periods))),
+        excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / data.periods))),
     )
 
 
-def input_singular_values(every: Block) -> FloatArray:
-    """Of U (F, n_u, E) / sqrt(E), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
-    rms, E = every.input_rms, every.U.shape[2]
-    power = np.linalg.eigvalsh(every.UU / (E * np.outer(rms, rms)))
+def input_singular_values(data: Gathered) -> FloatArray:
+    """Of U (F, n_u, K) / sqrt(K), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
+    S_U = data.UU / len(data.periods)
+    rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
+    rms[rms == 0] = 1.0
+    power = np.linalg.eigvalsh(S_U / np.outer(rms, rms))
     values: FloatArray = np.sqrt(np.maximum(power[:, ::-1], 0.0))
     return values
 
@@ -61,10 +63,10 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
-def input_words(where: str, inputs: Sequence[str], every: Block, quality: Quality) -> list[str]:
+def input_words(where: str, inputs: Sequence[str], data: Gathered, quality: Quality) -> list[str]:
     """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
-    power = np.einsum("fii->fi", every.UU).real / every.U.shape[2]
-    noise = quality.input_noise * np.mean(1 / every.periods)
+    power = np.einsum("fii->fi", data.UU).real / len(data.periods)
+    noise = quality.input_noise * np.mean(1 / data.periods)
     weak = power < _HARDLY * noise
     words = [
         f"configuration {where}: input {name} was hardly excited: less than 20 dB above its noise at "

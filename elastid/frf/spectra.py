@@ -105,8 +105,8 @@ def _dft(record: Record, signals: FloatArray, lines: IntArray) -> ComplexArray:
     P = record.n_samples // L
     blocks = signals[: P * L].reshape(P, L, -1)
     if not record.half_wave:
-        spectra: ComplexArray = rfft(blocks, axis=1)[:, _contiguous(lines)]
-        return spectra
+        everywhere: ComplexArray = rfft(blocks, axis=1)
+        return everywhere[:, _contiguous(lines)]
     # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
     blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
     sign = (-1.0) ** np.arange(P)
@@ -115,9 +115,8 @@ def _dft(record: Record, signals: FloatArray, lines: IntArray) -> ComplexArray:
 
 
 def _contiguous(lines: IntArray) -> slice | IntArray:
-    """Lines as a slice where they are evenly spaced: a view instead of a copy."""
-    step = int(lines[1] - lines[0]) if len(lines) > 1 else 1
-    return slice(int(lines[0]), int(lines[-1]) + 1, step) if np.all(np.diff(lines) == step) else lines
+    """Lines as a slice where none between them is left out: a view instead of a copy."""
+    return slice(int(lines[0]), int(lines[-1]) + 1) if np.all(np.diff(lines) == 1) else lines
 
 
 def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> ComplexArray:

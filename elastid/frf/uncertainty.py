@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
-from elastid.frf.blocks import Block, Gathered, Scatter
+from elastid.frf.blocks import Block, Gathered, Scatter, added
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
@@ -42,9 +42,7 @@ def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexAr
     P = np.concatenate([each.periods for each in blocks])
     if np.ptp(P) == 0:
         return kronecker(estimate.left / P[0], C_V, dof)
-    left = np.sum(
-        [_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True)], axis=0
-    )
+    left = added(_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True))
     return kronecker(left, C_V, dof)
 
 
@@ -59,12 +57,12 @@ def total_error(data: Gathered, estimate: Estimate) -> tuple[ComplexArray, int] 
     realisation, or where no experiment is left over when G is fitted.
     """
     n_u = estimate.G.shape[2]
-    every, K = data.every, len(data.every.periods)
+    K = len(data.periods)
     if len(data.blocks) < 2 or n_u >= K:
         return None
-    D = every.Y - estimate.G @ every.U
-    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, every.UU).real
-    return D @ _H(D) / expected[:, None, None], K - n_u
+    D = (each.Y - estimate.G @ each.U for each in data.blocks)
+    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
+    return added(each @ _H(each) for each in D) / expected[:, None, None], K - n_u
 
 
 def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: int) -> Covariance:
