@@ -26,6 +26,7 @@ from elastid.record import Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.run import Run
+from elastid.scaffold import new
 from elastid.store import read_responses
 from elastid.study import load
 
@@ -363,11 +364,33 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
     stages.estimate(Run(load(again), folder / "again", 1, Console(-1)))
-    for old, new in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
-        np.testing.assert_array_equal(old.G, new.G)
+    for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
+        np.testing.assert_array_equal(old.G, same.G)
         assert old.noise is not None
-        assert new.noise is not None
-        np.testing.assert_array_equal(old.noise.variance, new.noise.variance)
+        assert same.noise is not None
+        np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
+
+
+def test_the_template_runs_once_its_file_is_there(tmp_path: Path) -> None:
+    """A CSV with the columns that the template names: stiffness 60 within its interval, from the template's start."""
+    study = new(tmp_path / "mine", "responses")
+    freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
+    s = 2j * np.pi * freq_hz
+    k, d, J, load_inertia, friction = 60.0, 0.01, 1.1e-3, 0.9e-3, 1e-3
+    through = k + d * s
+    determinant = (J * s**2 + friction * s + through) * (load_inertia * s**2 + through) - through**2
+    parts: dict[str, FloatArray] = {"freq_hz": freq_hz}
+    for name, numerator in (("motor", load_inertia * s**2 + through), ("load", through)):
+        G = s**2 * numerator / determinant
+        G = G * (1 + 0.02 * (rng.normal(size=60) + 1j * rng.normal(size=60)) / np.sqrt(2))
+        parts |= {f"re_{name}_torque": G.real, f"im_{name}_torque": G.imag}
+    _csv_of(study.parent, parts)
+    (study.parent / "frf.csv").rename(study.parent / "bench.csv")
+    folder = tmp_path / "run"
+    stages.run_all(Run(load(study), folder, 1, Console(-1)))
+    low, high = json.loads((folder / "summary.json").read_text())["parameters"]["k_1"]["interval95"]
+    assert low < 60 < high
+    assert high - low < 2
 
 
 def test_another_file_makes_the_import_out_of_date(elsewhere: Path) -> None:
