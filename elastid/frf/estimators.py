@@ -16,9 +16,9 @@ from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, smooth
 from elastid.frf.local.response import local_response
 from elastid.frf.methods import AVERAGED, METHODS, Estimate
 from elastid.frf.pairing import pairing_words
-from elastid.frf.quality import input_words, measured_quality
+from elastid.frf.quality import input_words, measured_quality, output_words
 from elastid.frf.spec import EstimatorSpec, Method
-from elastid.frf.spectra import refuse_missing
+from elastid.frf.spectra import refuse_uncomputable
 from elastid.frf.uncertainty import (
     distortion_covariance,
     equation_error,
@@ -56,7 +56,7 @@ def estimate(
     method, reason = chosen_method(spec, groups)
     if method in LOCAL:
         for record in records:
-            refuse_missing(record)
+            refuse_uncomputable(record)
         response = local_response(records, replace(spec, method=method), planned_lines)
         return replace(response, notes=(*reason, *response.notes))
     _check_periods(records, method)
@@ -85,7 +85,7 @@ def _from_periods(
         notes.append(_left_out(lines[~usable], usable.any(), first))
     data = data.on(usable)
     notes += _same_phases(data.blocks, groups)
-    found = METHODS[method](data.blocks, data.scatter.C_Z)
+    found = _found(method, data, first)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     response = FrequencyResponse(
         freq_hz=freq_hz,
@@ -102,8 +102,20 @@ def _from_periods(
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, words = _with_covariances(response, data, found, levels, lines[usable])
     notes += [f"configuration {where}: {note}" for note in found.notes]
-    notes += [*words, *input_words(where, first.inputs, data, quality)]
+    notes += [*words, *input_words(where, first.inputs, data, quality), *output_words(where, first.outputs, quality)]
     return replace(response, notes=(*notes, *pairing_words(response)))
+
+
+def _found(method: str, data: Gathered, first: Record) -> Estimate:
+    """What the method makes of the data; DataError where it must divide by what is not there."""
+    try:
+        return METHODS[method](data.blocks, data.scatter.C_Z)
+    except np.linalg.LinAlgError as error:
+        raise DataError(
+            f"configuration {first.configuration.name}: estimator.method {method} finds a singular matrix at some "
+            f"line: an output of {', '.join(first.outputs)} does not move on its own, or the units of inputs and "
+            "outputs are too far apart; check these channels, or take arithmetic"
+        ) from error
 
 
 def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[str, ...]]:

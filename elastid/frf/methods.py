@@ -101,6 +101,8 @@ def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
         Z = np.concatenate([every.Y[:, i : i + 1], every.U], axis=1)
         # v^H z = 0 for the weakest direction v.
         v = np.linalg.eigh(Z @ _H(Z))[1][:, :, 0].conj()
+        if not v[:, 0].all():
+            raise np.linalg.LinAlgError("the weakest direction has no part of the output")
         G[:, i] = -v[:, 1:] / v[:, :1]
     return Estimate(G, _least_squares_weights(blocks))
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.frf.blocks import Gathered, added
+from elastid.frf.lines import LEAST_SNR
 from elastid.quality import Levels, Quality
 
 # An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
@@ -61,6 +62,18 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
     explained = np.sum((yu @ np.linalg.inv(uu)) * yu.conj(), axis=2).real
     multiple = np.divide(explained, yy, out=np.zeros(explained.shape), where=yy > 0)
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
+
+
+def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[str]:
+    """A word for every output that hardly moved."""
+    excited = quality.excited
+    weak = excited.amplitude**2 <= LEAST_SNR * excited.noise**2
+    return [
+        f"configuration {where}: output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
+        f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque"
+        for i, name in enumerate(outputs)
+        if weak[:, i].mean() > 0.5
+    ]
 
 
 def input_words(where: str, inputs: Sequence[str], data: Gathered, quality: Quality) -> list[str]:

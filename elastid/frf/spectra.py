@@ -20,6 +20,8 @@ from elastid.record import MOTION_ORDER, Motion, Record
 # Around the ends of a period its drift is averaged over this part of it: long enough that encoder noise does not
 # enter, short enough that the drift is straight.
 _END_WINDOW = 1 / 50
+# Beyond these, squares and their products overflow or vanish.
+_SMALLEST, _LARGEST = 1e-60, 1e60
 
 
 @dataclass(frozen=True)
@@ -77,8 +79,9 @@ def period_spectra(record: Record, lines: IntArray, quantity: Motion) -> PeriodS
     scale[:, :n_y], scale[:, n_y:] = j_omega**order, record.hold_response(freq_hz)[:, None]
     scale *= 2 / record.repeat_samples
     y, u = _dft(record, record.y, lines), _dft(record, record.u, lines)
-    if not (np.isfinite(y[:, 0]).all() and np.isfinite(u[:, 0]).all()):
-        refuse_missing(record)
+    # The samples themselves are looked at only where a line says that there is something to see.
+    if not all(_computable(np.abs(x[:, 0])).all() for x in (y, u)):
+        refuse_uncomputable(record)
     if drifts.any():
         y[:, :, np.flatnonzero(drifts)] -= _drift_spectra(record, lines, drifts)
     return PeriodSpectra(record, np.arange(P), y, u, scale)
@@ -146,14 +149,23 @@ def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> Comple
     return spectra
 
 
-def refuse_missing(record: Record) -> None:
-    """DataError that names the first sample that is missing, where one is."""
-    if np.isfinite(record.u).all() and np.isfinite(record.y).all():
-        return
-    in_u = not np.isfinite(record.u).all()
-    role, names, signals = ("u", record.inputs, record.u) if in_u else ("y", record.outputs, record.y)
-    sample, column = np.argwhere(~np.isfinite(signals))[0]
-    raise DataError(
-        f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {sample} on; "
-        "leave that part out, or mend the record"
-    )
+def refuse_uncomputable(record: Record) -> None:
+    """DataError that names the first sample that is missing, and channels whose squares no computer holds."""
+    for role, names, signals in (("u", record.inputs, record.u), ("y", record.outputs, record.y)):
+        if not np.isfinite(signals).all():
+            sample, column = np.argwhere(~np.isfinite(signals))[0]
+            raise DataError(
+                f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {sample} on; "
+                "leave that part out, or mend the record"
+            )
+        largest = np.max(np.abs(signals), axis=0)
+        for column in np.flatnonzero(~_computable(largest)):
+            raise DataError(
+                f"record {record.name}: {role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "
+                "nothing measures; check unit and scale of its channel, and what the log writes where it has no value"
+            )
+
+
+def _computable(size: FloatArray) -> BoolArray:
+    computable: BoolArray = (size == 0) | ((size > _SMALLEST) & (size < _LARGEST))
+    return computable
