@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 
 from elastid import stages
 from elastid.arrays import ComplexArray, FloatArray
@@ -391,6 +392,29 @@ def test_the_template_runs_once_its_file_is_there(tmp_path: Path) -> None:
     low, high = json.loads((folder / "summary.json").read_text())["parameters"]["k_1"]["interval95"]
     assert low < 60 < high
     assert high - low < 2
+
+
+def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> None:
+    """Some programs write exp(-j omega t): nothing in one response tells, but no mechanism has such damping."""
+    for name in ("a", "b"):
+        file = loadmat(elsewhere.with_name(f"{name}.mat"), simplify_cells=True)["G"]
+        savemat(
+            elsewhere.with_name(f"{name}.mat"), {"G": file | {"ResponseData": file["ResponseData"].conj()[None, None]}}
+        )
+    folder = elsewhere.parent / "run"
+    with contextlib.suppress(ElastidError):
+        stages.run_all(Run(load(elsewhere), folder, 1, Console(-1)))
+    said = " ".join(json.loads((folder / "summary.json").read_text())["warnings"])
+    assert "the responses fit far better with all phases turned round" in said
+
+
+@pytest.mark.parametrize("factor", [1e250, 1e-250])
+def test_sizes_that_nothing_measures_are_refused(factor: float, tmp_path: Path) -> None:
+    """Squares of them would overflow or vanish; the element is named."""
+    parts = _elements(("re", lambda g: factor * g.real), ("im", lambda g: factor * g.imag))
+    _csv_of(tmp_path, parts)
+    with pytest.raises(DataError, match=r"frf.csv: the response of column 1 to column 1 is .* at 24 places"):
+        _read(tmp_path, _spec("frf.csv"))
 
 
 def test_another_file_makes_the_import_out_of_date(elsewhere: Path) -> None:
