@@ -214,7 +214,7 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     folder = run.folder / "export" / target
     shutil.rmtree(folder, ignore_errors=True)
-    paths = TARGETS[target](folder, identified(run.study.name, run.study.robot, result, responses))
+    paths = TARGETS[target](folder, identified(run.study.name, run.study.robot, result, responses, run.study.model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit is not to be trusted ({result.status.replace('_', ' ')}): {result.message}")
     for path in paths:

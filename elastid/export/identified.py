@@ -12,7 +12,8 @@ from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
@@ -38,13 +39,20 @@ class Identified:
         return tuple(state_space(model, self.theta) for model in self.linear)
 
 
-def identified(name: str, robot: Robot, result: FitResult, measured: Sequence[FrequencyResponse]) -> Identified:
+def identified(
+    name: str,
+    robot: Robot,
+    result: FitResult,
+    measured: Sequence[FrequencyResponse],
+    spec: ModelSpec = EXACT,
+) -> Identified:
     """What a fit has found, linearised where it was measured, inputs and outputs in the order of the responses.
 
+    spec: the formulation of the equations.
     Raises StudyError where a configuration has no equilibrium with the fitted numbers.
     """
     fitted = robot.with_parameters({name: value for name, value in result.values.items() if name != DELAY})
-    model = serial(fitted)
+    model = formulate(fitted, spec)
     linearisation, theta = Linearisation.of(model), result.theta
     linear = (matched(linearisation.at(G.configuration, theta[:-1], G.outputs, G.quantity), G) for G in measured)
     return Identified(name, fitted, model, result, theta, tuple(measured), tuple(linear))
