@@ -4,23 +4,35 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
+from typing import Literal
 
 from elastid.robot.geometry import Axis, unit_axis
 from elastid.robot.motor import Motor
 from elastid.robot.numbers import Numbers, below
 from elastid.robot.spring import Spring
 from elastid.section import section
-from elastid.units import Angle, AngularAcceleration, AngularVelocity, Damping, Torque
+from elastid.units import (
+    Damping,
+    JointAcceleration,
+    JointPosition,
+    JointTorque,
+    JointVelocity,
+    Measured,
+    of_translation,
+)
 
 
 @section
 class Limits:
-    """What a driven joint may do, link side: angle in rad, its derivatives in rad/s and rad/s^2, motor torque in Nm."""
+    """What a driven joint may do, link side: angle (rad), its derivatives (rad/s, rad/s^2), motor torque (Nm).
 
-    angle: tuple[Angle, Angle] = (-math.inf, math.inf)
-    velocity: AngularVelocity = math.inf
-    torque: Torque = math.inf
-    acceleration: AngularAcceleration = math.inf
+    Of a translation: the position in m, its derivatives in m/s and m/s^2, the force in N.
+    """
+
+    angle: tuple[JointPosition, JointPosition] = (-math.inf, math.inf)
+    velocity: JointVelocity = math.inf
+    torque: JointTorque = math.inf
+    acceleration: JointAcceleration = math.inf
 
     def __post_init__(self) -> None:
         """Refuse an empty range."""
@@ -32,7 +44,11 @@ class Limits:
 
 @section
 class Joint:
-    """A rotation about `axis`, with a spring, a motor, both or neither; viscous friction acts across the joint."""
+    """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither.
+
+    viscous: friction across the joint.  Of a translation stiffness is in N/m, damping and friction in N*s/m; its motor
+    turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
+    """
 
     name: str
     axis: Axis = "z"
@@ -40,12 +56,14 @@ class Joint:
     motor: Motor | None = None
     viscous: Damping = 0.0
     limits: Limits = field(default_factory=Limits)
+    motion: Literal["rotation", "translation"] = "rotation"
 
     def __post_init__(self) -> None:
-        """Check axis and friction."""
+        """Check axis, friction and units."""
         unit_axis(self.axis)
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+        self._check_units()
 
     @property
     def is_flexible(self) -> bool:
@@ -53,8 +71,51 @@ class Joint:
         return self.motor is not None and self.spring is not None
 
     @property
+    def slides(self) -> bool:
+        """A translation, not a rotation."""
+        return self.motion == "translation"
+
+    @property
     def numbers(self) -> Numbers:
         """Of the spring, of friction across the joint (f_), of the motor."""
         spring = below("spring", self.spring.numbers(self.name)) if self.spring is not None else {}
         motor = below("motor", self.motor.numbers(self.name)) if self.motor is not None else {}
-        return spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))} | motor
+        across: Numbers = spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))}
+        if self.slides:
+            across = {name: (of_translation(unit), path) for name, (unit, path) in across.items()}
+        return across | motor
+
+    def _check_units(self) -> None:
+        """A number that was written with a unit must have that of the joint's motion; its motor turns."""
+        parts = {"": self, "spring ": self.spring, "limits ": self.limits, "motor ": self.motor}
+        for part, owner in parts.items():
+            turns = not self.slides or part == "motor "
+            for name, value in vars(owner).items() if owner is not None else ():
+                for number in value if isinstance(value, tuple) else (value,):
+                    if isinstance(number, Measured) and _turns(number.dimension) != turns:
+                        wanted = f"a motor turns (of joint {self.name})" if part == "motor " else self._motion_in_words
+                        raise ValueError(
+                            f"{part}{name} is given in units of {number.dimension}, but {wanted}; give it in "
+                            f"{_other(number.dimension)}"
+                        )
+
+    @property
+    def _motion_in_words(self) -> str:
+        return f"joint {self.name} is a {self.motion}" + (
+            "" if self.slides else " (motion: translation makes it slide)"
+        )
+
+
+def _turns(dimension: str) -> bool:
+    """Whether a unit belongs to a rotation."""
+    return "rad" in dimension or dimension == "N*m"
+
+
+def _other(dimension: str) -> str:
+    """The unit that the other kind of motion has."""
+    if _turns(dimension):
+        return of_translation(dimension)
+    return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
+
+
+_OF_ROTATION = ("N*m/rad", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
