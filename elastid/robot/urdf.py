@@ -167,7 +167,7 @@ class _Reader:
         waiting = [(joint, _Seat(BASE, np.eye(3), np.zeros(3))) for joint in self.below.get(roots[0], [])]
         while waiting:
             joint, seat = waiting.pop(0)
-            child = joint_child = self._link_of(joint, "child")
+            child = self._link_of(joint, "child")
             origin = _origin(joint)
             R, p = seat.R @ origin.rotation, seat.p + seat.R @ np.array(origin.xyz)
             link = self.links[child]
@@ -176,8 +176,12 @@ class _Reader:
                 below = _Seat(seat.body, R, p)
             else:
                 bodies.append(_body(link, seat.body, Placement.of(R, p), self._joints(joint)))
-                below = _Seat(joint_child, np.eye(3), np.zeros(3))
+                below = _Seat(child, np.eye(3), np.zeros(3))
             waiting += [(further, below) for further in self.below.get(child, [])]
+        reached = {body.name for body in bodies} | {frame.name for frame in frames}
+        for name in self.links:
+            if name not in reached:
+                raise self.child_of[name].wrong(f"link {name} hangs in a circle of joints, not on {roots[0]}")
         return tuple(bodies), tuple(frames)
 
     def _joints(self, joint: _Element) -> tuple[Joint, ...]:

@@ -68,7 +68,8 @@ def with_robot_value(source: Source, folder: Path) -> Source:
 
 
 def _validated(source: Source, kind: type) -> Any:
-    data, value = source.data["robot"], None
+    data = source.data["robot"]
+    value: Any = None
     try:
         value = TypeAdapter(kind).validate_python(data)
         found = booleans(data, kind)
