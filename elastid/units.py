@@ -188,6 +188,7 @@ class InUnit:
         }
 
 
+Acceleration: TypeAlias = Annotated[float, InUnit("m/s^2")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
 AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]

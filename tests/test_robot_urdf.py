@@ -87,9 +87,10 @@ def test_dynamics_and_frames_equal_those_of_pinocchios_reader(seed, tmp_path):
         np.testing.assert_allclose(pose.rotation[0], data.oMf[index].rotation, atol=1e-10)
 
 
-ARM = """<robot name="arm">
+ARM = """\
+<robot name="arm">
   <link name="base_link"/>
-  <link name="upper"><inertial><mass value="3"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="upper"><inertial><mass value="3"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
   <link name="tool0"/>
   <joint name="a1" type="revolute">
     <parent link="base_link"/><child link="upper"/>
