@@ -30,6 +30,7 @@ TABLE: dict[str, tuple[str, float]] = {
     "N/m": ("N/m", 1.0),
     "kN/m": ("N/m", 1e3),
     "N/mm": ("N/m", 1e3),
+    "kN/mm": ("N/m", 1e6),
     "MN/m": ("N/m", 1e6),
     "N*s/m": ("N*s/m", 1.0),
     "kN*s/m": ("N*s/m", 1e3),

@@ -15,6 +15,7 @@ from elastid.units import (
     Angle,
     AngularVelocity,
     Frequency,
+    JointPosition,
     Quantity,
     Time,
     Torque,
@@ -337,6 +338,7 @@ class ResponsesSpec:
 class ExperimentSpec:
     """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
 
+    Of a joint that slides the angle is its position in m.
     Further configurations are chosen where the study has a section `design`.
 
     realisations: independent draws of the random phases.  experiments: of every realisation (default: as many as
@@ -346,7 +348,7 @@ class ExperimentSpec:
     Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
     """
 
-    configurations: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
+    configurations: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
     realisations: int = 2
     periods: int = 2
     transient_periods: int = 1

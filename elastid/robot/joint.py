@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import field
 from typing import Literal
 
@@ -85,25 +86,42 @@ class Joint:
             across = {name: (of_translation(unit), path) for name, (unit, path) in across.items()}
         return across | motor
 
+    @property
+    def unit(self) -> str:
+        """Of its position: rad or m."""
+        return "m" if self.slides else "rad"
+
+    def refusal_of(self, number: float) -> str:
+        """Why a number, written with a unit, is none of this joint's; empty where it may be."""
+        if not isinstance(number, Measured) or _turns(number.dimension) != self.slides:
+            return ""
+        hint = "" if self.slides else " (motion: translation makes it slide)"
+        return (
+            f"is given in units of {number.dimension}, but joint {self.name} is a {self.motion}{hint}; "
+            f"give it in {_other(number.dimension)}"
+        )
+
     def _check_units(self) -> None:
         """A number that was written with a unit must have that of the joint's motion; its motor turns."""
-        parts = {"": self, "spring ": self.spring, "limits ": self.limits, "motor ": self.motor}
-        for part, owner in parts.items():
-            turns = not self.slides or part == "motor "
-            for name, value in vars(owner).items() if owner is not None else ():
-                for number in value if isinstance(value, tuple) else (value,):
-                    if isinstance(number, Measured) and _turns(number.dimension) != turns:
-                        wanted = f"a motor turns (of joint {self.name})" if part == "motor " else self._motion_in_words
-                        raise ValueError(
-                            f"{part}{name} is given in units of {number.dimension}, but {wanted}; give it in "
-                            f"{_other(number.dimension)}"
-                        )
+        owners = {"": self, "spring: ": self.spring, "limits: ": self.limits}
+        for part, owner in owners.items():
+            for name, number in _numbers_of(owner):
+                if self.refusal_of(number):
+                    raise ValueError(f"{part}{name} {self.refusal_of(number)}")
+        for name, number in _numbers_of(self.motor):
+            if isinstance(number, Measured) and not _turns(number.dimension):
+                raise ValueError(
+                    f"motor: {name} of joint {self.name} is given in units of {number.dimension}, but a motor turns, "
+                    f"its ratio leads to the joint; give it in {_other(number.dimension)}"
+                )
 
-    @property
-    def _motion_in_words(self) -> str:
-        return f"joint {self.name} is a {self.motion}" + (
-            "" if self.slides else " (motion: translation makes it slide)"
-        )
+
+def _numbers_of(owner: object) -> Iterator[tuple[str, float]]:
+    """The numbers that a section holds itself."""
+    for name, value in vars(owner).items() if owner is not None else ():
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float):
+                yield name, number
 
 
 def _turns(dimension: str) -> bool:

@@ -156,12 +156,17 @@ def _configurations(study: Study) -> Iterator[Problem]:
             yield Problem(path, f"{len(angles)} angles for {len(driven)} driven joints ({joints})")
             continue
         for i, (angle, joint) in enumerate(zip(angles, driven, strict=True)):
+            wrong = joint.refusal_of(angle)
+            if wrong:
+                yield Problem((*path, i), wrong)
+                continue
             low, high = joint.limits.angle
             if not low <= angle - swing <= angle + swing <= high:
-                reach = f" with the carrier's {swing:.4g} rad to either side" if swing else ""
+                reach = f" with the carrier's {swing:.4g} {joint.unit} to either side" if swing else ""
                 yield Problem(
                     (*path, i),
-                    f"joint {joint.name} at {angle:.4g} rad{reach} is outside its limits [{low:.4g}, {high:.4g}] rad",
+                    f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, "
+                    f"{high:.4g}] {joint.unit}",
                 )
 
 
