@@ -108,6 +108,7 @@ class SimulatedRig:
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
             hold="zero-order",
+            sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:

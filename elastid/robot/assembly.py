@@ -118,6 +118,10 @@ class Robot:
             return any(joint.slides for joint in self.joints if joint.name == rest)
         return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
+    def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
+        """Those of some places that translate."""
+        return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
+
     @property
     def numbers(self) -> Numbers:
         """Every number that has a name: its unit and its place, joint by joint, then body by body."""
