@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.model.spec import ModelSpec
 from elastid.record import MOTION_UNIT
 from elastid.section import section
 from elastid.units import (
@@ -114,7 +115,7 @@ class SimulatedSpec:
 
     truth: parameter name to value.  outputs: places that are logged (default: every motor): `motor 1`, `joint 1`,
     `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.
-    substeps: integration steps per sample of the controller.
+    substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
     """
 
     truth: dict[str, Quantity] = field(default_factory=dict)
@@ -123,6 +124,7 @@ class SimulatedSpec:
     carrier: CarrierSpec | None = None
     noise: NoiseSpec = NoiseSpec()
     substeps: int = 2
+    model: ModelSpec = ModelSpec()
 
     def __post_init__(self) -> None:
         """Refuse a simulation without steps, and outputs that would count twice."""
