@@ -11,6 +11,7 @@ import pytest
 from elastid import cli
 from elastid.errors import StudyError
 from elastid.experiment.plan import make_plan
+from elastid.experiment.recorded import RecordedRig
 from elastid.experiment.simulated import SimulatedRig
 from elastid.experiment.spec import ChannelSpec
 from elastid.frf.estimators import estimate
@@ -18,9 +19,10 @@ from elastid.linear.linearise import linearise
 from elastid.linear.transfer import Kernel, frequency_response
 from elastid.model.kinematics import frame_poses
 from elastid.model.serial import serial
-from elastid.record import Configuration
+from elastid.record import Configuration, Record
+from elastid.response import FrequencyResponse
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
-from elastid.store import read_responses
+from elastid.store import read_records, read_responses, write_records, write_responses
 from elastid.study import load
 
 FREQ = np.array([0.5, 2.0, 7.0, 30.0])
@@ -207,6 +209,57 @@ def test_channels_of_points_have_units_of_length(channel, says):
     with pytest.raises(ValueError, match=says):
         ChannelSpec("y", channel="c", **channel).unit_factor(two_axes().slides(channel["at"]))
     assert ChannelSpec("y", "frame tool z", "c", quantity="velocity", unit="mm/s").unit_factor(True) == 1e-3
+
+
+def test_a_log_with_an_accelerometer_in_multiples_of_gravity_is_read_in_si(tmp_path: Path):
+    """Torque, angle and acceleration of one CSV file, as the simulated rig measured them."""
+    (tmp_path / "study.yml").write_text(STUDY)
+    simulated = load(tmp_path / "study.yml").study
+    plan = make_plan(simulated.excitation, simulated.experiment, simulated.robot, simulated.seed)
+    rig = SimulatedRig(simulated.robot, simulated.experiment, plan, 1)
+    record = rig.measure(rig.experiments[0])
+    columns = np.column_stack([record.u, record.y[:, :2], record.y[:, 2] / 9.80665])
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="u1,u2,q1,q2,acc", comments="")
+    (tmp_path / "logged.yml").write_text(
+        "name: logged\n"
+        + ROBOT
+        + """
+experiment:
+  configurations: {a: [0.2, -0.5]}
+  recorded:
+    rate_hz: 1000
+    period: 2 s
+    channels:
+      - {role: u, at: motor 1, channel: u1}
+      - {role: u, at: motor 2, channel: u2}
+      - {role: y, at: motor 1, channel: q1, quantity: position, unit: rad}
+      - {role: y, at: motor 2, channel: q2, quantity: position, unit: rad}
+      - {role: y, at: accelerometer tool z, channel: acc, quantity: acceleration, scale: 9.80665, unit: m/s^2}
+    files: [{path: log.csv, configuration: a}]
+"""
+    )
+    study = load(tmp_path / "logged.yml").study
+    logged = RecordedRig(study.robot, study.experiment, tmp_path)
+    read = logged.measure(logged.experiments[0])
+    assert read.outputs == ("motor 1", "motor 2", "accelerometer tool z")
+    assert read.output_units == ("rad", "rad", "m/s^2")
+    np.testing.assert_allclose(read.y, record.y[:, :3], rtol=1e-12)
+
+
+def test_records_and_responses_say_which_places_slide(tmp_path: Path):
+    """Units in the files, read back as written."""
+    record = Record(
+        "r", Configuration("c", [0.0]), 0, 0, 100.0, 4, ("motor 1",), ("motor 1", "frame tool z"),
+        ("position", "acceleration"), np.ones((4, 1)), np.ones((4, 2)), sliding=("frame tool z",),
+    )  # fmt: skip
+    G = np.ones((1, 2, 1), complex)
+    response = FrequencyResponse(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
+                                 record.configuration, sliding=record.sliding)  # fmt: skip
+    assert response.unit == "(rad/s^2 or m/s^2)/(N*m)"
+    write_responses(tmp_path / "frf.h5", [response])
+    assert read_responses(tmp_path / "frf.h5")[0].sliding == ("frame tool z",)
+    write_records(tmp_path / "records.h5", [record])
+    assert next(iter(read_records(tmp_path / "records.h5"))).output_units == ("rad", "m/s^2")
 
 
 @pytest.mark.parametrize("place", ["frame tool w", "frame nose x", "accelerometer tool rx", "accelerometer fore x"])

@@ -29,7 +29,7 @@ from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
-from elastid.units import Quantity, to_si
+from elastid.units import Quantity, of_translation, to_si
 
 
 @dataclass(frozen=True)
@@ -248,6 +248,7 @@ def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: floa
             (speed[i], joint.limits.velocity, "rad/s"),
             (acceleration[i], joint.limits.acceleration, "rad/s^2"),
         ):
+            unit = of_translation(unit) if joint.slides else unit
             if peak > limit:
                 notes.append(
                     f"motor {joint.name} went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "

@@ -6,8 +6,8 @@ q_a = q_m + twist:
 .. math:: V = \tfrac12 k\, twist^2, \quad R = \tfrac12 d\, \dot{twist}^2 + \tfrac12 f_m \dot q_m^2
           + \tfrac12 f (\dot q_m + \dot{twist})^2, \quad T_m = \tfrac12 J_m \dot q_m^2
 
-Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side: an
-actuator exerts link-side torque. The keyframes are the equilibria, controls included.
+Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side:
+an actuator exerts link-side torque. The keyframes are the equilibria, controls included.
 """
 
 from __future__ import annotations
