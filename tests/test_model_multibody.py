@@ -42,6 +42,7 @@ def random_body(rng: np.random.Generator, index: int, parents: list[str], n_join
         mass=float(masses.sum()),
         center_of_mass=tuple(center),
         inertia=(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+        mounting=Placement(tuple(rng.normal(size=3)), (0.0, 0.0, 0.4)) if rng.random() < 0.5 else Placement(),
     )
 
 
@@ -77,6 +78,7 @@ def pinocchio_model(pin, robot: Robot):
             kind = pin.JointModelPrismaticUnaligned if joint.slides else pin.JointModelRevoluteUnaligned
             parent = model.addJoint(parent, kind(unit_axis(joint.axis)), placement, joint.name)
             placement = pin.SE3.Identity()
+        placement = placement * pin.SE3(body.mounting.rotation, np.array(body.mounting.xyz))
         inertia = pin.Inertia(body.mass, np.array(body.center_of_mass), body.inertia_matrix)
         model.appendBodyToJoint(parent, inertia, placement)
         model.addFrame(pin.Frame(body.name, parent, placement, pin.FrameType.BODY))
