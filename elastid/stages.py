@@ -56,8 +56,8 @@ from elastid.store import (
     write_validation,
 )
 from elastid.tables import forecast_table, parameter_table
+from elastid.validating import validated
 from elastid.validation.frequency import agreement
-from elastid.validation.frequency import validate as validate_responses
 
 # Finished experiments of a measurement that was stopped; the next one goes on from here.
 PARTIAL = "records.partial"
@@ -198,11 +198,12 @@ def fit(run: Run) -> None:
 def validate(run: Run) -> None:
     """validation.h5: how far the fitted model carries, on left-out configurations if there are any."""
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    validation = validate_responses(
-        responses, predict(result, run.study.robot, responses, run.study.model), run.study.validation.left_out
-    )
+    with run.console.progress("validate") as progress:
+        validation = validated(run, responses, result, progress)
     write_validation(run.path("validate"), validation, run.stamps["validate"])
-    run.console.say(f"validate: {validation.verdict}")
+    for words in (validation.verdict, validation.cost, validation.replayed):
+        if words:
+            run.console.say(f"validate: {words}")
 
 
 def export(run: Run, target: str) -> tuple[Path, ...]:

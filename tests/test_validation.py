@@ -290,7 +290,7 @@ def test_a_few_lines_far_off_are_not_normal():
 
 
 def test_normal_residuals_over_a_sigma_of_two_realisations_pass_for_normal():
-    """The smoothed sigma of one degree of freedom a line makes their tails hardly heavier: below 8 % of 300 residuals."""
+    """A smoothed sigma of one degree of freedom a line is allowed for: below 8 % of 300 residuals."""
     rng = np.random.default_rng(9)
     G = np.repeat(two_mass(FREQ_HZ, damping=0.05)[0], 150, axis=2)
     std = 0.05 * np.abs(G)
