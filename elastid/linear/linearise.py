@@ -4,7 +4,13 @@ r"""ElasticModel about a configuration -> LinearModel, with exact derivatives to
           K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
 
 Springs, gravity and, with multipliers, the geometric stiffness come from one Hessian. Coriolis terms are quadratic in
-the velocities and leave nothing. The operating point is held while the derivatives are taken.
+the velocities and leave nothing. The operating point moves with the parameters,
+
+.. math:: \frac{dK}{d\theta} = \frac{\partial K}{\partial \theta} + \frac{\partial K}{\partial q} \frac{dq_0}{d\theta},
+          \qquad \frac{dq_0}{d\theta} = -K_{ff}^{-1} \frac{\partial^2 V}{\partial q_f\, \partial \theta}
+
+with the free coordinates f, and M alike. Where all springs are linear the second term is left out: it is a thousandth
+of the first and would give each stiffness as many rank-one terms as there are coordinates.
 """
 
 from __future__ import annotations
@@ -16,7 +22,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.linear.equilibrium import equilibrium
+from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
 from elastid.record import Configuration, Motion
@@ -27,11 +33,13 @@ class Linearisation:
     """A model with its derivatives to theta, built once and evaluated at each configuration.
 
     matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
-    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.
+    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  shift(q, lambda_, theta) -> their Jacobian to the free coordinates
+    (3 n_q (n_q + 1) / 2, n_f) and that of dV/dq_f to theta (n_f, n_theta); None where the operating point is held.
     """
 
     model: ElasticModel
     matrices: ca.Function
+    shift: ca.Function | None
 
     @classmethod
     def of(cls, model: ElasticModel) -> Linearisation:
@@ -43,7 +51,13 @@ class Linearisation:
         matrices = (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta))
         triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
         slopes = ca.jacobian(ca.vec(triangles), theta)
-        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]))
+        shift = None
+        if _moves_with_parameters(model):
+            free = free_coordinates(model).tolist()
+            to_q = ca.jacobian(ca.vec(triangles), q)[:, free]
+            to_theta = ca.jacobian(model.potential_gradient(q, theta)[free], theta)
+            shift = ca.Function("shift", [q, lambda_, theta], [to_q, to_theta])
+        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), shift)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
@@ -53,6 +67,11 @@ class Linearisation:
         point = equilibrium(model, theta, configuration)
         triangles, slopes = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
+        slopes = slopes.full()
+        if self.shift is not None:
+            to_q, to_theta = (part.full() for part in self.shift(point.q, point.lambda_, theta))
+            free = free_coordinates(model)
+            slopes = slopes - to_q @ np.linalg.lstsq(K[np.ix_(free, free)], to_theta)[0]
         return LinearModel(
             configuration=configuration,
             parameters=(*model.parameters, DELAY),
@@ -60,13 +79,19 @@ class Linearisation:
             M=M,
             D=D,
             K=K,
-            slopes=_slopes(model, slopes.full()),
+            slopes=_slopes(model, slopes),
             B=model.B,
             C=model.output_jacobian(point.q, outputs),
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
         )
+
+
+def _moves_with_parameters(model: ElasticModel) -> bool:
+    """Whether the tangent stiffness depends on where gravity deflects a spring to."""
+    springs = (joint.spring for joint in model.robot.joints)
+    return model.n_c == 0 and any(spring is not None and not spring.is_linear for spring in springs)
 
 
 def linearise(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from elastid.errors import StudyError
 from elastid.robot.body import BASE, Body
+from elastid.robot.compensator import Compensator
 from elastid.robot.geometry import Acceleration3
 from elastid.robot.joint import Joint
 from elastid.robot.numbers import Numbers, at, below, replaced
@@ -23,6 +24,7 @@ class Robot:
     bodies: tuple[Body, ...]
     gravity: Acceleration3 = (0.0, 0.0, -9.81)
     source: str = ""
+    compensators: tuple[Compensator, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -41,6 +43,21 @@ class Robot:
                 raise ValueError(f"joint {name} is given twice")
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+        self._check_compensators()
+
+    def _check_compensators(self) -> None:
+        """Each has its own name and ends on bodies that there are."""
+        names = [compensator.name for compensator in self.compensators]
+        bodies = [BASE, *(body.name for body in self.bodies)]
+        for compensator in self.compensators:
+            if names.count(compensator.name) > 1:
+                raise ValueError(f"compensator {compensator.name} is given twice")
+            for end in compensator.ends:
+                if end.body not in bodies:
+                    raise ValueError(
+                        f"compensator {compensator.name} ends on {end.body}, which is no body; there are "
+                        f"{', '.join(bodies)}"
+                    )
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -87,6 +104,8 @@ class Robot:
                 places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
         for b, body in enumerate(self.bodies):
             places |= below("bodies", below(b, body.numbers))
+        for c, compensator in enumerate(self.compensators):
+            places |= below("compensators", below(c, compensator.numbers))
         return places
 
     def parameters(self) -> dict[str, tuple[float, str]]:
