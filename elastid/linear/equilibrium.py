@@ -77,16 +77,6 @@ def free_coordinates(model: ElasticModel) -> IntArray:
     return free
 
 
-def deflections(model: ElasticModel, q: FloatArray) -> dict[str, float]:
-    """The deflection of each joint's spring at q (n_q,), by joint: q_m - q_a in a gear, q_na in an elastic joint."""
-    found = {}
-    for joint in model.robot.joints:
-        if joint.spring is not None:
-            at = float(q[model.index(f"joint {joint.name}")])
-            found[joint.name] = float(q[model.index(f"motor {joint.name}")]) - at if joint.is_flexible else at
-    return found
-
-
 def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
     """Newton's step where K is positive definite; where it is not, one that leads down there, too.
 

@@ -17,11 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.arrays import FloatArray, IntArray
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
@@ -40,6 +41,11 @@ class Linearisation:
     model: ElasticModel
     matrices: ca.Function
     shift: ca.Function | None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the derivatives follow the operating point, which moves with the parameters."""
+        return self.shift is not None
 
     @classmethod
     def of(cls, model: ElasticModel) -> Linearisation:
@@ -107,9 +113,17 @@ def linearise(
 
 
 def _symmetric(triangle: FloatArray, n: int) -> FloatArray:
-    full = np.zeros((n, n))
-    full[np.tril_indices(n)] = triangle
-    return full + np.tril(full, -1).T
+    full: FloatArray = triangle[_places(n)]
+    return full
+
+
+@cache
+def _places(n: int) -> IntArray:
+    """Where each entry of a symmetric (n, n) stands among those of its lower triangle."""
+    places = np.zeros((n, n), np.int64)
+    rows, columns = np.tril_indices(n)
+    places[rows, columns] = places[columns, rows] = np.arange(rows.size)
+    return places
 
 
 def _slopes(model: ElasticModel, jacobian: FloatArray) -> dict[str, Slope]:

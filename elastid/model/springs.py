@@ -41,6 +41,16 @@ def nonlinear_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tup
     return V, gradient
 
 
+def tangents(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """d tau / d Delta of each joint's spring, by joint: the stiffness that small motion about q meets."""
+    x = ca.SX.sym("x")
+    stiffness = {
+        name: (theta[f"k_{name}"] + ca.gradient(_beyond_linear(name, x, theta)[1], x), deflection)
+        for name, deflection in deflections(robot, q).items()
+    }
+    return {name: ca.substitute(k, x, deflection) for name, (k, deflection) in stiffness.items()}
+
+
 def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
     energy, torque = ca.SX(0), ca.SX(0)
     if (k2 := theta.get(f"k2_{joint}")) is not None:
