@@ -343,7 +343,7 @@ def test_the_rig_tends_to_the_tangent_as_the_square_of_the_amplitude() -> None:
     lines = np.arange(3, 120, 2)
     phases = np.exp(2j * np.pi * np.random.default_rng(3).random(lines.size))
     errors = []
-    for rms in (80.0, 40.0, 20.0):
+    for rms in (48.0, 24.0, 12.0):
         R = (rms * math.sqrt(2 / lines.size) * phases)[None, None, None, :, None]
         plan = Plan((HORIZONTAL,), machine.motor_locations, 1000.0, 4000, 1, 2, lines, R)
         study = ExperimentSpec({"horizontal": (0.0,)}, simulated=SimulatedSpec(substeps=2))
