@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from elastid.fit.identify import identify
+from elastid.fit.choose import choose
+from elastid.fit.identify import Assembly, identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation

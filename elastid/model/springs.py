@@ -10,10 +10,12 @@ is written out rather than differentiated: a simulation evaluates it at every st
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import casadi as ca
+import numpy as np
 
+from elastid.arrays import FloatArray
 from elastid.model.drivetrain import motor_coordinates
 from elastid.robot import Robot
 
@@ -39,6 +41,12 @@ def nonlinear_springs(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> tup
             V += energy
             gradient += torque * ca.jacobian(x, q).T
     return V, gradient
+
+
+def on_the_flanks(parameters: Sequence[str], theta: FloatArray) -> FloatArray:
+    """theta (n_theta,) with every gap closed, k_i = k: the stiffness that motion meets once it crosses a gap."""
+    values = dict(zip(parameters, theta, strict=True))
+    return np.array([values[f"k_{name[3:]}"] if name.startswith("ki_") else value for name, value in values.items()])
 
 
 def tangents(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
