@@ -17,6 +17,8 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.transfer import to_response
+from elastid.model.multibody import tree, turns
+from elastid.model.points import between, seat
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance
@@ -130,6 +132,28 @@ def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
     np.testing.assert_allclose(holding(robot, angles), expected, rtol=1e-10, atol=1e-6)
     measured_bar = np.array([170, 167, 164, 162, 164, 170, 180, 190, 200])
     np.testing.assert_allclose(p[2:11] / 1e5, measured_bar, rtol=0.05)
+
+
+def test_the_balance_cylinder_of_an_irb_4400() -> None:
+    """Between turret and lower arm as its makers draw it: 0.81882 m long at zero, pitched by -0.20909 rad."""
+    turret = Body("turret", joints=(Joint("1", "z", motor=Motor(1e-3)),), mass=106.0)
+    lower = Body("lower", "turret", Placement((0.2, -0.0835, 0.462)), (Joint("2", "y", motor=Motor(1e-3)),), 31.0)
+    ends = Anchor("turret", (-0.47929, 0.047, 0.32047)), Anchor("lower", (0.1217, 0.1305, 0.0284))
+    cylinder = Compensator("cylinder", ends, gas=GasSpring(10e3, 0.81882, 0.6, 1.1, "draw"))
+    robot = Robot("irb 4400", (turret, lower), compensators=(cylinder,))
+    layout = tree(robot)
+    q = ca.SX.sym("q", 2)
+    where = [(seat(robot, layout, end.body), end.point) for end in ends]
+    vector = ca.Function("rod", [q], [between(layout, turns(layout, q), where[0], where[1])])
+    rod = vector([0.7, 0.0]).full()[:, 0]
+    assert np.linalg.norm(rod) == pytest.approx(0.81882, abs=1e-5)
+    assert math.atan2(-rod[2], rod[0]) == pytest.approx(-0.20909, abs=1e-4)
+    # Drawing at F0 its moment about axis 2 is F0 times the lever, whatever axis 1 does.
+    lever = (0.0284 * rod[0] - 0.1217 * rod[2]) / 0.81882
+    weightless = serial(replace(robot, gravity=(0.0, 0.0, 0.0)))
+    for angle in (0.0, 0.7):
+        u = equilibrium(weightless, weightless.theta, Configuration("c", (angle, 0.0))).u
+        np.testing.assert_allclose(u, [0.0, 10e3 * lever], atol=1.0)
 
 
 def test_its_stiffness_is_in_the_linear_model() -> None:
