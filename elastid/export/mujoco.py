@@ -18,6 +18,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.errors import StudyError
 from elastid.export.identified import Identified
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
@@ -29,6 +30,7 @@ _LEAST = 1e-12
 
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
+    _check_springs(model.robot)
     root = ET.Element("mujoco", model=model.robot.name)
     # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -42,6 +44,16 @@ def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     with text_file(path) as file:
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
+
+
+def _check_springs(robot: Robot) -> None:
+    bent = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    beyond = [*bent, *(f"compensator {compensator.name}" for compensator in robot.compensators)]
+    if beyond:
+        raise StudyError(
+            f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(beyond)} would be lost; "
+            "export to casadi or c instead"
+        )
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:

@@ -12,7 +12,12 @@ Stiffness and damping are on the link side; a motor's inertia and friction are o
 give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link. Of a
 translation, stiffness is in N/m and a ratio in rad/m.
 
-Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
+A compensator is a coil or a gas spring between points of two bodies, which carries part of the weight.
+
+Every number that can be identified has a name: k_1 and d_1 (spring of joint 1; k2_1, k2s_1, k3_1 where it is a
+polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, rounding), f_1 (viscous friction in joint
+1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
+gas column at the length L0, exponent),
 Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
 the same inertia about every axis, I_arm; m_payload, c_payload_x, I_payload of what it carries.
 """
@@ -21,6 +26,7 @@ from __future__ import annotations
 
 from elastid.robot.assembly import FRAME_AXES, Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.frame import Frame
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
@@ -32,10 +38,14 @@ __all__ = [
     "BASE",
     "FRAME_AXES",
     "Acceleration3",
+    "Anchor",
     "Angles3",
     "Axis",
     "Body",
+    "CoilSpring",
+    "Compensator",
     "Frame",
+    "GasSpring",
     "InertiaTensor",
     "Joint",
     "Limits",

@@ -7,6 +7,7 @@ from functools import cached_property
 
 from elastid.errors import StudyError
 from elastid.robot.body import BASE, Body
+from elastid.robot.compensator import Compensator
 from elastid.robot.frame import Frame
 from elastid.robot.geometry import Acceleration3, Placement
 from elastid.robot.joint import Joint
@@ -32,6 +33,7 @@ class Robot:
     source: str = ""
     frames: tuple[Frame, ...] = ()
     payload: Payload | None = None
+    compensators: tuple[Compensator, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -55,6 +57,21 @@ class Robot:
             _refuse_twice("body", [body.name for body in self.all_bodies])
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+        self._check_compensators()
+
+    def _check_compensators(self) -> None:
+        """Each has its own name and ends on bodies that there are."""
+        names = [compensator.name for compensator in self.compensators]
+        bodies = [BASE, *(body.name for body in self.bodies)]
+        for compensator in self.compensators:
+            if names.count(compensator.name) > 1:
+                raise ValueError(f"compensator {compensator.name} is given twice")
+            for end in compensator.ends:
+                if end.body not in bodies:
+                    raise ValueError(
+                        f"compensator {compensator.name} ends on {end.body}, which is no body; there are "
+                        f"{', '.join(bodies)}"
+                    )
 
     @cached_property
     def all_bodies(self) -> tuple[Body, ...]:
@@ -131,7 +148,11 @@ class Robot:
                 places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
         for b, body in enumerate(self.bodies):
             places |= below("bodies", below(b, body.numbers))
-        return places | (below("payload", self.payload.numbers) if self.payload is not None else {})
+        if self.payload is not None:
+            places |= below("payload", self.payload.numbers)
+        for c, compensator in enumerate(self.compensators):
+            places |= below("compensators", below(c, compensator.numbers))
+        return places
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit."""

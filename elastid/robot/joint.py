@@ -136,4 +136,4 @@ def _other(dimension: str) -> str:
     return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
 
 
-_OF_ROTATION = ("N*m/rad", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
+_OF_ROTATION = ("N*m/rad", "N*m/rad^2", "N*m/rad^3", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
