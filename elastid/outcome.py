@@ -42,7 +42,15 @@ def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyRespo
     for response in responses:
         model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
         found = modes(model, theta)
-        rows.append(ModeRow(response.configuration.name, found.freq_hz, found.zeta))
+        rows.append(
+            ModeRow(
+                response.configuration.name,
+                found.freq_hz,
+                found.zeta,
+                coordinates=linearisation.model.coordinates,
+                shapes=found.shapes,
+            )
+        )
     return tuple(rows)
 
 

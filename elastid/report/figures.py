@@ -16,8 +16,11 @@ from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import configuration_title, frf_magnitude, frf_phase
 from elastid.report.limit_figures import peaks_against_limits, time_signals
+from elastid.report.mode_figures import mode_shapes
 from elastid.report.parameter_rows import parameter_rows
 from elastid.report.quality_figures import coherence, levels
+from elastid.report.singular_figures import singular_values
+from elastid.report.validation_figures import errors, replay_title, replayed
 from elastid.response import FrequencyResponse
 
 
@@ -36,6 +39,11 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     rows = parameter_rows(content.result, content.truth)
     if rows:
         yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
+    if content.validation.configurations:
+        caption = "How far the model is off, by configuration (down) and element (across); 1 sigma and less is noise."
+        yield Drawing("errors", "validation", caption, errors(content.validation))
+    modes = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
+    replays = {replay.configuration: replay for replay in content.validation.replays}
     for name, (measured, modelled) in zip(_file_names(content), content.frf, strict=True):
         configuration = measured.configuration.name
         title = configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
@@ -51,6 +59,27 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             f"{configuration}: phase of the frequency responses, measured and modelled.",
             frf_phase(measured, modelled, title),
         )
+        yield Drawing(
+            f"{name}-singular-values",
+            f"configuration {configuration}",
+            f"{configuration}: singular values of the response matrix, measured and modelled.",
+            singular_values(measured, modelled, title),
+        )
+        if configuration in replays:
+            yield Drawing(
+                f"{name}-replay",
+                f"configuration {configuration}",
+                f"{configuration}: the record that fits worst, and the model under the torque that was measured; "
+                "right: where they are furthest apart.",
+                replayed(replays[configuration], replay_title(replays[configuration])),
+            )
+        if configuration in modes:
+            yield Drawing(
+                f"{name}-modes",
+                f"configuration {configuration}",
+                f"{configuration}: who moves in each mode of the identified model, motors free.",
+                mode_shapes(modes[configuration], title, measured.rate_is_known),
+            )
         yield from _quality(name, measured, title)
     if content.result.starts:
         yield Drawing("multistart", "fit", "Cost at which every start of the fit ended.", multistart(content.result))

@@ -209,6 +209,7 @@ def _write_replay(group: Any, replay: Replay) -> None:
     group.attrs["band_hz"] = replay.band_hz
     record = scale(group, "record", replay.records, "record")
     output = scale(group, "output", replay.outputs, "output")
+    variable(group, "units", replay.units, [output], "unit of each output")
     for name, (what, unit) in _REPLAY_VARIABLES.items():
         variable(group, name, getattr(replay, name), [record, output], what, unit)
     unit = "s" if replay.rate_is_known else "1 / sampling rate"
@@ -223,6 +224,7 @@ def _read_replay(group: Any, name: str) -> Replay:
         configuration=name,
         records=texts(group, "record"),
         outputs=texts(group, "output"),
+        units=texts(group, "units"),
         band_hz=tuple(known["band_hz"].tolist()),
         **{field: known[field] for field in _REPLAY_ATTRIBUTES},
         **{field: group[field][:] for field in (*_REPLAY_VARIABLES, *_REPLAY_SIGNALS)},

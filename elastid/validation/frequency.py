@@ -105,6 +105,12 @@ class Agreement:
         return float(self.inside_2sigma[known].mean()) if known.any() else math.nan
 
     @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        known = np.isfinite(self.rms_sigma)
+        return float(np.sqrt(np.mean(self.rms_sigma[known] ** 2))) if known.any() else math.nan
+
+    @property
     def coloured(self) -> float:
         """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
         known = np.isfinite(self.autocorrelation)

@@ -31,23 +31,25 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import line_spectra, period_spectra
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.transfer import frequency_response
-from elastid.record import MOTION_ORDER, Motion, Record
+from elastid.record import MOTION_ORDER, Motion, Record, motion_unit
 
 
 @dataclass(frozen=True)
 class Replay:
     """How well the model moves as the robot did under the same torque, in one configuration.
 
-    records: names.  fit_percent (n_r, n_y): of each record and output; 100 where nothing differs, 0 where no motion at
-    all would be as good.  reachable_percent (n_r, n_y): of a true model, as far as what does not repeat from period to
-    period tells; NaN of records of one period.  error_rms (n_r, n_y): in `quantity`.  shown: the record whose signals
-    follow, that of the worst fit; measured, replayed (N, n_y): one period of it within band_hz, sampled at rate_hz.
+    records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
+    where nothing differs, 0 where no motion at all would be as good.  reachable_percent (n_r, n_y): of a true model, as
+    far as what does not repeat from period to period tells; NaN of records of one period.  error_rms (n_r, n_y): in
+    units.  shown: the record whose signals follow, that of the worst fit; measured, replayed (N, n_y): one period of it
+    within band_hz, sampled at rate_hz.
     """
 
     configuration: str
     records: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
+    units: tuple[str, ...]
     band_hz: tuple[float, float]
     fit_percent: FloatArray
     reachable_percent: FloatArray
@@ -116,12 +118,13 @@ def replay_words(replays: Sequence[Replay]) -> str:
     row, column = np.unravel_index(int(np.argmin(worst.fit_percent)), worst.fit_percent.shape)
     fits = np.concatenate([each.fit_percent.ravel() for each in replays])
     reachable = worst.reachable_percent[row, column]
-    noise = f", where noise alone would leave {reachable:.3g} %" if np.isfinite(reachable) else ""
+    noise = f"; {reachable:.3g} % were it only for noise" if np.isfinite(reachable) else ""
     return (
         f"Replayed with the torque that was measured, the model explains {np.median(fits):.3g} % of the "
         f"{worst.quantity} in the excited band (median of outputs and records; 100 % less the rms error over the rms "
         f"motion), at worst {worst.fit_percent[row, column]:.3g} % ({worst.outputs[column]}, record "
-        f"{worst.records[row]}{noise})."
+        f"{worst.records[row]}{noise}). What repeats and is not explained is friction, other nonlinearity, or an "
+        "error of the model."
     )
 
 
@@ -150,6 +153,7 @@ def _replayed(
         records=(record.name,),
         outputs=record.outputs,
         quantity=model.quantity,
+        units=tuple(motion_unit(model.quantity, place in record.sliding) for place in record.outputs),
         band_hz=(float(freq_hz[0]), float(freq_hz[-1])),
         fit_percent=np.where(still, 0.0, 100 * (1 - error / scale))[None],
         reachable_percent=(100 * (1 - noise / scale))[None],
