@@ -174,10 +174,13 @@ class Prospect:
         """rad^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
         variances = np.full(len(self.outputs), noise.angle_std**2)
+        if not noise.encoder_counts:
+            return variances
+        steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
+        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
         for i, place in enumerate(self.outputs):
-            if noise.encoder_counts and place in self.robot.motor_locations:
-                ratio = self.robot.ratio(place.removeprefix("motor "))
-                variances[i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+            if place in self.robot.motor_locations:
+                variances[i] += counted[self.robot.motor_locations.index(place)]
         return variances
 
 

@@ -124,8 +124,9 @@ class ChannelSpec:
     of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`).  unit: of the file after `scale`; default SI.
     Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
-    side: motor.  file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.  rate_hz: its own
-    sampling rate where it differs; all channels are brought to the lowest one, band-limited.
+    side: motor (motors that gears couple all together).  file: in which file of an experiment it is, 1 is `path` and 2
+    the first of `also`.  rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one,
+    band-limited.
     """
 
     role: Literal["r", "u", "y"]

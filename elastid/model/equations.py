@@ -1,10 +1,11 @@
 r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressions, and the ElasticModel made of them.
 
-.. math:: \begin{bmatrix} M(q_l) & \\ & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
+.. math:: \begin{bmatrix} M(q_l) & S(q_l) \\ S^T & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
           \qquad q = [q_l;\, q_m]
 
-Niglis & Oberg (2015), eq. 2.10. Every formulation starts from `open_chain`; what a formulation adds (constraints, fewer
-coordinates) is a change of these values. Conventions of sign and side: `elastic`.
+Niglis & Oberg (2015), eq. 2.22, and 2.10 where no motor rides on a body (S = 0). Every formulation starts from
+`open_chain`; what a formulation adds (constraints, fewer coordinates) is a change of these values. Conventions of sign
+and side: `elastic`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from elastid.arrays import FloatArray
 from elastid.model.drivetrain import drivetrain, input_matrix
 from elastid.model.elastic import ElasticModel
 from elastid.model.multibody import angular_velocities, bias, composites, inertias, mass_matrix, tree, turns
+from elastid.model.rotors import rotors
 from elastid.robot import Robot
 
 
@@ -65,17 +67,22 @@ def open_chain(robot: Robot) -> Equations:
     carried = inertias(robot, layout, named)
     composite = composites(layout, carried, turned)
     drive = drivetrain(robot, named)
+    J = ca.horzcat(angular_velocities(layout, turned), ca.SX(3 * len(robot.bodies), n_q - n_l))
+    carried_rotors = rotors(robot, named, q, v, J)
     return Equations(
         coordinates=coordinates,
         q=q,
         v=v,
         theta=theta,
-        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M,
-        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1)) + drive.K @ q + drive.D @ v,
+        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M + carried_rotors.M,
+        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1))
+        + carried_rotors.c
+        + drive.K @ q
+        + drive.D @ v,
         V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)),
         D=drive.D,
         phi=ca.SX(0, 1),
-        J=ca.horzcat(angular_velocities(layout, turned), ca.SX(3 * len(robot.bodies), n_q - n_l)),
+        J=J,
         B=input_matrix(robot),
     )
 

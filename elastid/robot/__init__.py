@@ -8,18 +8,21 @@ axes of the frame reached so far. A joint is
 - elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
 - free:                            neither
 
-Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
-give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link.
+Stiffness and damping of a joint are on the link side; a motor's inertia, friction and shaft are on the motor side, as
+data sheets give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the
+link. Gears that let one axis turn the motor of another are listed with the robot (`gears`). A motor may ride on a body,
+whose rotation its rotor then feels.
 
 Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
-Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm.
+Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), km_1 and dm_1 (its shaft), m_arm, c_arm_x,
+I_arm_xx or, where a body has the same inertia about every axis, I_arm.
 """
 
 from __future__ import annotations
 
 from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.gears import GearCoupling
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.motor import Motor
@@ -31,6 +34,7 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "GearCoupling",
     "InertiaTensor",
     "Joint",
     "Limits",

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
+
+from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.robot.body import BASE, Body
+from elastid.robot.gears import GearCoupling, check_gears, mixing
 from elastid.robot.geometry import Acceleration3
 from elastid.robot.joint import Joint
 from elastid.robot.numbers import Numbers, at, below, replaced
@@ -14,15 +18,17 @@ from elastid.section import section
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame.
+    """Bodies in any order of listing that names parents first, gravity in the base frame, gears that couple axes.
 
-    Raises ValueError for names given twice, unknown parents, a robot without a motor.
+    Raises ValueError for names given twice, unknown parents, a robot without a motor, a motor on a body that is not
+    there or that its joint has nothing to do with, gear ratios that form a singular matrix.
     """
 
     name: str
     bodies: tuple[Body, ...]
     gravity: Acceleration3 = (0.0, 0.0, -9.81)
     source: str = ""
+    gears: tuple[GearCoupling, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -41,6 +47,9 @@ class Robot:
                 raise ValueError(f"joint {name} is given twice")
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+        for joint in self.driven:
+            self._check_carrier(joint)
+        check_gears(self.driven, self.gears)
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -62,12 +71,46 @@ class Robot:
         """`motor <joint>` of each motor: the inputs, and the outputs unless a study says otherwise."""
         return tuple(f"motor {joint.name}" for joint in self.driven)
 
+    @property
+    def mixing(self) -> FloatArray:
+        """E (n_u, n_u) of eta = diag(ratio) E, the identity where no gear couples two axes.
+
+        With motor angles and torques each referred to the link side by its own ratio alone: q_m' = E q_a, tau_a =
+        E^T tau_m'.
+        """
+        return mixing(self.driven, self.gears)
+
+    @property
+    def eta(self) -> FloatArray:
+        """The matrix of gear ratios (n_u, n_u): q_m = eta q_a from the link side to the motors, tau_a = eta^T tau_m."""
+        eta: FloatArray = np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing
+        return eta
+
     def ratio(self, joint: str) -> float:
         """Gear ratio of the motor of a joint; KeyError where it has none."""
         for candidate in self.driven:
             if candidate.name == joint and candidate.motor is not None:
                 return candidate.motor.ratio
         raise KeyError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
+
+    def _check_carrier(self, joint: Joint) -> None:
+        """A motor rides on a body between the base and its joint, or on one that its joint moves."""
+        carrier = joint.motor.on if joint.motor is not None else ""
+        if carrier in ("", BASE):
+            return
+        parents = {body.name: body.parent for body in self.bodies}
+        if carrier not in parents:
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, which is no body of robot {self.name}; there are "
+                f"{BASE}, {', '.join(parents)}"
+            )
+        moved = next(body.name for body in self.bodies if joint in body.joints)
+        if moved not in _up(parents, carrier) and carrier not in _up(parents, moved):
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
+                f"by it, so that no gear can lead from one to the other; bodies it can be on: {BASE}, "
+                f"{', '.join(b for b in parents if moved in _up(parents, b) or b in _up(parents, moved))}"
+            )
 
     def check_location(self, location: str) -> None:
         """Refuse a place that the robot does not have; StudyError lists those it has."""
@@ -101,3 +144,11 @@ class Robot:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")
         changed: Robot = replaced(self, {places[name][1]: value for name, value in values.items()})
         return changed
+
+
+def _up(parents: Mapping[str, str], body: str) -> list[str]:
+    """The body and those that carry it."""
+    chain = [body]
+    while parents.get(chain[-1], BASE) != BASE:
+        chain.append(parents[chain[-1]])
+    return chain
