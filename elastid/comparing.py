@@ -89,12 +89,20 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
-    """Without motor coupling, without each further elastic joint; nothing of its own beside other studies."""
+    """What can be left out, and springs on the other side of coupled gears; nothing of its own beside other studies."""
     if has_others:
         return ()
-    riding = any(joint.motor is not None and joint.motor.on for joint in study.robot.driven)
+    robot = study.robot
+    riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
-    return (*coupling, *(VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(study.robot)))
+    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
+    sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
+    moved = [
+        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in range(n)))
+        for side, n in (("before", len(robot.gears)), ("after", len(robot.gears)))
+        if sides and sides != {side}
+    ]
+    return (*coupling, *moved, *rigid)
 
 
 def _variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:

@@ -37,7 +37,8 @@ class CompareSpec:
     """Which models `elastid compare` holds against each other.
 
     folds: parts into which the configurations are divided, each left out once; 0 leaves each configuration out alone.
-    variants: default the robot without motor coupling, and without each elastic joint that is not driven.
+    variants: default the robot without motor coupling, with the springs on the other side of coupled gears, and without
+    each elastic joint that is not driven.
     """
 
     folds: int = 0
