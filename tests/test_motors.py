@@ -1,6 +1,8 @@
 """Rotors that ride on bodies: the complete model against an independent implementation, its structure, its energy."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import casadi as ca
 import numpy as np
@@ -9,6 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from elastid.errors import StudyError
+from elastid.export.mujoco import write_mujoco
 from elastid.model.elastic import ElasticModel
 from elastid.model.equations import elastic_model, open_chain
 from elastid.model.serial import serial
@@ -268,3 +272,13 @@ def test_a_rotor_that_no_robot_can_have_is_refused(on, axis, says):
             "arm",
             (Body("arm", joints=(Joint("1", motor=Motor(1e-3, 100, on=on, axis=axis)),), inertia=1.0), Body("other")),
         )
+
+
+def test_what_mujoco_has_no_words_for_is_not_exported(tmp_path: Path) -> None:
+    """An armature neither rides on a body nor is coupled: named, with the targets that hold it."""
+    riding = six_axes([(BASE, "z"), ("link1", "z"), *[("", "")] * 4])
+    with pytest.raises(StudyError, match=r"motor of joint 1 rides on base.*export to casadi or c"):
+        write_mujoco(tmp_path, SimpleNamespace(robot=riding))
+    coupled = replace(six_axes([("", "")] * 6), gears=(GearCoupling("6", "5", 3.0),))
+    with pytest.raises(StudyError, match="gears couple the axes of robot six axes"):
+        write_mujoco(tmp_path, SimpleNamespace(robot=coupled))

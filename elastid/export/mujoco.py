@@ -17,6 +17,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.errors import StudyError
 from elastid.export.identified import Identified
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Robot, unit_axis
@@ -28,6 +29,7 @@ _LEAST = 1e-12
 
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
+    _refuse_other_drives(model.robot)
     root = ET.Element("mujoco", model=model.robot.name)
     # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -41,6 +43,22 @@ def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     with text_file(path) as file:
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
+
+
+def _refuse_other_drives(robot: Robot) -> None:
+    """Rotors are armatures here: they neither ride on bodies nor share gears."""
+    for joint in robot.driven:
+        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
+            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            raise StudyError(
+                f"export to MuJoCo: the motor of joint {joint.name} {what}, for which MJCF's armature has no words; "
+                "export to casadi or c, which hold all equations"
+            )
+    if robot.gears:
+        raise StudyError(
+            f"export to MuJoCo: gears couple the axes of robot {robot.name}, which MJCF's armature cannot say; export "
+            "to casadi or c, which hold all equations"
+        )
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:
