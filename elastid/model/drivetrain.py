@@ -19,16 +19,15 @@ K_a = Z^T K Z with Z = X^-1 (eq. 2.28: Z = eta before the gears, 1 after them), 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from elastid.arrays import FloatArray
 from elastid.robot import Robot
-from elastid.robot.gears import spring_directions
+from elastid.robot.gears import Gearbox, gearboxes
 
 
 @dataclass(frozen=True)
@@ -78,53 +77,41 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
         D += theta[f"fm_{joint.name}"] * _direction(turning)
         if joint.motor is not None and not joint.motor.on:
             M += theta[f"Jm_{joint.name}"] * _direction(turning)
-    for gearbox in gearboxes(robot):
-        stiffness, damping = gearbox.in_series(theta)
-        K += stiffness
-        D += damping
+    for name, z in spring_deflections(robot).items():
+        K += theta[name] * _direction(z)
+        D += theta[f"d{name[1:]}"] * _direction(z)
+    for box in gearboxes(robot.driven, robot.gears):
+        if box.is_in_series:
+            stiffness, damping = _in_series(box, gear_deflections(robot)[list(box.gears)], theta)
+            K, D = K + stiffness, D + damping
     return Drivetrain(M, D, K)
 
 
-@dataclass(frozen=True)
-class Gearbox:
-    """Elastic gears that give way together.
-
-    springs (n_s,): names k_... of their springs.  X (n_g, n_s): how far each gear gives per rad of a spring.
-    deflections (n_g, n_q): delta = q_m - q_a of each gear.
-    """
-
-    springs: tuple[str, ...]
-    X: FloatArray
-    deflections: FloatArray
-
-    def in_series(self, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-        """K and D (n_q, n_q), as the module says."""
-        n_q = self.deflections.shape[1]
-        K, D = ca.SX(n_q, n_q), ca.SX(n_q, n_q)
-        k, d = ([theta[letter + name[1:]] for name in self.springs] for letter in "kd")
-        if len(k) == len(self.X):
-            for stiffness, damping, z in zip(k, d, np.linalg.inv(self.X) @ self.deflections, strict=True):
-                K, D = K + stiffness * _direction(z), D + damping * _direction(z)
-            return K, D
-        X, to_q = ca.DM(self.X), ca.DM(self.deflections)
-        K_a = ca.inv(sum((1 / k_s * X[:, s] @ X[:, s].T for s, k_s in enumerate(k)), start=ca.SX(0)))
-        losses = sum(
-            (d_s / k_s**2 * X[:, s] @ X[:, s].T for s, (k_s, d_s) in enumerate(zip(k, d, strict=True))), ca.SX(0)
-        )
-        return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
+def gear_deflections(robot: Robot) -> FloatArray:
+    """delta = q_m - q_a of each driven joint as rows (n_u, n_q); zero rows for rigid gears."""
+    rows: FloatArray = input_matrix(robot).T
+    rows[range(len(rows)), [robot.joints.index(joint) for joint in robot.driven]] -= 1.0
+    return rows
 
 
-def gearboxes(robot: Robot) -> Iterator[Gearbox]:
-    """The elastic gears of a robot, those that a spring turns together in one gearbox."""
-    directions = spring_directions(robot.driven, robot.gears)
-    springs, X = np.array([*directions]), np.array([*directions.values()]).reshape(-1, len(robot.driven)).T
-    deflections = input_matrix(robot).T
-    deflections[range(len(X)), [robot.joints.index(joint) for joint in robot.driven]] -= 1.0
-    _, member = connected_components(X @ X.T != 0, directed=False)
-    for box in np.unique(member[X.any(axis=1)]):
-        gears = member == box
-        within = X[gears].any(axis=0)
-        yield Gearbox(tuple(springs[within].tolist()), X[np.ix_(gears, within)], deflections[gears])
+def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
+    """z (n_q,), by name k_..., of springs in elastic gears: they are deflected by z q. None for springs in series."""
+    delta = gear_deflections(robot)
+    rows: dict[str, FloatArray] = {}
+    for box in gearboxes(robot.driven, robot.gears):
+        if not box.is_in_series:
+            rows |= dict(zip(box.springs, np.linalg.inv(box.X) @ delta[list(box.gears)], strict=True))
+    return rows
+
+
+def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), as the module says."""
+    X, to_q = ca.DM(box.X), ca.DM(delta)
+    k, d = ([theta[letter + name[1:]] for name in box.springs] for letter in "kd")
+    slowness = [d_s / k_s**2 for k_s, d_s in zip(k, d, strict=True)]
+    K_a = ca.inv(sum((1 / k_s * X[:, s] @ X[:, s].T for s, k_s in enumerate(k)), start=ca.SX(0)))
+    losses = sum((each * X[:, s] @ X[:, s].T for s, each in enumerate(slowness)), start=ca.SX(0))
+    return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
 
 
 def _direction(y: FloatArray) -> ca.DM:

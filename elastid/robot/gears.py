@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.arrays import BoolArray, FloatArray
 from elastid.robot.joint import Joint
 from elastid.section import section
 
@@ -70,6 +71,38 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
         if joint.motor is not None and joint.motor.spring is not None:
             directions[f"km_{joint.name}"] = whole[:, i] / joint.motor.ratio
     return directions
+
+
+@dataclass(frozen=True)
+class Gearbox:
+    """Elastic gears that give way together: gears (n_g,), places among the driven joints; springs (n_s,), names k_...
+
+    X (n_g, n_s): how far each gear gives per rad of a spring.
+    """
+
+    gears: tuple[int, ...]
+    springs: tuple[str, ...]
+    X: FloatArray
+
+    @property
+    def is_in_series(self) -> bool:
+        """More springs than gears: what each gives follows from the torque, not from the deflection of the gears."""
+        return len(self.springs) > len(self.gears)
+
+
+def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[Gearbox, ...]:
+    """The elastic gears, those that a spring turns together in one gearbox."""
+    directions = spring_directions(driven, gears)
+    X = np.array([*directions.values()]).reshape(-1, len(driven)).T
+    together = np.linalg.matrix_power((X @ X.T != 0).astype(float), len(driven)) > 0
+    boxes = []
+    for first in np.flatnonzero(X.any(axis=1)):
+        members = np.flatnonzero(together[first])
+        if members[0] == first:
+            within: BoolArray = np.any(X[members], axis=0)
+            springs = tuple(name for name, inside in zip(directions, within, strict=True) if inside)
+            boxes.append(Gearbox(tuple(members.tolist()), springs, X[np.ix_(members, within)]))
+    return tuple(boxes)
 
 
 def _inverse(E: FloatArray) -> FloatArray:
