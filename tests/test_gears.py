@@ -16,11 +16,14 @@ from elastid.console import Console
 from elastid.errors import StudyError
 from elastid.experiment.coupled_gears import to_joints
 from elastid.experiment.spec import ChannelSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
-from elastid.linear.transfer import frequency_response
+from elastid.linear.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
+from elastid.response import Covariance
 from elastid.robot import Body, GearCoupling, Joint, Motor, Placement, Robot, Spring
 from elastid.run import Run
 from elastid.store import read_records
@@ -317,3 +320,22 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -
     found = json.loads((tmp_path / "logged" / "summary.json").read_text())
     for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
         assert found["parameters"][name]["value"] == pytest.approx(truth, rel=0.03)
+
+
+def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:
+    """Three axes coupled all around: six stiffnesses in series are found from starts a factor 1.5 off."""
+    robot = wrist(shafts=True, links=True)
+    responses = []
+    for i, angles in enumerate(((0.3, 0.5, -0.2), (-0.6, 1.1, 0.4))):
+        model = serial(robot)
+        at = linearise(model, Configuration(f"c{i}", angles), model.theta, robot.motor_locations, "acceleration")
+        exact = to_response(at, at.theta_ref, np.linspace(2, 80, 60))
+        responses.append(replace(exact, noise=Covariance((0.01 * np.abs(exact.G)) ** 2, np.inf)))
+    truth = {name: value for name, (value, _) in robot.parameters().items() if name[0] == "k"}
+    off = dict(zip(truth, (1.5, 1 / 1.5, 1.5, 1.2, 1 / 1.3, 1.4), strict=True))
+    start = robot.with_parameters({name: value * off[name] for name, value in truth.items()})
+    spec = FitSpec(parameters={"k*": ParameterSpec()}, starts=1)
+    result = identify(responses, start, spec)
+    found = np.array([result.values[name] for name in truth])
+    np.testing.assert_allclose(found, list(truth.values()), rtol=1e-4)
+    assert result.status == "converged"
