@@ -115,7 +115,9 @@ class Prospect:
         power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         scatter = self._friction(U, motion)[1]
-        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        right: ComplexArray = self._equation_error(G) + scattered
         noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         if level.distortion > 0:
             return Covariance(noise + distortion, math.inf)
@@ -155,12 +157,13 @@ class Prospect:
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
         coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        V = ((motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        shafts = self.robot.mixing @ motion
+        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return friction_level(
             V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
         )
@@ -181,10 +184,13 @@ class Prospect:
         """rad^2 or (m/s^2)^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
         variances = output_stds(noise, self.outputs) ** 2
+        if not noise.encoder_counts:
+            return variances
+        steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
+        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
         for i, place in enumerate(self.outputs):
-            if noise.encoder_counts and place in self.robot.motor_locations:
-                ratio = self.robot.ratio(place.removeprefix("motor "))
-                variances[i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+            if place in self.robot.motor_locations:
+                variances[i] += counted[self.robot.motor_locations.index(place)]
         return variances
 
 

@@ -31,6 +31,7 @@ _LEAST = 1e-12
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
     _check_springs(model.robot)
+    _refuse_other_drives(model.robot)
     root = ET.Element("mujoco", model=model.robot.name)
     # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -53,6 +54,22 @@ def _check_springs(robot: Robot) -> None:
         raise StudyError(
             f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(beyond)} would be lost; "
             "export to casadi or c instead"
+        )
+
+
+def _refuse_other_drives(robot: Robot) -> None:
+    """Rotors are armatures here: they neither ride on bodies nor share gears."""
+    for joint in robot.driven:
+        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
+            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            raise StudyError(
+                f"export to MuJoCo: the motor of joint {joint.name} {what}, for which MJCF's armature has no words; "
+                "export to casadi or c, which hold all equations"
+            )
+    if robot.gears:
+        raise StudyError(
+            f"export to MuJoCo: gears couple the axes of robot {robot.name}, which MJCF's armature cannot say; export "
+            "to casadi or c, which hold all equations"
         )
 
 

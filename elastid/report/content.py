@@ -15,6 +15,7 @@ from elastid.experiment.rehearsal import Rehearsal
 from elastid.fit.result import FitResult
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.validation.comparison import Comparison
 from elastid.validation.frequency import Validation
 
 # Coordinates that the mode table names: those that move so much of the furthest one's way, and at most so many.
@@ -76,8 +77,8 @@ class ReportContent:
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  peaks: of its
-    rehearsal; nearest: the run that came closest to a limit.  provenance: name to text (version, seed, ...), shown as
-    it is, so without a date the page is reproducible.
+    rehearsal; nearest: the run that came closest to a limit.  comparison: of models.  provenance: name to text
+    (version, seed, ...), shown as it is, so without a date the page is reproducible.
     """
 
     title: str
@@ -95,6 +96,7 @@ class ReportContent:
     robot: Robot | None = None
     peaks: Peaks | None = None
     nearest: Rehearsal | None = None
+    comparison: Comparison | None = None
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

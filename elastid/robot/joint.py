@@ -69,7 +69,7 @@ class Joint:
     @property
     def is_flexible(self) -> bool:
         """Driven through an elastic gear: it has a motor coordinate of its own."""
-        return self.motor is not None and self.spring is not None
+        return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property
     def slides(self) -> bool:

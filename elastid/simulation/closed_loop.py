@@ -85,7 +85,9 @@ def closed_loop(
     names = ("last", "position", "velocity", "torque", "disturbance", "reading_noise", "kp", "kd")
     signals = [ca.SX.sym(name, model.n_u) for name in names]
     last, position, velocity, torque, disturbance, noise, kp, kd = signals
-    reading = _counted(ca.DM(model.B).T @ q + noise, resolution)
+    # Encoders count on the motors' shafts, which gears may couple.
+    E, E_inverse = (ca.sparsify(ca.DM(m)) for m in (model.robot.mixing, np.linalg.inv(model.robot.mixing)))
+    reading = E_inverse @ _counted(E @ ca.DM(model.B).T @ q + noise, resolution)
     u = torque + feedback(reading, last, position, velocity, kp, kd, rate_hz)
     step = runge_kutta(acceleration(model, coulomb), 1 / (rate_hz * substeps), substeps)
     sample = ca.Function("sample", [q, v, *signals], [*step(q, v, u + disturbance), reading, u])

@@ -1,8 +1,9 @@
 r"""Accelerations of an elastic model with friction, and their integration over one sample.
 
-.. math:: \ddot q = M(q)^{-1} [B (u - \tau_f(B^T \dot q)) - f(q, \dot q)]
+.. math:: \ddot q = M(q)^{-1} [B (u - E^T \tau_f(E B^T \dot q)) - f(q, \dot q)]
 
-eqs. (2.9) and (2.11) of Niglis & Oberg (2015), without constraints. Link side, SI.
+eqs. (2.9) and (2.11) of Niglis & Oberg (2015), without constraints. Link side, SI. E: what gears that couple axes make
+of the motors' rates (robot.mixing), the identity elsewhere; friction is that of each motor's shaft.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ def acceleration(model: ElasticModel, coulomb: FloatArray) -> ca.Function:
     """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) in Nm.
 
     M = L D L^T is factorised in symbols with its zeros: without pivots, which a positive definite M does not need, and
-    free for the motors, whose rows of M are diagonal.
+    free for motors without coupling, whose rows of M are diagonal.
     """
     q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
     M = ca.sparsify(model.mass(q, model.theta))
-    B = ca.DM(model.B)
-    torque = B @ (u - coulomb_expression(B.T @ v, coulomb)) - model.force(q, v, model.theta)
+    B, E = ca.DM(model.B), ca.sparsify(ca.DM(model.robot.mixing))
+    torque = B @ (u - E.T @ coulomb_expression(E @ B.T @ v, coulomb)) - model.force(q, v, model.theta)
     D, LT, order = ca.ldl(M)
     return ca.Function("acceleration", [q, v, u], [ca.ldl_solve(torque, D, LT, order)], {"cse": True})
 
@@ -68,6 +69,7 @@ def fastest_rate(model: ElasticModel, coulomb: FloatArray, q: FloatArray) -> flo
             model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)),
         )
     )
-    D = D + model.B @ np.diag(coulomb / SLIDING_VELOCITY) @ model.B.T
+    shafts = model.robot.mixing @ model.B.T
+    D = D + shafts.T @ np.diag(coulomb / SLIDING_VELOCITY) @ shafts
     A = np.block([[np.zeros_like(M), np.eye(model.n_q)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return float(np.abs(np.linalg.eigvals(A)).max())
