@@ -202,7 +202,7 @@ def validate(run: Run) -> None:
     with run.console.progress("validate") as progress:
         validation = validated(run, responses, result, progress)
     write_validation(run.path("validate"), validation, run.stamps["validate"])
-    for words in (validation.verdict, validation.cost, validation.replayed):
+    for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
         if words:
             run.console.say(f"validate: {words}")
 

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 from elastid.fit.elastic import matched
 from elastid.fit.identify import predict
 from elastid.fit.result import FitResult
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import formulate
-from elastid.parallel import Progress
+from elastid.parallel import Progress, unordered
 from elastid.response import FrequencyResponse
 from elastid.run import Run
 from elastid.store import read_configurations, read_records, read_stamp
+from elastid.validation.comparison import Task, Variant, folds, refit
 from elastid.validation.cost import cost_words
+from elastid.validation.folds import Fold, fold_words, folded
 from elastid.validation.frequency import Validation, validate
 from elastid.validation.replay import Replay, replay, replay_words
 
@@ -26,12 +29,27 @@ def validated(run: Run, responses: Sequence[FrequencyResponse], result: FitResul
     judged = validate(responses, modelled, left_out)
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     replays = tuple(_replays(run, responses, result, progress))
+    left_out_in_turn = _folds(run, [Ghat for Ghat, _ in seen], progress)
     return replace(
         judged,
         cost=cost_words(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
         replays=replays,
         replayed=replay_words(replays) if replays else "",
+        folds=left_out_in_turn,
+        folded=fold_words(left_out_in_turn, judged.fitted) if left_out_in_turn else "",
     )
+
+
+def _folds(run: Run, responses: Sequence[FrequencyResponse], progress: Progress) -> tuple[Fold, ...]:
+    """The fit again without each part of the configurations; none where the study asks for none."""
+    study = run.study
+    parts = folds([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
+    if not parts:
+        return ()
+    own = Variant(study.name, study.robot, study.fit, study.model)
+    tasks = [Task(own, part, study.seed) for part in parts]
+    done = sorted(unordered(partial(refit, responses), tasks, run.jobs, progress), key=lambda each: each[0])
+    return folded(parts, [each for _, each in done])
 
 
 def _replays(

@@ -1,5 +1,6 @@
 """The report shows what it was given, all of it, escaped, reproducible, and needs nothing from outside."""
 
+import io
 import math
 import re
 import shutil
@@ -17,15 +18,21 @@ from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.report.content import ModeRow, ReportContent
 from elastid.report.excitation_figures import excitation
+from elastid.report.figures import drawings
 from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import frf_magnitude, frf_phase
+from elastid.report.mode_figures import mode_shapes
 from elastid.report.numbers import number
-from elastid.report.page import html, rendered, write_report
+from elastid.report.page import EmbeddedFigure, fewer_colors, html, rendered, within, write_report
 from elastid.report.parameter_rows import parameter_rows
+from elastid.report.singular_figures import singular_values
+from elastid.report.validation_figures import errors, replay_title, replayed
 from elastid.response import Covariance, FrequencyResponse
+from elastid.validation.folds import Fold
 from elastid.validation.frequency import validate
 from elastid.validation.noise import above_2sigma
+from elastid.validation.replay import Replay
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -271,7 +278,7 @@ def test_the_page_shows_every_warning_parameter_and_configuration(tmp_path):
     for row in parameter_rows(content.result, TRUTH):
         assert row.name in text
         assert number(row.truth, 5) in text
-    for given in ("d_2", "2.000 × d_1", "mass", "25.000", "left out", "9.125", "4.0 %"):
+    for given in ("d_2", "2.000 × d_1", "mass", "25.000", "left out", "9.125", "4.000 %"):
         assert given in text
     for given in (content.title, content.verdict, content.validation.verdict, content.study_text, "17"):
         assert given in text
@@ -300,7 +307,7 @@ def test_the_page_needs_nothing_from_outside(tmp_path):
     assert 'src="http' not in source
     assert "<script src" not in source
     assert not {"link", "iframe", "object", "base"} & set(page.tags)
-    assert page.tags.count("img") == 8
+    assert page.tags.count("img") == 11
     assert all(address.startswith(("data:image/png;base64,", "#")) for address in page.addresses)
     without_images = re.sub(r"base64,[A-Za-z0-9+/=]+|<script>.*?</script>", "", source, flags=re.DOTALL)
     assert "://" not in without_images
@@ -332,7 +339,7 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
         assert name in page.text
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
     assert all(re.fullmatch(r"run/(report\.(html|pdf)|figures/[A-Za-z0-9_.-]+\.(png|pdf))", file) for file in files)
-    assert len(files) == 2 + 2 * (2 * len(frf) + 4)
+    assert len(files) == 2 + 2 * (3 * len(frf) + 5)
 
 
 def test_the_same_content_gives_the_same_bytes(tmp_path):
@@ -341,7 +348,7 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
     for folder in folders:
         write_report(report_content(), folder, ("png", "pdf"))
     first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
-    assert len(first) == 18
+    assert len(first) == 24
     assert first == second
 
 
@@ -374,6 +381,156 @@ def test_options_load_neither_matplotlib_nor_jinja():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+def modes(configuration="c1"):
+    """Two modes of four coordinates, the second with damping that turns the phase."""
+    return ModeRow(
+        configuration,
+        np.array([9.125, 14.2]),
+        np.array([0.04, 0.06]),
+        np.array([0.012, 0.1]),
+        np.array([0.002, 0.01]),
+        ("joint 1", "joint 2", "motor 1", "motor 2"),
+        np.array([[1.0, 0.2], [-0.75, 1.0], [0.1, -0.4 + 0.1j], [0.0, 0.6]]),
+    )
+
+
+def replays(configuration="c1", seed=0):
+    """Two records of two outputs, the model a tenth too small."""
+    measured = np.random.default_rng(seed).standard_normal((400, 2))
+    fit = np.array([[90.0, 89.5], [88.0, 91.0]])
+    return Replay(
+        configuration,
+        ("r1", "r2"),
+        ("place 1", "place 2"),
+        "acceleration",
+        ("rad/s^2", "m/s^2"),
+        (2.0, 60.0),
+        fit,
+        np.array([[99.0, 98.0], [99.5, 97.0]]),
+        0.1 * np.ones((2, 2)),
+        "r2",
+        250.0,
+        True,
+        measured,
+        0.9 * measured,
+    )
+
+
+def full_content():
+    """A report of everything."""
+    content = report_content(modes=(modes("c1"), modes("c2")))
+    validation = replace(
+        content.validation,
+        cost="The cost is what the noise alone would leave.",
+        replays=(replays("c1"), replays("c2", 1)),
+        replayed="Replayed, the model explains 90 %.",
+        folds=(Fold("c1", 1.21, 0.5, 2.5), Fold("c2", math.nan, math.nan, math.nan, "no start led anywhere")),
+        folded="Left out in turn, 0.5 dB.",
+    )
+    return replace(content, validation=validation)
+
+
+def test_the_heat_maps_show_every_error_where_it_belongs():
+    """Configurations down, elements across, in the order of the validation, left-out ones marked."""
+    validation = report_content().validation
+    figure = errors(validation)
+    maps = [axes for axes in figure.axes if axes.images and axes.get_title()]
+    for axes, name in zip(maps, ("rms_log_db", "phase_rms_deg", "rms_sigma"), strict=True):
+        given = np.stack([getattr(a, name).ravel() for a in validation.configurations])
+        np.testing.assert_allclose(axes.images[0].get_array(), given)
+    assert [label.get_text() for label in maps[0].get_yticklabels()] == ["c1", "c2, left out"]
+    rightmost = [axes for axes in maps if axes.get_xticklabels()][-1]
+    assert rightmost.get_xticklabels()[1].get_text() == "motor 2 → place 1"
+
+
+@pytest.mark.parametrize(("n_u", "n_configurations"), [(1, 1), (6, 20)])
+def test_the_heat_maps_fit_a_page_whatever_their_size(n_u, n_configurations):
+    """One element of one configuration, and 36 of twenty."""
+    pairs = [pair(n_u, name=f"c{i}") for i in range(n_configurations)]
+    figure = errors(validate(*zip(*pairs, strict=True), left_out=[]))
+    assert figure.get_figwidth() < 12
+    rendered(figure, "png")
+
+
+def test_the_singular_values_are_those_of_both_matrices():
+    """Points and lines at 20 log10 of NumPy's singular values."""
+    measured, modelled = pair(3)
+    axes = singular_values(measured, modelled, "c1").axes[0]
+    lines = [line for line in axes.get_lines() if line.get_label() == "fitted model"]
+    s = np.linalg.svd(modelled.G, compute_uv=False)
+    np.testing.assert_allclose(np.stack([line.get_ydata() for line in lines], axis=1), 20 * np.log10(s))
+
+
+def test_the_replay_shows_measured_model_and_difference():
+    """Close up at the sample where the difference is largest, with the fits of the record that is shown."""
+    given = replays()
+    figure = replayed(given, replay_title(given))
+    whole, close = figure.axes[0], figure.axes[1]
+    drawn = lines_of(close)
+    t = drawn["measured"].get_xdata()
+    np.testing.assert_allclose(
+        drawn["model under the measured torque"].get_ydata() / drawn["measured"].get_ydata(), 0.9
+    )
+    worst = np.abs(given.measured).max(axis=1).argmax() / given.rate_hz
+    assert t[0] <= worst <= t[-1]
+    np.testing.assert_allclose(lines_of(whole)["measured − model"].get_ydata(), 0.1 * given.measured[:, 0])
+    assert "88.0 % explained (99.5 %" in close.get_title(loc="left")
+    assert "2 to 60 Hz" in replay_title(given)
+
+
+def test_the_bars_of_a_mode_are_its_shape():
+    """A row a mode, a bar a coordinate, its height the real part."""
+    row = modes()
+    figure = mode_shapes(row, "c1", True)
+    assert len(figure.axes) == 2
+    for m, axes in enumerate(figure.axes):
+        np.testing.assert_allclose([bar.get_height() for bar in axes.patches], row.shapes[:, m].real)
+    assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == list(row.coordinates)
+
+
+def test_the_page_shows_replays_folds_modes_and_the_reason_of_the_cost(tmp_path):
+    """Each with its numbers; what moves in a mode is named, the furthest first."""
+    text = Page(write_report(full_content(), tmp_path, ()).read_text("utf-8")).text
+    for given in ("The cost is what the noise", "Replayed, the model explains 90 %", "Left out in turn, 0.5 dB"):
+        assert given in text
+    for given in ("no start led anywhere", "1.10", "joint 1 +1.00, joint 2 -0.75", "joint 2 +1.00, motor 2 +0.60"):
+        assert given in text
+    assert "9.125" in text
+    assert "0.012" in text
+
+
+def test_every_figure_of_a_full_report_is_drawn_once():
+    """Names are file names and so unique; each belongs to a section of the page."""
+    names = [drawing.name for drawing in drawings(full_content())]
+    assert len(set(names)) == len(names)
+    assert {"errors", "frf-c1-singular-values", "frf-c2-replay", "frf-c1-modes"} <= set(names)
+
+
+def test_figures_without_room_on_the_page_are_linked_to():
+    """The largest of single configurations first; others stay whatever they cost."""
+    figures = [
+        EmbeddedFigure("parameters", "parameters", "all", "x" * 900, "figures/parameters.png"),
+        EmbeddedFigure("a", "configuration c1", "first", "x" * 500, "figures/a.png"),
+        EmbeddedFigure("b", "configuration c1", "second", "x" * 100, "figures/b.png"),
+    ]
+    assert [bool(figure.png) for figure in within(figures, 1500)] == [True, True, True]
+    assert [bool(figure.png) for figure in within(figures, 1499)] == [True, False, True]
+    assert [bool(figure.png) for figure in within(figures, 10)] == [True, False, False]
+    page = Page(html(report_content(), within(figures, 1000)))
+    assert "figures/a.png" in page.addresses
+    assert "report.formats" in html(report_content(), [replace(figures[1], png="", file="")])
+
+
+def test_fewer_colors_are_the_same_picture():
+    """No pixel of a figure is further off than the eye can see, half of the bytes are gone."""
+    image = pytest.importorskip("PIL.Image")
+    png = rendered(frf_magnitude(*pair(3), "c1"), "png")
+    small = fewer_colors(png)
+    assert len(small) < 0.5 * len(png)
+    before, after = (np.asarray(image.open(io.BytesIO(data)).convert("RGB"), dtype=float) for data in (png, small))
+    assert np.sqrt(np.mean((before - after) ** 2)) < 3
 
 
 # In a real browser. Without background traffic: a page that opens offline must not wait for anything.

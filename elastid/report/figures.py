@@ -24,6 +24,9 @@ from elastid.report.singular_figures import singular_values
 from elastid.report.validation_figures import errors, replay_title, replayed
 from elastid.response import FrequencyResponse
 
+# Begins the section of a figure of one configuration.
+CONFIGURATION = "configuration "
+
 
 @dataclass(frozen=True)
 class Drawing:
@@ -50,26 +53,26 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         title = configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
         yield Drawing(
             f"{name}-magnitude",
-            f"configuration {configuration}",
+            f"{CONFIGURATION}{configuration}",
             f"{configuration}: magnitude of the frequency responses, measured and modelled.",
             frf_magnitude(measured, modelled, title),
         )
         yield Drawing(
             f"{name}-phase",
-            f"configuration {configuration}",
+            f"{CONFIGURATION}{configuration}",
             f"{configuration}: phase of the frequency responses, measured and modelled.",
             frf_phase(measured, modelled, title),
         )
         yield Drawing(
             f"{name}-singular-values",
-            f"configuration {configuration}",
+            f"{CONFIGURATION}{configuration}",
             f"{configuration}: singular values of the response matrix, measured and modelled.",
             singular_values(measured, modelled, title),
         )
         if configuration in replays:
             yield Drawing(
                 f"{name}-replay",
-                f"configuration {configuration}",
+                f"{CONFIGURATION}{configuration}",
                 f"{configuration}: the record that fits worst, and the model under the torque that was measured; "
                 "right: where they are furthest apart.",
                 replayed(replays[configuration], replay_title(replays[configuration])),
@@ -77,7 +80,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         if configuration in modes:
             yield Drawing(
                 f"{name}-modes",
-                f"configuration {configuration}",
+                f"{CONFIGURATION}{configuration}",
                 f"{configuration}: who moves in each mode of the identified model, motors free.",
                 mode_shapes(modes[configuration], title, measured.rate_is_known),
             )
@@ -110,13 +113,13 @@ def _quality(name: str, measured: FrequencyResponse, title: str) -> Iterator[Dra
     configuration, quality = measured.configuration.name, measured.quality
     yield Drawing(
         f"{name}-levels",
-        f"configuration {configuration}",
+        f"{CONFIGURATION}{configuration}",
         f"{configuration}: the outputs, what nonlinearity adds to them, and noise.",
         levels(measured, quality, title),
     )
     yield Drawing(
         f"{name}-coherence",
-        f"configuration {configuration}",
+        f"{CONFIGURATION}{configuration}",
         f"{configuration}: what part of each output no input explains; singular values of responses and inputs.",
         coherence(measured, quality, title),
     )

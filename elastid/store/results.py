@@ -11,6 +11,7 @@ import numpy as np
 from elastid.fit.result import FitResult, Start
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.validation.folds import Fold
 from elastid.validation.frequency import Agreement, Peak, Validation
 from elastid.validation.replay import Replay
 
@@ -128,7 +129,8 @@ _LAG_VARIABLES = {
     "autocorrelation": "autocorrelation of the normalised residual",
     "autocorrelation_bound": "what a white residual stays below with 95 % probability",
 }
-_VERDICTS = ("verdict", "cost", "replayed")
+_VERDICTS = ("verdict", "cost", "replayed", "folded")
+_FOLD_NUMBERS = {"misfit": "mean |E|^2 / sigma^2", "rms_log_db": "dB rms", "phase_rms_deg": "degrees rms"}
 _PEAK_TEXTS, _PEAK_NUMBERS = ("output", "input", "kind"), ("measured_hz", "modelled_hz")
 
 
@@ -141,6 +143,7 @@ def write_validation(path: Path, validation: Validation, stamp: Stamp = NO_STAMP
         scale(file, "configuration", names, "configuration, in the order measured")
         for agreement in validation.configurations:
             _write_agreement(file.create_group(key(agreement.configuration)), agreement)
+        _write_folds(file, validation.folds)
         for replay in validation.replays:
             _write_replay(file[key(replay.configuration)].create_group("replay"), replay)
 
@@ -154,6 +157,7 @@ def read_validation(path: Path) -> Validation:
             replays=tuple(
                 _read_replay(file[key(name)]["replay"], name) for name in names if "replay" in file[key(name)]
             ),
+            folds=_read_folds(file),
             **{name: known[name] for name in _VERDICTS},
         )
 
@@ -229,3 +233,15 @@ def _read_replay(group: Any, name: str) -> Replay:
         **{field: known[field] for field in _REPLAY_ATTRIBUTES},
         **{field: group[field][:] for field in (*_REPLAY_VARIABLES, *_REPLAY_SIGNALS)},
     )
+
+
+def _write_folds(file: Any, folds: tuple[Fold, ...]) -> None:
+    axis = scale(file, "fold", [fold.configuration for fold in folds], "configuration left out of one more fit")
+    for name, what in _FOLD_NUMBERS.items():
+        variable(file, f"fold_{name}", np.array([getattr(fold, name) for fold in folds]), [axis], what)
+    variable(file, "fold_message", [fold.message for fold in folds], [axis], "why there is no fit without it")
+
+
+def _read_folds(file: Any) -> tuple[Fold, ...]:
+    columns = [texts(file, "fold"), *(file[f"fold_{name}"][:].tolist() for name in _FOLD_NUMBERS)]
+    return tuple(Fold(*row) for row in zip(*columns, texts(file, "fold_message"), strict=True))

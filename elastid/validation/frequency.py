@@ -18,12 +18,10 @@ import numpy as np
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen
 from elastid.errors import StudyError
 from elastid.response import FrequencyResponse
+from elastid.validation.folds import Fold, carries_over
 from elastid.validation.noise import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality, sigma_of
 from elastid.validation.replay import Replay
 from elastid.validation.resonances import PROMINENCE_DB, antiresonances, matched, resonances
-
-# A model that is this much worse on left-out configurations than on fitted ones does not carry over.
-CARRIES_OVER = 1.5
 
 _ARRAYS = (
     "rms_log_db",
@@ -140,7 +138,8 @@ class Validation:
     """The agreement of every configuration, in the order measured, and what it means in one sentence.
 
     cost: why the fit's cost is what it is, in words.  replays: of the records through the model, configuration by
-    configuration, as far as there are records; replayed: what they say in one sentence.
+    configuration, as far as there are records; replayed: what they say in one sentence.  folds: cross-validation, where
+    asked for; folded: what it says.
     """
 
     configurations: tuple[Agreement, ...]
@@ -148,6 +147,8 @@ class Validation:
     cost: str = ""
     replays: tuple[Replay, ...] = ()
     replayed: str = ""
+    folds: tuple[Fold, ...] = ()
+    folded: str = ""
 
     @property
     def fitted(self) -> tuple[Agreement, ...]:
@@ -262,7 +263,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     sentence = f"off by {db:.2g} dB and {deg:.2g} deg rms"
     if left_out:
         fitted_db, fitted_deg = _over(fitted)
-        carries = db <= CARRIES_OVER * fitted_db + 0.1
+        carries = carries_over(db, fitted_db)
         sentence = (
             f"On the left-out configurations ({', '.join(a.configuration for a in left_out)}) the model is {sentence}, "
             f"on the fitted ones by {fitted_db:.2g} dB and {fitted_deg:.2g} deg: "
