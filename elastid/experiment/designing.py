@@ -9,17 +9,20 @@ import numpy as np
 from scipy.special import digamma
 
 from elastid.arrays import FloatArray
-from elastid.errors import StudyError
+from elastid.errors import DataError, StudyError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.choosing import Choice, Task, choose_configurations, guesses
 from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import DesignSpec, LevelSpec
 from elastid.experiment.expected import Expected, Level, Prospect, linear_model
 from elastid.experiment.forecast import Forecast, check_lines, forecast
+from elastid.experiment.interest import interest
 from elastid.experiment.limits import Peaks, nearest_run, within_limits
 from elastid.experiment.movement import one_period, reach
+from elastid.experiment.optimal import Criterion
 from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.rehearsal import Rehearsal
+from elastid.experiment.shaping import best_spectra
 from elastid.experiment.simulated import true_robot
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
 from elastid.experiment.sticking import sticking
@@ -28,7 +31,7 @@ from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
 from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
-from elastid.record import Motion
+from elastid.record import Configuration, Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
@@ -43,7 +46,8 @@ class Brief:
     """The sections of a study that a plan hangs on, and what has been measured before.
 
     left_out: configurations that the fit does not see.  measured: responses that the choice adds to.  found: values of
-    parameters that their fit found.  like: responses whose variance is expected again.
+    parameters that their fit found.  like: responses whose variance is expected again.  typical (F, n_u): spectrum that
+    stands for all while none is found for each configuration.
     """
 
     robot: Robot
@@ -57,6 +61,7 @@ class Brief:
     measured: tuple[FrequencyResponse, ...] = ()
     found: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
+    typical: FloatArray | None = None
 
     def with_amplitudes(self) -> Brief:
         """The same with the torques that a few postures bear, where the study leaves them to the limits."""
@@ -66,6 +71,26 @@ class Brief:
         probe, _ = within_limits(probe, self.excitation, self.experiment, self.robot, self.seed)
         rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
         return replace(self, excitation=replace(self.excitation, torque_rms=tuple(rms.tolist())))
+
+    def with_spectrum(self) -> Brief:
+        """The same with a spectrum that tells most about a few configurations, where the study leaves it to that."""
+        if self.excitation.flat != "information":
+            return self
+        probe = _probe(self, self.experiment)
+        x = self.guesses
+        there = list(range(len(probe.configurations)))
+        kept = [q for q in there if _stands(_prospect(self, probe, q), probe.configurations[q], x)] or there
+        common = best_spectra(
+            [_prospect(self, probe, q) for q in kept],
+            [probe.configurations[q] for q in kept],
+            [probe.realisations[q] for q in kept],
+            x,
+            self.criterion,
+            _before(self, x),
+            self.excitation.least,
+            together=True,
+        )
+        return replace(self, typical=common[0])
 
     def sliding(self) -> Brief:
         """The same for a robot whose viscous friction includes what Coulomb friction adds under this excitation.
@@ -101,6 +126,19 @@ class Brief:
         return self.experiment.simulated
 
     @property
+    def guesses(self) -> FloatArray:
+        """Guesses (S, n_x) of the parameters, the nominal one first."""
+        return guesses(self.parameters, None if self.design is None else self.design.robust, self.seed)
+
+    @property
+    def criterion(self) -> Criterion:
+        """What makes a design good; without the section `design` the volume of the ellipsoid of all parameters."""
+        design = self.design
+        wanted = interest(self.parameters.free_names, () if design is None else design.parameters)
+        over = design.robust.over if design is not None and design.robust is not None else "mean"
+        return Criterion("D" if design is None else design.criterion, wanted, over)
+
+    @property
     def parameters(self) -> ParameterSet:
         """What the fit identifies, at what is found of it already."""
         parameters = choose(self.fit, self.robot)
@@ -123,13 +161,15 @@ class Design:
 def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design:
     """Choose, plan, keep within limits, foretell.  Raises StudyError for what cannot be chosen, planned or told."""
     excitation, robot = brief.excitation, brief.robot
-    brief = brief.with_amplitudes().sliding()
+    spectrum = brief.with_amplitudes().with_spectrum().typical
+    brief = replace(brief, typical=spectrum).with_amplitudes().sliding()
     choice, experiment = None, brief.experiment
     if brief.design is not None:
         choice = _choice(brief, brief.design, jobs, progress)
         experiment = replace(experiment, periods=choice.periods)
     chosen = choice.chosen if choice is not None else ()
-    plan = make_plan(excitation, experiment, robot, brief.seed, chosen)
+    spectra = _spectra(brief, experiment, chosen)
+    plan = make_plan(excitation, experiment, robot, brief.seed, chosen, spectra)
     check_lines(plan.freq_hz, brief.parameters)
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
@@ -139,6 +179,34 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     told = replace(told, notes=(*stuck, *told.notes, *_by_neighbours(plan)))
     nearest = nearest_run(plan, peaks, experiment, robot, brief.seed)
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
+
+
+def _spectra(brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen]) -> dict[str, FloatArray]:
+    """The best spectrum of every configuration of a plan; none where the study says what the spectrum is."""
+    if brief.typical is None:
+        return {}
+    plan = _planned(brief, experiment, chosen)
+    spectra = {c.name: brief.typical for c in plan.configurations}
+    fitted = [q for q, c in enumerate(plan.configurations) if c.name not in brief.left_out]
+    x = brief.guesses
+    found = best_spectra(
+        [_prospect(brief, plan, q) for q in fitted],
+        [plan.configurations[q] for q in fitted],
+        [plan.realisations[q] for q in fitted],
+        x,
+        brief.criterion,
+        _before(brief, x),
+        brief.excitation.least,
+    )
+    return spectra | {plan.configurations[q].name: one for q, one in zip(fitted, found, strict=True)}
+
+
+def _stands(prospect: Prospect, configuration: Configuration, x: FloatArray) -> bool:
+    """Whether a configuration has an equilibrium for all guesses x (S, n_x)."""
+    try:
+        return all(prospect.expected(configuration, one) is not None for one in x)
+    except (StudyError, DataError):
+        return False
 
 
 def _by_neighbours(plan: Plan) -> tuple[str, ...]:
@@ -156,10 +224,19 @@ def _by_neighbours(plan: Plan) -> tuple[str, ...]:
 def _probe(brief: Brief, experiment: ExperimentSpec, realisations: int = PROBED) -> Plan:
     """A plan of the given configurations, and of a few more that stand for all candidates."""
     if brief.design is None:
-        return make_plan(brief.excitation, experiment, brief.robot, brief.seed)
+        return _planned(brief, experiment)
     anywhere = candidates(brief.design.candidates, brief.robot, brief.seed, _swing(brief)).configurations
     some = [Chosen(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(anywhere[:PROBES])]
-    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, some)
+    return _planned(brief, experiment, some)
+
+
+def _planned(brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen] = ()) -> Plan:
+    """A plan in which all configurations have the typical spectrum, where there is one."""
+    spectra = {}
+    if brief.typical is not None:
+        names = (*experiment.configurations, *(one.configuration.name for one in chosen))
+        spectra = dict.fromkeys(names, brief.typical)
+    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, chosen, spectra)
 
 
 def _expected(brief: Brief, plan: Plan) -> list[Expected]:
@@ -210,7 +287,7 @@ def _swing(brief: Brief) -> float:
 
 def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:
     there = candidates(spec.candidates, brief.robot, brief.seed, _swing(brief))
-    x = guesses(brief.parameters, spec.robust, brief.seed)
+    x = brief.guesses
     tasks = [_task(brief, spec, periods, x) for periods in _periods(brief, spec)]
     given = tuple(brief.experiment.configurations)
     return choose_configurations(spec, tasks, there, x, given, brief.seed, jobs, progress)
@@ -251,21 +328,29 @@ def _task(brief: Brief, spec: DesignSpec, periods: int, x: FloatArray) -> Task:
     probe = _probe(brief, brief.experiment)
     check_lines(probe.freq_hz, brief.parameters)
     prospect = _prospect(brief, probe, len(probe.configurations) - 1)
-    known = np.stack([_known(brief, prospect, probe, one) for one in x])
-    return Task(prospect, _room(brief, spec, periods), known)
+    return Task(prospect, _room(brief, spec, periods), _known(brief, probe, x))
 
 
-def _known(brief: Brief, prospect: Prospect, plan: Plan, x: FloatArray) -> FloatArray:
-    """Information (n_x, n_x) at x that is there without a choice."""
-    slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in prospect.parameters.free]
-    known: FloatArray = np.diag(np.square(slopes))
+def _known(brief: Brief, plan: Plan, x: FloatArray) -> FloatArray:
+    """Information (S, n_x, n_x) at guesses x (S, n_x) that is there without a choice."""
+    known = _before(brief, x)
     for q, configuration in enumerate(plan.configurations):
         if configuration.name in set(brief.experiment.configurations) - set(brief.left_out):
-            known = known + _prospect(brief, plan, q).expected(configuration, x).information(x)
+            prospect = _prospect(brief, plan, q)
+            known = known + np.stack([prospect.expected(configuration, one).information(one) for one in x])
+    return known
+
+
+def _before(brief: Brief, x: FloatArray) -> FloatArray:
+    """Information (S, n_x, n_x) of priors and of what was measured before."""
+    parameters = brief.parameters
+    slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
+    known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
     for response in brief.measured:
-        model = linear_model(brief.robot, prospect.parameters, response, x)
-        expected = Expected(response, model, weigh(response, brief.fit), prospect.parameters, brief.fit)
-        known = known + expected.information(x)
+        for s, one in enumerate(x):
+            model = linear_model(brief.robot, parameters, response, one)
+            expected = Expected(response, model, weigh(response, brief.fit), parameters, brief.fit)
+            known[s] += expected.information(one)
     return known
 
 

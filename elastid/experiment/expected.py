@@ -22,6 +22,7 @@ import numpy as np
 from elastid.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.experiment.friction_level import friction_level
+from elastid.experiment.powers import Source
 from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
@@ -84,17 +85,51 @@ class Prospect:
 
         realisations: self.realisations unless given.  StudyError where the configuration has no equilibrium.
         """
+        model, G, motion = self._local(configuration, x)
+        covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
+        response = FrequencyResponse(
+            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
+        )
+        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+
+    def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> Source:
+        """The same as a function of the powers of R; friction scatters as it does under R.
+
+        StudyError where powers are not what the level of the noise hangs on.
+        """
+        if self.level.absolute is not None or self.level.variance is not None:
+            raise StudyError(
+                "excitation.flat: information needs the noise of the simulated rig: with design.noise.absolute or frf "
+                "the variance is the same whatever is injected; drop it, or take another flat"
+            )
+        M = realisations or self.realisations
+        _, G, motion = self._local(configuration, x)
+        expected = self.expected(configuration, x, M)
+        sensitivity = self._sensitivity(configuration, motion)
+        error = _diagonal(self._error((sensitivity @ self.R[..., None])[..., 0], G, motion)) / M
+        ((_, J),) = expected.problem.blocks(x)
+        used = expected.weights.used
+        if not np.all(error > 0):
+            raise StudyError(
+                "excitation.flat: information needs the noise that is expected; set experiment.simulated.noise, or "
+                "take another flat"
+            )
+        return Source(
+            J=J * np.where(used, expected.weights.sigma, 0.0),
+            error=error,
+            spread=np.abs(np.linalg.inv(sensitivity)) ** 2,
+            fixed=(expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2,
+            used=used,
+        )
+
+    def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
+        """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
         both = _linearisation(self.robot).at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
-        G, model = every[:, n_u:], replace(both, C=both.C[n_u:], outputs=self.outputs)
-        covariance = self._covariance(G, every[:, :n_u], configuration, realisations or self.realisations)
-        response = FrequencyResponse(
-            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
-        )
-        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+        return replace(both, C=both.C[n_u:], outputs=self.outputs), every[:, n_u:], every[:, :n_u]
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
@@ -108,8 +143,7 @@ class Prospect:
         U: ComplexArray = (sensitivity @ self.R[..., None])[..., 0]
         power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
-        scatter = self._friction(U, motion)[1]
-        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        right = self._error(U, G, motion)
         noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         if level.distortion > 0:
             return Covariance(noise + distortion, math.inf)
@@ -158,6 +192,12 @@ class Prospect:
         return friction_level(
             V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
         )
+
+    def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
+        """C_V (F, n_y, n_y) with what friction scatters."""
+        scatter = self._friction(U, motion)[1]
+        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        return right
 
     def _equation_error(self, G: ComplexArray) -> ComplexArray:
         """C_V (F, n_y, n_y), of the mean over the periods."""
