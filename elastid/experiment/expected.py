@@ -20,6 +20,7 @@ from functools import lru_cache
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.errors import StudyError
 from elastid.excitation.grids import line_frequencies
 from elastid.experiment.friction_level import friction_level
 from elastid.experiment.powers import Source

@@ -1,17 +1,17 @@
-r"""Optimal powers: how the power that each input may have is shared out between the lines, with a bound that certifies it.
+r"""Optimal powers: how what each input may have is shared out between the lines, with a bound that certifies itself.
 
-.. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_k P_{kl} = \bar P_l, \quad P_{kl} \ge \epsilon \bar P_l / F
+.. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_k P_{kl} = \bar P_l, \quad
+          P_{kl} \ge \epsilon \bar P_l / F
 
 .. math:: H = 2\,\mathrm{Re} \sum_{kij} \frac{J_{kij} J_{kij}^H}{\sigma_{kij}^2}, \qquad
           \sigma_{kij}^2 = \frac{C_{ki}}{M} \sum_l \frac{|T_{klj}|^2}{P_{kl}} + f_{kij}
 
-T = I + F G: by how much the loop weakens what is injected (input j's torque is only known as well as all that it takes to
-make it up), C: variance of the equation error, f: what power does not lower (the floor of the weights, distortion). Each
-1 / sigma^2 is concave in P, therefore phi (`optimal`), too: with g = d phi / d P no P* in reach is better than
-phi + <g, P* - P>, and P_kl <- P_kl g_kl^c, normalised input by input, climbs to where g is the same at all lines of an
-input that carry more than the least power. The floor epsilon keeps the response itself measurable at every line. (The
-multiplicative update is that of Silvey, Titterington and Torsney 1978; for one input in the noise limit it is the
-optimal input spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.) It knows no robot.
+T = I + F G: what must be injected at l for a torque at j alone.  C: variance of the equation error.  f: what power does
+not lower (the floor of the weights, distortion). Each 1 / sigma^2 is concave in P, and so is phi (`optimal`): with
+g = d phi / d P no P* in reach is better than phi + <g, P* - P>. P_kl <- P_kl g_kl^c, normalised input by input, climbs
+to where g is the same at all lines of an input that carry more than the least power. epsilon keeps the response itself
+measurable at every line. (The update is that of Silvey, Titterington and Torsney 1978; for one input in the noise limit
+it finds the optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.) It knows no robot.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ class Source:
     def _weight(self, P: FloatArray) -> FloatArray:
         column = np.einsum("flj,fl->fj", self.spread, 1 / P)
         variance = self.error[:, :, None] * column[:, None, :] + self.fixed
-        return np.divide(self.used, variance, out=np.zeros(variance.shape), where=self.used)
+        weight: FloatArray = np.where(self.used, 1 / variance, 0.0)
+        return weight
 
 
 @dataclass(frozen=True)

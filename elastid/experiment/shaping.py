@@ -38,9 +38,9 @@ def best_spectra(
     E, n_u = first.R.shape[1], first.R.shape[3]
     if n_u > E:
         raise StudyError(
-            f"excitation.flat: information needs as many experiments as motors, and there are {E} for {n_u}: with fewer "
-            "the inputs are told apart by neighbouring lines, which must all be strong; take another flat, or leave "
-            "experiment.experiments out"
+            f"excitation.flat: information needs as many experiments as motors, and there are {E} for {n_u}: with "
+            "fewer the inputs are told apart by neighbouring lines, which must all be strong; take another flat, or "
+            "leave experiment.experiments out"
         )
     each = zip(prospects, configurations, realisations, strict=True)
     sources = [[prospect.source(c, one, M) for one in x] for prospect, c, M in each]
