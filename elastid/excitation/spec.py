@@ -13,6 +13,7 @@ from elastid.units import Frequency, Time, Torque
 MOST_SAMPLES = 1e8
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
+AskedTorque: TypeAlias = Torque | tuple[Torque, ...] | Literal["limits"]
 Effort: TypeAlias = Literal["normal", "high"]
 
 _NEW_IN_EVERY_REALISATION = ("random", "optimised")
@@ -50,7 +51,7 @@ class MultisineSpec:
     rate_hz: Frequency
     period: Time
     band_hz: tuple[Frequency, Frequency]
-    torque_rms: Torque | tuple[Torque, ...] | Literal["limits"]
+    torque_rms: AskedTorque
     grid: Grid = "odd"
     group: int = 4
     ratio: float = 1.05

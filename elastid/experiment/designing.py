@@ -10,14 +10,14 @@ from scipy.special import digamma
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.excitation.spec import MultisineSpec
+from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.choosing import Choice, Task, choose_configurations, guesses
 from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import DesignSpec, LevelSpec
 from elastid.experiment.expected import Expected, Level, Prospect, linear_model
 from elastid.experiment.forecast import Forecast, check_lines, forecast
 from elastid.experiment.interest import interest
-from elastid.experiment.limits import Peaks, nearest_run, within_limits
+from elastid.experiment.limits import Peaks, costs, nearest_run, within_limits
 from elastid.experiment.movement import one_period, reach
 from elastid.experiment.optimal import Criterion
 from elastid.experiment.plan import Chosen, Plan, make_plan
@@ -31,7 +31,7 @@ from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
 from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
-from elastid.record import Configuration, Motion
+from elastid.record import Motion
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
@@ -68,29 +68,30 @@ class Brief:
         if self.excitation.torque_rms != "limits":
             return self
         probe = _probe(self, replace(self.experiment, realisations=1), 1)
-        probe, _ = within_limits(probe, self.excitation, self.experiment, self.robot, self.seed)
+        balanced = replace(self.excitation, flat="torque")
+        probe, _ = within_limits(probe, balanced, self.experiment, self.robot, self.seed)
         rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
         return replace(self, excitation=replace(self.excitation, torque_rms=tuple(rms.tolist())))
 
-    def with_spectrum(self) -> Brief:
-        """The same with a spectrum that tells most about a few configurations, where the study leaves it to that."""
+    def with_spectrum(self, torque_rms: AskedTorque) -> Brief:
+        """The same with a spectrum that tells most about a few configurations, where the study leaves it to that.
+
+        torque_rms: as the study has it, `limits` included.
+        """
         if self.excitation.flat != "information":
             return self
-        probe = _probe(self, self.experiment)
-        x = self.guesses
-        there = list(range(len(probe.configurations)))
-        kept = [q for q in there if _stands(_prospect(self, probe, q), probe.configurations[q], x)] or there
-        common = best_spectra(
-            [_prospect(self, probe, q) for q in kept],
-            [probe.configurations[q] for q in kept],
-            [probe.realisations[q] for q in kept],
-            x,
-            self.criterion,
-            _before(self, x),
-            self.excitation.least,
-            together=True,
-        )
-        return replace(self, typical=common[0])
+        probe, kept, cost = _probe(self, self.experiment), [], []
+        refused: StudyError | DataError | None = None
+        for q in range(len(probe.configurations)):
+            try:
+                cost.append(_cost(self, _only(probe, q), torque_rms))
+                kept.append(q)
+            except (StudyError, DataError) as error:
+                refused = error
+        if refused is not None and not kept:
+            raise refused
+        found = _best_spectra(self, probe, kept, np.concatenate(cost), together=True)
+        return replace(self, typical=found[0])
 
     def sliding(self) -> Brief:
         """The same for a robot whose viscous friction includes what Coulomb friction adds under this excitation.
@@ -161,14 +162,13 @@ class Design:
 def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design:
     """Choose, plan, keep within limits, foretell.  Raises StudyError for what cannot be chosen, planned or told."""
     excitation, robot = brief.excitation, brief.robot
-    spectrum = brief.with_amplitudes().with_spectrum().typical
-    brief = replace(brief, typical=spectrum).with_amplitudes().sliding()
+    brief = brief.with_amplitudes().with_spectrum(excitation.torque_rms).sliding()
     choice, experiment = None, brief.experiment
     if brief.design is not None:
         choice = _choice(brief, brief.design, jobs, progress)
         experiment = replace(experiment, periods=choice.periods)
     chosen = choice.chosen if choice is not None else ()
-    spectra = _spectra(brief, experiment, chosen)
+    spectra = _spectra(brief, experiment, chosen, excitation.torque_rms)
     plan = make_plan(excitation, experiment, robot, brief.seed, chosen, spectra)
     check_lines(plan.freq_hz, brief.parameters)
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
@@ -181,32 +181,45 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
 
 
-def _spectra(brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen]) -> dict[str, FloatArray]:
+def _spectra(
+    brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen], torque_rms: AskedTorque
+) -> dict[str, FloatArray]:
     """The best spectrum of every configuration of a plan; none where the study says what the spectrum is."""
     if brief.typical is None:
         return {}
     plan = _planned(brief, experiment, chosen)
-    spectra = {c.name: brief.typical for c in plan.configurations}
     fitted = [q for q, c in enumerate(plan.configurations) if c.name not in brief.left_out]
+    found = _best_spectra(brief, plan, fitted, _cost(brief, plan, torque_rms)[fitted])
+    spectra = {c.name: brief.typical for c in plan.configurations}
+    return spectra | {plan.configurations[q].name: one for q, one in zip(fitted, found, strict=True)}
+
+
+def _best_spectra(
+    brief: Brief, plan: Plan, which: Sequence[int], cost: FloatArray, together: bool = False
+) -> FloatArray:
+    """Amplitudes of some configurations of a plan, whose powers cost (Q, n_o, F, n_u)."""
     x = brief.guesses
-    found = best_spectra(
-        [_prospect(brief, plan, q) for q in fitted],
-        [plan.configurations[q] for q in fitted],
-        [plan.realisations[q] for q in fitted],
+    return best_spectra(
+        [_prospect(brief, plan, q) for q in which],
+        [plan.configurations[q] for q in which],
+        [plan.realisations[q] for q in which],
+        cost,
         x,
         brief.criterion,
         _before(brief, x),
         brief.excitation.least,
+        together,
     )
-    return spectra | {plan.configurations[q].name: one for q, one in zip(fitted, found, strict=True)}
 
 
-def _stands(prospect: Prospect, configuration: Configuration, x: FloatArray) -> bool:
-    """Whether a configuration has an equilibrium for all guesses x (S, n_x)."""
-    try:
-        return all(prospect.expected(configuration, one) is not None for one in x)
-    except (StudyError, DataError):
-        return False
+def _cost(brief: Brief, plan: Plan, torque_rms: AskedTorque) -> FloatArray:
+    excitation = replace(brief.excitation, torque_rms=torque_rms)
+    return costs(plan, excitation, brief.experiment, brief.robot, brief.seed)
+
+
+def _only(plan: Plan, q: int) -> Plan:
+    """One configuration of a plan."""
+    return replace(plan, configurations=plan.configurations[q : q + 1], R=plan.R[q : q + 1])
 
 
 def _by_neighbours(plan: Plan) -> tuple[str, ...]:

@@ -40,7 +40,7 @@ def injected(
 ) -> ComplexArray:
     """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
-    spectrum (F, n_u): relative amplitudes that a design has found (`flat: information`; without it flat in torque).
+    spectrum (F, n_u): amplitudes in Nm that a design has found (`flat: information`; until then flat in torque).
     With torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer
     lines than inputs are excited, or realisations would all be the same.
     """
@@ -54,8 +54,6 @@ def injected(
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = shape(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
-    if spectrum is not None:
-        relative = relative * spectrum
     is_found = excitation.flat in ("torque", "information")
     if not is_found or excitation.compress != ("torque",):
         simulated = experiment.simulated
@@ -71,7 +69,7 @@ def injected(
             nearby = [getattr(loop_at(freq_hz * factor), excitation.flat) for factor in _NEARBY]
             relative = relative / np.max([_own(response) for response in nearby], axis=0)
         responses = loop_at(freq_hz).of(excitation.compress)
-    amplitude = amplitudes(relative, torque_rms(excitation, robot))
+    amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
     return np.array([experiments(*how, np.random.default_rng(d), responses, excitation.effort) for d in draws])
 

@@ -139,10 +139,10 @@ def make_plan(
 ) -> Plan:
     """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
-    chosen: configurations that a design has added to those of the study.  spectra: relative amplitudes (F, n_u) that it
-    has found, by the configuration's name.  The phases of a set hang on seed,
-    configuration index and realisation alone, so that a further configuration or realisation leaves the others as they
-    were.  Raises StudyError for what the robot cannot do.
+    chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
+    has found, by the configuration's name.  The phases of a set hang on seed, configuration index and realisation
+    alone, so that a further configuration or realisation leaves the others as they were.  Raises StudyError for what
+    the robot cannot do.
     """
     # CasADi, which a plan as a value does not need.
     from elastid.experiment.injection import injected

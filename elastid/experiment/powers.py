@@ -1,33 +1,42 @@
 r"""Optimal powers: how what each input may have is shared out between the lines, with a bound that certifies itself.
 
-.. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_k P_{kl} = \bar P_l, \quad
-          P_{kl} \ge \epsilon \bar P_l / F
+.. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_{kl} c_{okl} P_{kl} \le 1, \quad
+          P_{kl} \ge \epsilon \bar P_{kl}
 
 .. math:: H = 2\,\mathrm{Re} \sum_{kij} \frac{J_{kij} J_{kij}^H}{\sigma_{kij}^2}, \qquad
           \sigma_{kij}^2 = \frac{C_{ki}}{M} \sum_l \frac{|T_{klj}|^2}{P_{kl}} + f_{kij}
 
+c_o: what a power costs of limit o: the RMS that an input may have, the torque, velocity ... that a motor may reach.
 T = I + F G: what must be injected at l for a torque at j alone.  C: variance of the equation error.  f: what power does
-not lower (the floor of the weights, distortion). Each 1 / sigma^2 is concave in P, and so is phi (`optimal`): with
-g = d phi / d P no P* in reach is better than phi + <g, P* - P>. P_kl <- P_kl g_kl^c, normalised input by input, climbs
-to where g is the same at all lines of an input that carry more than the least power. epsilon keeps the response itself
-measurable at every line. (The update is that of Silvey, Titterington and Torsney 1978; for one input in the noise limit
-it finds the optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.) It knows no robot.
+not lower (the floor of the weights, distortion).  P bar: the even powers within the limits; epsilon of them keep the
+response itself measurable at every line.
+
+Each 1 / sigma^2 is concave in P, and so is phi (`optimal`): with g = d phi / d P no P* in reach is better than
+phi + <g, P* - P>, and <g, P*> <= max g / h for any price h = sum_o mu_o c_o of a power. The multiplicative updates
+P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a climb to where what is gained for the price is the same wherever there is more
+than the least power. (Silvey, Titterington and Torsney 1978 for one limit; for one input in the noise limit this is the
+optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.) It knows no robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.experiment.optimal import Criterion, Slope
+from elastid.experiment.optimal import Criterion
 from elastid.fit.residuals import as_real
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
 TOLERANCE = 0.01
-MAX_UPDATES = 600
+MAX_UPDATES = 1000
+# Updates without progress after which they become half as large.
+PATIENCE = 20
+SMALLEST = 1e-12
+# Even powers: steps until they are balanced, and which share in a limit makes it an input's own.
+BALANCING_STEPS, COUNTS = 30, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +78,9 @@ class Source:
 
 @dataclass(frozen=True)
 class Powers:
-    """P (K, F, n_u) of each group of configurations.  value: phi there.  even: phi with the same power at all lines.
+    """P (K, F, n_u) of each group of configurations.  value: phi there.  even: phi with even powers.
 
-    gap: no sharing of the same powers is better by more than this.
+    gap: no other powers within the limits are better by more than this.
     """
 
     P: FloatArray
@@ -82,45 +91,79 @@ class Powers:
 
 def best_powers(
     groups: Sequence[Sequence[Sequence[Source]]],
-    total: FloatArray,
+    cost: FloatArray,
     criterion: Criterion,
     known: FloatArray,
     least: float,
     tolerance: float = TOLERANCE,
 ) -> Powers:
-    """The best sharing, where all configurations of a group have the same powers.
+    """The best powers, where all configurations of a group have the same.
 
-    groups: for each group its configurations, for each of these a Source for each of S guesses.  total (n_u,): what the
-    powers of each input add up to.  known (S, n_x, n_x): information that is there already.  least: epsilon.
+    groups: for each group its configurations, for each of these a Source for each of S guesses.  cost (K, n_o, F, n_u):
+    c of each group; every input and line must have one.  known (S, n_x, n_x): information that is there already.
+    least: epsilon.
     """
-    F = len(groups[0][0][0].error)
-    even = np.broadcast_to(total / F, (len(groups), F, len(total)))
-    share = np.full(even.shape, 1 / F)
-
-    def powers(share: FloatArray) -> FloatArray:
-        P: FloatArray = least * even + (1 - least) * total * share
-        return P
-
-    M = _information(groups, powers(share), known)
-    slope = start = criterion.slope(M)
-    exponent, gap = 1.0, np.inf
-    for _ in range(MAX_UPDATES):
-        g = _gains(groups, powers(share), slope) * (1 - least) * total
+    even = even_powers(cost)
+    room = 1 - least * _used(cost, even)
+    share, price = (1 - least) * even, np.full(room.shape, 1 / room.size)
+    weight = np.full(len(known), 1 / len(known))
+    best, bound, start, exponent, since = Powers(even, -np.inf, -np.inf, np.inf), np.inf, -np.inf, 1.0, 0
+    for update in range(MAX_UPDATES):
+        P = least * even + share
+        M = _information(groups, P, known)
+        phi, gradient = _weighed(criterion, M, weight)
+        value = float(phi.mean() if criterion.over == "mean" else phi.min())
+        g = _gains(groups, P, gradient)
+        ratio = g / np.einsum("ko,kofl->kfl", price, cost)
         # phi is the log of what Tr(gradient M) bounds, 1 here but for a smallest eigenvalue taken softly.
-        here = float(np.sum(slope.gradient * M))
-        gap = slope.slack + float(np.log(here + np.sum(g.max(axis=1)) - np.sum(share * g)))
-        if gap <= tolerance or exponent < 1e-3:
+        reach = float(np.sum(gradient * M) + ratio.max() * np.sum(price * room) - np.sum(g * share))
+        bound = min(bound, float(weight @ phi) + float(np.log(reach)))
+        since = 0 if value > best.value + tolerance / 100 else since + 1
+        start = value if update == 0 else start
+        if value > best.value:
+            best = Powers(P, value, start, np.inf)
+        if bound - best.value <= tolerance:
             break
-        tried = share * (g / g.max(axis=1, keepdims=True)) ** exponent
-        tried /= tried.sum(axis=1, keepdims=True)
-        M_tried = _information(groups, powers(tried), known)
-        moved = criterion.slope(M_tried)
-        if moved.searched < slope.searched:
-            exponent /= 2
-            continue
-        share, slope, M = tried, moved, M_tried
-        exponent = min(1.2 * exponent, 2.0)
-    return Powers(powers(share), slope.value, start.value, gap)
+        if since > PATIENCE:
+            exponent, since = exponent / 2, 0
+        share = share * (ratio / ratio.max()) ** exponent
+        used = _used(cost, share) / room
+        price = np.maximum(price * (used / used.max()) ** exponent, SMALLEST)
+        price /= np.sum(price * room)
+        share = share / used.max(axis=1)[:, None, None]
+        if criterion.over == "worst":
+            weight = np.maximum(weight * np.exp(exponent * (phi.min() - phi)), SMALLEST)
+            weight /= weight.sum()
+    return replace(best, gap=bound - best.value)
+
+
+def _weighed(criterion: Criterion, M: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """phi (S,) of every guess, and the gradient (S, n_x, n_x) of their sum weighed with weight (S,).
+
+    Whatever the weights, the weighed sum of the best is a bound for the worst.
+    """
+    slope = replace(criterion, over="mean").slope(M)
+    phi = replace(criterion, over="mean").value(M[None])
+    return phi, slope.gradient * (len(M) * weight)[:, None, None]
+
+
+def even_powers(cost: FloatArray) -> FloatArray:
+    """P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
+    per_input = cost.sum(axis=2)
+    level = 1 / per_input.max(axis=1)
+    for _ in range(BALANCING_STEPS):
+        used = np.einsum("kol,kl->ko", per_input, level)
+        # Of the limits that an input's power counts in, the one that is used most.
+        counts = per_input * level[:, None, :] > COUNTS * used[..., None]
+        level = level / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
+    level = level / np.einsum("kol,kl->ko", per_input, level).max(axis=1, keepdims=True)
+    return np.repeat(level[:, None, :], cost.shape[2], axis=1)
+
+
+def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
+    """Part (K, n_o) of each limit that is used."""
+    used: FloatArray = np.einsum("kofl,kfl->ko", cost, P)
+    return used
 
 
 def _information(groups: Sequence[Sequence[Sequence[Source]]], P: FloatArray, known: FloatArray) -> FloatArray:
@@ -132,13 +175,13 @@ def _information(groups: Sequence[Sequence[Sequence[Source]]], P: FloatArray, kn
     return M
 
 
-def _gains(groups: Sequence[Sequence[Sequence[Source]]], P: FloatArray, slope: Slope) -> FloatArray:
+def _gains(groups: Sequence[Sequence[Sequence[Source]]], P: FloatArray, gradient: FloatArray) -> FloatArray:
     """d phi / d P (K, F, n_u)."""
     gains = [
         sum(
-            source.gains(powers, gradient)
+            source.gains(powers, one)
             for configuration in group
-            for source, gradient in zip(configuration, slope.gradient, strict=True)
+            for source, one in zip(configuration, gradient, strict=True)
         )
         for group, powers in zip(groups, P, strict=True)
     ]

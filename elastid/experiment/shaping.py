@@ -15,7 +15,7 @@ from elastid.errors import StudyError
 from elastid.experiment.choosing import visible
 from elastid.experiment.expected import Prospect
 from elastid.experiment.optimal import Criterion
-from elastid.experiment.powers import best_powers
+from elastid.experiment.powers import best_powers, even_powers
 from elastid.record import Configuration
 
 
@@ -23,16 +23,18 @@ def best_spectra(
     prospects: Sequence[Prospect],
     configurations: Sequence[Configuration],
     realisations: Sequence[int],
+    cost: FloatArray,
     x: FloatArray,
     criterion: Criterion,
     known: FloatArray,
     least: float,
     together: bool = False,
 ) -> FloatArray:
-    """Relative amplitudes (Q, F, n_u) of Q configurations, or (1, F, n_u) where all have the same.
+    """Amplitudes (Q, F, n_u) in Nm of Q configurations, or (1, F, n_u) where all have the same.
 
-    prospects: how each of them will be measured, with the torques that are to be shared out.  x (S, n_x): guesses.
-    known (S, n_x, n_x): information that is there already.  StudyError where fewer experiments than inputs are run.
+    prospects: how each of them will be measured.  cost (Q, n_o, F, n_u): what powers cost of the limits (`limits`).
+    x (S, n_x): guesses.  known (S, n_x, n_x): information that is there already.  StudyError where fewer experiments
+    than inputs are run.
     """
     first = prospects[0]
     E, n_u = first.R.shape[1], first.R.shape[3]
@@ -44,10 +46,11 @@ def best_spectra(
         )
     each = zip(prospects, configurations, realisations, strict=True)
     sources = [[prospect.source(c, one, M) for one in x] for prospect, c, M in each]
-    P = np.mean(np.sum(np.abs(first.R) ** 2, axis=1), axis=0)
-    H = np.stack([np.stack([s.information(P) for s in group]) for group in sources], axis=1)
-    criterion, ground = visible(criterion, H, known, first.parameters)
+    even = even_powers(cost)
+    H = [[source.information(P) for source in sources_] for sources_, P in zip(sources, even, strict=True)]
+    criterion, ground = visible(criterion, np.swapaxes(np.array(H), 0, 1), known, first.parameters)
     groups = [sources] if together else [[one] for one in sources]
-    shared = best_powers(groups, P.sum(axis=0), criterion, known + ground, least)
-    amplitude: FloatArray = np.sqrt(shared.P)
+    cost = cost.mean(axis=0, keepdims=True) if together else cost
+    best = best_powers(groups, cost, criterion, known + ground, least)
+    amplitude: FloatArray = np.sqrt(best.P / E)
     return amplitude
