@@ -29,6 +29,8 @@ from elastid.experiment.sticking import sticking
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
 from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
 from elastid.record import Motion
@@ -46,8 +48,8 @@ class Brief:
     """The sections of a study that a plan hangs on, and what has been measured before.
 
     left_out: configurations that the fit does not see.  measured: responses that the choice adds to.  found: values of
-    parameters that their fit found.  like: responses whose variance is expected again.  typical (F, n_u): spectrum that
-    stands for all while none is found for each configuration.
+    parameters that their fit found.  like: responses whose variance is expected again.  model: of the fit.  typical
+    (F, n_u): spectrum that stands for all while none is found for each configuration.
     """
 
     robot: Robot
@@ -61,6 +63,7 @@ class Brief:
     measured: tuple[FrequencyResponse, ...] = ()
     found: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
+    model: ModelSpec = EXACT
     typical: FloatArray | None = None
 
     def with_amplitudes(self) -> Brief:
@@ -272,6 +275,7 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     if brief.like:
         variance = _variance_like(brief.like, plan.freq_hz, outputs, plan.inputs) * brief.experiment.realisations
     return Prospect(
+        model=brief.model,
         robot=brief.robot,
         parameters=brief.parameters,
         fit=brief.fit,
@@ -361,7 +365,7 @@ def _before(brief: Brief, x: FloatArray) -> FloatArray:
     known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
     for response in brief.measured:
         for s, one in enumerate(x):
-            model = linear_model(brief.robot, parameters, response, one)
+            model = linear_model(brief.robot, brief.model, parameters, response, one)
             expected = Expected(response, model, weigh(response, brief.fit), parameters, brief.fit)
             known[s] += expected.information(one)
     return known

@@ -122,8 +122,8 @@ def costs(plan: Plan, excitation: MultisineSpec, experiment: ExperimentSpec, rob
 
     T from injected torques to torque, position, velocity and acceleration of the motors, room_o what the movement
     leaves of a limit, kappa the crest factor that M E experiments of F lines with random phases lead one to expect;
-    where torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.  Raises
-    StudyError where a limit leaves no room, and where nothing limits a motor.
+    where torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
+    Raises StudyError where a limit leaves no room, and where nothing limits a motor.
     """
     simulated = experiment.simulated
     assert simulated is not None  # a recorded experiment has no design

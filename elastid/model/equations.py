@@ -1,0 +1,107 @@
+r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressions, and the ElasticModel made of them.
+
+.. math:: \begin{bmatrix} M(q_l) & \\ & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
+          \qquad q = [q_l;\, q_m]
+
+Niglis & Oberg (2015), eq. 2.10. Every formulation starts from `open_chain`; what a formulation adds (constraints, fewer
+coordinates) is a change of these values. Conventions of sign and side: `elastic`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.model.drivetrain import drivetrain, input_matrix
+from elastid.model.elastic import ElasticModel
+from elastid.model.multibody import angular_velocities, bias, composites, inertias, mass_matrix, tree, turns
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
+
+    M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs and gravity, a scalar.
+    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies, n_q): J v stacks the
+    absolute angular velocities of the bodies in their own axes.  B (n_q, n_u).
+    """
+
+    coordinates: tuple[str, ...]
+    q: ca.SX
+    v: ca.SX
+    theta: ca.SX
+    M: ca.SX
+    f: ca.SX
+    V: ca.SX
+    D: ca.SX
+    phi: ca.SX
+    J: ca.SX
+    B: FloatArray
+
+
+def coordinates_of(robot: Robot) -> tuple[str, ...]:
+    """`joint <name>` of every joint in the robot's order, then `motor <name>` of every flexible joint."""
+    return (
+        *(f"joint {joint.name}" for joint in robot.joints),
+        *(f"motor {joint.name}" for joint in robot.flexible),
+    )
+
+
+def open_chain(robot: Robot) -> Equations:
+    """The equations of the tree of bodies: all joints, then the motors of flexible joints; no constraint."""
+    table = robot.parameters()
+    coordinates = coordinates_of(robot)
+    n_q, n_l = len(coordinates), len(robot.joints)
+    q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
+    named = dict(zip(table, ca.vertsplit(theta), strict=True))
+
+    gravity = np.array(robot.gravity)
+    layout = tree(robot)
+    turned = turns(layout, q[:n_l])
+    carried = inertias(robot, layout, named)
+    composite = composites(layout, carried, turned)
+    drive = drivetrain(robot, named)
+    return Equations(
+        coordinates=coordinates,
+        q=q,
+        v=v,
+        theta=theta,
+        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M,
+        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1)) + drive.K @ q + drive.D @ v,
+        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)),
+        D=drive.D,
+        phi=ca.SX(0, 1),
+        J=ca.horzcat(angular_velocities(layout, turned), ca.SX(3 * len(robot.bodies), n_q - n_l)),
+        B=input_matrix(robot),
+    )
+
+
+def elastic_model(robot: Robot, of: Equations) -> ElasticModel:
+    """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
+    table = robot.parameters()
+    q, v, theta = of.q, of.v, of.theta
+    lambda_ = ca.SX.sym("lambda", of.phi.size1())
+    K = ca.hessian(of.V + ca.dot(lambda_, of.phi), q)[0]
+    return ElasticModel(
+        robot=robot,
+        coordinates=of.coordinates,
+        inputs=robot.motor_locations,
+        parameters=tuple(table),
+        theta=np.array([value for value, _ in table.values()]),
+        B=of.B,
+        mass=_function("mass", {"q": q, "theta": theta}, {"M": of.M}),
+        force=_function("force", {"q": q, "v": v, "theta": theta}, {"f": of.f}),
+        constraint=_function("constraint", {"q": q, "theta": theta}, {"phi": of.phi}),
+        damping=_function("damping", {"q": q, "theta": theta}, {"D": of.D}),
+        stiffness=_function("stiffness", {"q": q, "lambda_": lambda_, "theta": theta}, {"K": K}),
+        potential_gradient=_function("potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(of.V, q)}),
+        angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J}),
+    )
+
+
+def _function(name: str, arguments: dict[str, ca.SX], value: dict[str, ca.SX]) -> ca.Function:
+    return ca.Function(name, [*arguments.values()], [*value.values()], [*arguments], [*value])

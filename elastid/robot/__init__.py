@@ -1,0 +1,43 @@
+"""Robot: a tree of rigid bodies with revolute joints, springs, gears and motors. Numbers only, no equations.
+
+From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about
+axes of the frame reached so far. A joint is
+
+- driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
+- driven rigidly:                  motor, no spring   (one coordinate)
+- elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
+- free:                            neither
+
+Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
+give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link.
+
+Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
+Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
+the same inertia about every axis, I_arm.
+"""
+
+from __future__ import annotations
+
+from elastid.robot.assembly import Robot
+from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
+from elastid.robot.joint import Joint, Limits
+from elastid.robot.motor import Motor
+from elastid.robot.spring import Spring
+
+__all__ = [
+    "BASE",
+    "Acceleration3",
+    "Angles3",
+    "Axis",
+    "Body",
+    "InertiaTensor",
+    "Joint",
+    "Limits",
+    "Motor",
+    "Placement",
+    "Robot",
+    "Spring",
+    "Vector3",
+    "unit_axis",
+]

@@ -1,0 +1,103 @@
+"""The whole robot: its bodies as a tree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from elastid.errors import StudyError
+from elastid.robot.body import BASE, Body
+from elastid.robot.geometry import Acceleration3
+from elastid.robot.joint import Joint
+from elastid.robot.numbers import Numbers, at, below, replaced
+from elastid.section import section
+
+
+@section
+class Robot:
+    """Bodies in any order of listing that names parents first, gravity in the base frame.
+
+    Raises ValueError for names given twice, unknown parents, a robot without a motor.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    gravity: Acceleration3 = (0.0, 0.0, -9.81)
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        """Check the tree."""
+        known = [BASE]
+        for body in self.bodies:
+            if body.parent not in known:
+                raise ValueError(
+                    f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
+                )
+            if body.name in known:
+                raise ValueError(f"body {body.name} is given twice")
+            known.append(body.name)
+        names = [joint.name for joint in self.joints]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"joint {name} is given twice")
+        if not self.driven:
+            raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """All joints, in the order of the tree: the link coordinates q_l."""
+        return tuple(joint for body in self.bodies for joint in body.joints)
+
+    @property
+    def driven(self) -> tuple[Joint, ...]:
+        """The joints with a motor, in order: inputs, and the angles of a configuration."""
+        return tuple(joint for joint in self.joints if joint.motor is not None)
+
+    @property
+    def flexible(self) -> tuple[Joint, ...]:
+        """The joints with motor and spring, in order: the motor coordinates q_m."""
+        return tuple(joint for joint in self.joints if joint.is_flexible)
+
+    @property
+    def motor_locations(self) -> tuple[str, ...]:
+        """`motor <joint>` of each motor: the inputs, and the outputs unless a study says otherwise."""
+        return tuple(f"motor {joint.name}" for joint in self.driven)
+
+    def ratio(self, joint: str) -> float:
+        """Gear ratio of the motor of a joint; KeyError where it has none."""
+        for candidate in self.driven:
+            if candidate.name == joint and candidate.motor is not None:
+                return candidate.motor.ratio
+        raise KeyError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
+
+    def check_location(self, location: str) -> None:
+        """Refuse a place that the robot does not have; StudyError lists those it has."""
+        places = [f"motor {j.name}" for j in self.driven] + [f"joint {j.name}" for j in self.joints]
+        bodies = [f"body {body.name} {axis}" for body in self.bodies for axis in "xyz"]
+        if location not in places + bodies:
+            raise StudyError(
+                f"'{location}' is not a place on robot {self.name}; there are {', '.join(places + bodies)}"
+            )
+
+    @property
+    def numbers(self) -> Numbers:
+        """Every number that has a name: its unit and its place, joint by joint, then body by body."""
+        places: Numbers = {}
+        for b, body in enumerate(self.bodies):
+            for j, joint in enumerate(body.joints):
+                places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
+        for b, body in enumerate(self.bodies):
+            places |= below("bodies", below(b, body.numbers))
+        return places
+
+    def parameters(self) -> dict[str, tuple[float, str]]:
+        """Every number with a name: its value and SI unit."""
+        return {name: (at(self, path), unit) for name, (unit, path) in self.numbers.items()}
+
+    def with_parameters(self, values: Mapping[str, float]) -> Robot:
+        """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        places = self.numbers
+        for name in values:
+            if name not in places:
+                raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")
+        changed: Robot = replaced(self, {places[name][1]: value for name, value in values.items()})
+        return changed

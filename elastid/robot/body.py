@@ -1,0 +1,77 @@
+"""A rigid body, where it sits and what it weighs."""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.robot.geometry import Placement, Vector3
+from elastid.robot.joint import Joint
+from elastid.robot.numbers import Numbers
+from elastid.section import section
+from elastid.units import Inertia, Mass
+
+InertiaTensor: TypeAlias = (
+    Inertia | tuple[Inertia, Inertia, Inertia] | tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]
+)
+
+BASE = "base"
+_TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+@section
+class Body:
+    """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass.
+
+    inertia: one number (the same about every axis), three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal
+    ones are entries of the tensor, not products of inertia with the other sign).
+    """
+
+    name: str
+    parent: str = BASE
+    placement: Placement = field(default_factory=Placement)
+    joints: tuple[Joint, ...] = ()
+    mass: Mass = 0.0
+    center_of_mass: Vector3 = (0.0, 0.0, 0.0)
+    inertia: InertiaTensor = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse an inertia that no body can have: principal moments obey I1 <= I2 + I3."""
+        if self.mass < 0:
+            raise ValueError(f"body {self.name}: the mass is {self.mass:g} kg; it must not be negative")
+        principal = np.linalg.eigvalsh(self.inertia_matrix)
+        slack = 1e-9 * max(abs(principal).max(), 1e-300)
+        if principal[0] < -slack or principal[2] > principal[0] + principal[1] + slack:
+            moments = ", ".join(f"{p:.4g}" for p in principal)
+            raise ValueError(
+                f"body {self.name}: no body has the principal inertias {moments} kg*m^2; each must be positive and at "
+                "most the sum of the other two (where it is known about one axis only, give that one number)"
+            )
+
+    @property
+    def inertia_entries(self) -> dict[str, float]:
+        """The inertia's numbers by parameter suffix: '' for the isotropic one, else _xx, _yy ..."""
+        if isinstance(self.inertia, tuple):
+            return {f"_{letters}": value for letters, value in zip(_TENSOR_LETTERS, self.inertia, strict=False)}
+        return {"": self.inertia}
+
+    @property
+    def inertia_matrix(self) -> FloatArray:
+        """Inertia tensor (3, 3) about the centre of mass, in the body's axes."""
+        if not isinstance(self.inertia, tuple):
+            return float(self.inertia) * np.eye(3)
+        xx, yy, zz, xy, xz, yz = (*self.inertia, 0.0, 0.0, 0.0)[:6]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
+
+    @property
+    def numbers(self) -> Numbers:
+        """m_, c_ and I_ of the body."""
+        places: Numbers = {f"m_{self.name}": ("kg", ("mass",))}
+        places |= {f"c_{self.name}_{a}": ("m", ("center_of_mass", i)) for i, a in enumerate("xyz")}
+        tensor = isinstance(self.inertia, tuple)
+        for i, suffix in enumerate(self.inertia_entries):
+            places[f"I_{self.name}{suffix}"] = ("kg*m^2", ("inertia", i) if tensor else ("inertia",))
+        return places

@@ -1,0 +1,39 @@
+"""The numbers of a robot that have a name and can be identified: where each stands in the description.
+
+A number's place is the path of attributes and positions that leads to it from the object: ("joints", 0, "spring",
+"stiffness").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, TypeAlias
+
+Path: TypeAlias = tuple[str | int, ...]
+# name: (SI unit, place)
+Numbers: TypeAlias = dict[str, tuple[str, Path]]
+
+
+def below(step: str | int, numbers: Numbers) -> Numbers:
+    """The same numbers, seen from one step further up."""
+    return {name: (unit, (step, *path)) for name, (unit, path) in numbers.items()}
+
+
+def at(whole: Any, path: Path) -> float:
+    """The number at a place."""
+    for step in path:
+        whole = whole[step] if isinstance(step, int) else getattr(whole, step)
+    return float(whole)
+
+
+def replaced(whole: Any, values: Mapping[Path, float]) -> Any:
+    """The same description with other numbers at these places, each dataclass checked anew once all are in it."""
+    if () in values:
+        return values[()]
+    inner: dict[str | int, dict[Path, float]] = {}
+    for (step, *rest), value in values.items():
+        inner.setdefault(step, {})[tuple(rest)] = value
+    if isinstance(whole, tuple):
+        return tuple(replaced(part, inner[i]) if i in inner else part for i, part in enumerate(whole))
+    return replace(whole, **{str(step): replaced(getattr(whole, str(step)), part) for step, part in inner.items()})
