@@ -13,6 +13,10 @@ spectrum do alone.
 Coulomb friction is a twentieth of the demo's and the sensors' noise is raised, so that noise and not the model's error
 (Coulomb friction fitted as viscous) is what spreads the estimates; for the same reason the fit's floor is lower than by
 default. Frictions are fitted but not compared: what Coulomb friction adds to them is the excitation's affair.
+
+The noise of the logged torque acts on the log alone, so that one simulation serves for several draws of it. With K
+simulations (phases, friction, encoder) of B draws each, the variance of an estimate is that within a simulation and
+what the means of the simulations scatter beyond it; the chance error told is that of this estimate.
 """
 
 from __future__ import annotations
@@ -52,8 +56,8 @@ PERIODS = (2, 4, 8)
 
 @dataclass(frozen=True)
 class Programme:
-    """What is measured in every repetition, with phases of its own: configurations, periods, and the powers (Q, F, n_u)
-    that their lines had in the design, limits kept.
+    """What is measured in every repetition, with phases of its own: configurations, periods, and the amplitudes
+    (Q, F, n_u) that their lines had in the design, limits kept.
     """
 
     brief: Brief
@@ -74,27 +78,25 @@ class Programme:
         each = zip(self.configurations, self.amplitude, strict=True)
         spectra = {one.configuration.name: amplitude for one, amplitude in each}
         found = replace(brief.excitation, flat="information")
-        plan = make_plan(found, brief.experiment, brief.robot, seed, self.configurations, spectra)
-        factor = np.sqrt(np.sum(self.amplitude**2, axis=1) / np.sum(np.mean(np.abs(plan.R[:, 0]) ** 2, axis=1), axis=1))
-        return replace(plan, R=plan.R * factor[:, None, None, None, :])
+        return make_plan(found, brief.experiment, brief.robot, seed, self.configurations, spectra)
 
 
 @dataclass(frozen=True)
 class Outcome:
     """Of one robot, for the parameters (n,) that are compared, relative: stated and reached standard deviations of the
-    plan, reached ones (B, n) of random plans, what the forecasts stated for those, for those with the best spectra, and
-    (n,) for the best configurations with a flat spectrum.
+    plan and the chance error of these; reached ones (plans, n) of random plans, what the forecasts stated for those and
+    for those with the best spectra; (n,) for the best configurations with a flat spectrum.
     """
 
     names: tuple[str, ...]
     stated: FloatArray
     reached: FloatArray
+    chance: FloatArray
     random: FloatArray
     random_stated: FloatArray
     random_shaped: FloatArray
     chosen_flat: FloatArray
-    repetitions: int
-    repetitions_random: int
+    repetitions: tuple[int, int]
 
     @property
     def ratio(self) -> FloatArray:
@@ -195,15 +197,37 @@ def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> Brief:
     )
 
 
-def fitted(programme: Programme, seed: int) -> FloatArray:
-    """Measure, estimate, fit: the estimate x (n,)."""
+def fitted(programme: Programme, draws: int, seed: int) -> FloatArray:
+    """Measured once, then fitted with several draws of the torque's noise: the estimates x (B, n)."""
     brief, plan = programme.brief, programme.plan(seed)
-    rig = SimulatedRig(brief.robot, brief.experiment, plan, seed)
-    responses = []
-    for configuration in plan.configurations:
-        runs = [run for run in plan.experiments if run.configuration.name == configuration.name]
-        responses.append(estimate([rig.measure(run) for run in runs], EstimatorSpec(), plan.lines))
-    return identify(responses, brief.robot, brief.fit).x
+    assert brief.experiment.simulated is not None
+    simulated = brief.experiment.simulated
+    quiet = replace(simulated, noise=replace(simulated.noise, torque_std=0.0))
+    rig = SimulatedRig(brief.robot, replace(brief.experiment, simulated=quiet), plan, seed)
+    records = [rig.measure(run) for run in plan.experiments]
+    x = []
+    for draw in range(draws):
+        rng = np.random.default_rng([seed, draw])
+        noisy = [
+            replace(one, u=one.u + simulated.noise.torque_std * rng.standard_normal(one.u.shape)) for one in records
+        ]
+        there = [[one for one in noisy if one.configuration.name == c.name] for c in plan.configurations]
+        responses = [estimate(each, EstimatorSpec(), plan.lines) for each in there]
+        x.append(identify(responses, brief.robot, brief.fit).x)
+    return np.array(x)
+
+
+def spread(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations (n,) from K simulations of B draws each, x (K, B, n); their relative chance errors."""
+    K, B, _ = x.shape
+    within = x.var(axis=1, ddof=1).mean(axis=0)
+    between = B * x.mean(axis=1).var(axis=0, ddof=1)
+    variance = within * (1 - 1 / B) + between / B
+    parts = (within * (1 - 1 / B)) ** 2 / (K * (B - 1)) + (between / B) ** 2 / (K - 1)
+    chance = np.sqrt(2 * parts) / variance / 2
+    # The logarithm of a sample variance lies too low in the mean, by about its relative variance over two.
+    std: FloatArray = np.sqrt(variance) * np.exp(chance**2)
+    return std, chance
 
 
 def random_choice(brief: Brief, count: int, seed: int) -> Brief:
@@ -231,47 +255,45 @@ def compared(names: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(names) if not name.startswith("fm_")]
 
 
-def study(brief: Brief, count: int, repetitions: int, plans: int, repetitions_random: int, jobs: int) -> Outcome:
-    """Planned against random plans of `count` configurations."""
+def study(brief: Brief, count: int, repetitions: tuple[int, int], plans: int, of_random: int, jobs: int) -> Outcome:
+    """Planned against random plans of `count` configurations; simulations and draws of noise, those of random plans."""
     design = designed(brief, jobs)
     print(f"{brief.robot.name}: {design.plan.robot_time_s:g} s of robot time; {design.forecast.choice}", flush=True)
     names = design.forecast.parameters
     here = compared(names)
-    x = np.array(ordered(partial(fitted, Programme.of(brief, design)), range(100, 100 + repetitions), jobs))
+    reached, chance = measured(Programme.of(brief, design), repetitions, 100, jobs)
+    print(f"  measured, fitted: {100 * geometric_mean(reached[here]):.3g} %", flush=True)
     random, random_stated, random_shaped = [], [], []
     for plan in range(plans):
         drawn = random_choice(brief, count, plan)
         told = designed(drawn, jobs)
         random_stated.append(stated(told))
         random_shaped.append(stated(designed(replace(drawn, excitation=brief.excitation), jobs)))
-        seeds = range(200, 200 + repetitions_random)
-        random.append(spread(np.array(ordered(partial(fitted, Programme.of(drawn, told)), seeds, jobs)))[here])
-        reached, foretold = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
-        print(f"  random plan {plan + 1} of {plans}: {reached:.3g} % (forecast {foretold:.3g} %)", flush=True)
+        random.append(measured(Programme.of(drawn, told), (of_random, repetitions[1]), 200, jobs)[0][here])
+        means = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
+        print("  random plan {} of {}: {:.3g} % (forecast {:.3g} %)".format(plan + 1, plans, *means), flush=True)
     outcome = Outcome(
         tuple(names[i] for i in here),
         stated(design),
-        spread(x)[here],
+        reached[here],
+        chance[here],
         np.array(random),
         np.array(random_stated),
         np.array(random_shaped),
         stated(designed(flat(brief), jobs)),
         repetitions,
-        repetitions_random,
     )
     say(outcome)
     return outcome
 
 
-def spread(x: FloatArray) -> FloatArray:
-    """Standard deviations (n,) over repetitions (R, n), free of the bias of their logarithm, about 1 / (2 (R - 1))."""
-    std: FloatArray = x.std(axis=0, ddof=1) * math.exp(0.5 / (len(x) - 1))
-    return std
-
-
-def chance(repetitions: int) -> float:
-    """One standard deviation of a standard deviation from so many repetitions, relative."""
-    return 1 / math.sqrt(2 * (repetitions - 1))
+def measured(
+    programme: Programme, repetitions: tuple[int, int], first: int, jobs: int
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations over the repetitions, and their chance errors (n,)."""
+    simulations, draws = repetitions
+    seeds = range(first, first + simulations)
+    return spread(np.array(ordered(partial(fitted, programme, draws), seeds, jobs)))
 
 
 def say(outcome: Outcome) -> None:
@@ -281,7 +303,7 @@ def say(outcome: Outcome) -> None:
         print(f"  {name:9}  {100 * a:8.3f}  {100 * b:9.3f}  {b / a:5.2f}")
     print(
         f"  reached / stated: geometric mean {geometric_mean(outcome.ratio):.2f}, from {outcome.ratio.min():.2f} to "
-        f"{outcome.ratio.max():.2f} (one standard deviation of chance in each: {chance(outcome.repetitions):.2f})"
+        f"{outcome.ratio.max():.2f} (one standard deviation of chance in each: {np.median(outcome.chance):.2f})"
     )
     by_random, foretold = geometric_mean(outcome.random), outcome.foretold
     print(
@@ -292,8 +314,9 @@ def say(outcome: Outcome) -> None:
     )
 
 
-# What is run for each robot: configurations of the robot time, repetitions, random plans and their repetitions.
-STUDIES = {"three-axis": (three_axes, 4, 100, 9, 12), "six-axis": (six_axes, 4, 60, 7, 6)}
+# What is run for each robot: configurations of the robot time; simulations and draws of noise; random plans and their
+# simulations.
+STUDIES = {"three-axis": (three_axes, 4, (25, 6), 7, 4), "six-axis": (six_axes, 3, (14, 6), 7, 3)}
 
 
 def main(quick: bool, jobs: int, robots: Sequence[str] = tuple(STUDIES)) -> list[Outcome]:
@@ -301,10 +324,10 @@ def main(quick: bool, jobs: int, robots: Sequence[str] = tuple(STUDIES)) -> list
         arm = three_axes(1)
         assert arm.design is not None
         few = replace(arm.design, candidates=replace(CANDIDATES, random=40), periods=())
-        return [study(replace(arm, design=few), 1, 3, 1, 3, jobs)]
+        return [study(replace(arm, design=few), 1, (3, 2), 1, 2, jobs)]
     outcomes = []
-    for make, count, *numbers in (STUDIES[name] for name in robots):
-        outcomes.append(study(make(count), count, *numbers, jobs))
+    for make, count, repetitions, plans, of_random in (STUDIES[name] for name in robots):
+        outcomes.append(study(make(count), count, repetitions, plans, of_random, jobs))
     return outcomes
 
 
@@ -312,7 +335,7 @@ def in_numbers(outcome: Outcome) -> dict[str, object]:
     """For programs."""
     return {
         "reached_over_stated": dict(zip(outcome.names, outcome.ratio.round(3).tolist(), strict=True)),
-        "chance": round(chance(outcome.repetitions), 3),
+        "chance": round(float(np.median(outcome.chance)), 3),
         "gain": round(outcome.gain, 3),
         "foretold": {name: round(value, 3) for name, value in outcome.foretold.items()},
         "repetitions": outcome.repetitions,
