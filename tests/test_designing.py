@@ -159,12 +159,6 @@ def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust:
             replace(GIVEN, experiment=replace(GIVEN.experiment, experiments=1)),
             "information needs as many experiments as motors, and there are 1 for 2",
         ),
-        (
-            replace(
-                GIVEN, robot=replace(TWO, bodies=TWO.bodies), excitation=replace(GIVEN.excitation, torque_rms=1e-9)
-            ),
-            "hardly anything",
-        ),
     ],
 )
 def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: Brief, message: str) -> None:

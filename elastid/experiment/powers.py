@@ -32,8 +32,8 @@ from elastid.fit.residuals import as_real
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
 TOLERANCE = 0.01
 MAX_UPDATES = 1000
-# Updates without progress after which they become half as large.
-PATIENCE = 20
+# Updates without progress after which their exponent becomes half as large, and what it is at least.
+PATIENCE, LEAST_STEP = 60, 0.2
 SMALLEST = 1e-12
 # Even powers: steps until they are balanced, and which share in a limit makes it an input's own.
 BALANCING_STEPS, COUNTS = 30, 0.1
@@ -125,7 +125,7 @@ def best_powers(
         if bound - best.value <= tolerance:
             break
         if since > PATIENCE:
-            exponent, since = exponent / 2, 0
+            exponent, since = max(exponent / 2, LEAST_STEP), 0
         share = share * (ratio / ratio.max()) ** exponent
         used = _used(cost, share) / room
         price = np.maximum(price * (used / used.max()) ** exponent, SMALLEST)
@@ -134,7 +134,20 @@ def best_powers(
         if criterion.over == "worst":
             weight = np.maximum(weight * np.exp(exponent * (phi.min() - phi)), SMALLEST)
             weight /= weight.sum()
-    return replace(best, gap=bound - best.value)
+    P = _filled(cost, best.P)
+    M = _information(groups, P, known)
+    value = max(best.value, float(criterion.value(M)))
+    return Powers(P, value, start, max(bound - value, 0.0))
+
+
+def _filled(cost: FloatArray, P: FloatArray) -> FloatArray:
+    """Powers raised, input after input, until each comes to a limit: what the last update left of the limits."""
+    for i in range(P.shape[2]):
+        mine = np.einsum("kof,kf->ko", cost[..., i], P[..., i])
+        left = np.maximum(1 - _used(cost, P), 0.0)
+        growth = np.divide(left, mine, out=np.full(mine.shape, np.inf), where=mine > 0).min(axis=1)
+        P = P * np.where(np.arange(P.shape[2]) == i, 1 + growth[:, None], 1.0)[:, None, :]
+    return P
 
 
 def _weighed(criterion: Criterion, M: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
