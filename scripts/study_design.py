@@ -316,7 +316,7 @@ def say(outcome: Outcome) -> None:
 
 # What is run for each robot: configurations of the robot time; simulations and draws of noise; random plans and their
 # simulations.
-STUDIES = {"three-axis": (three_axes, 4, (25, 6), 7, 4), "six-axis": (six_axes, 3, (14, 6), 7, 3)}
+STUDIES = {"three-axis": (three_axes, 4, (25, 6), 7, 4), "six-axis": (six_axes, 2, (8, 8), 5, 2)}
 
 
 def main(quick: bool, jobs: int, robots: Sequence[str] = tuple(STUDIES)) -> list[Outcome]:

@@ -11,6 +11,8 @@ from elastid.units import Frequency, Time, Torque
 
 # A day at 1 kHz; whatever is longer is a slip of the pen.
 MOST_SAMPLES = 1e8
+# Part of a flat torque's power that every line keeps where the spectrum is found.
+LEAST = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
 AskedTorque: TypeAlias = Torque | tuple[Torque, ...] | Literal["limits"]
@@ -58,7 +60,7 @@ class MultisineSpec:
     lines: tuple[int, ...] = ()
     margin: float = 0.1
     flat: Signal | Literal["precision", "information"] = "torque"
-    least: float = 0.1
+    least: float = LEAST
     power: float = 0.0
     spectrum: tuple[tuple[Frequency, float], ...] = ()
     phases: Phases = "random"
@@ -121,6 +123,8 @@ class MultisineSpec:
                 f"least is {self.least:g}; it is the part of a flat torque's power that every line keeps, above 0 (a "
                 "line without power has no response) and up to 1"
             )
+        if self.flat != "information" and self.least != LEAST:
+            raise ValueError("least belongs to flat: information; set that, or leave least out")
         if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
             what = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
             raise ValueError(f"flat: information finds the spectrum itself; leave out {what}, or take another flat")

@@ -22,6 +22,7 @@ from elastid.experiment.movement import one_period, reach
 from elastid.experiment.optimal import Criterion
 from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.rehearsal import Rehearsal
+from elastid.experiment.robot_time import period_options, refusal, room
 from elastid.experiment.shaping import best_spectra
 from elastid.experiment.simulated import true_robot
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
@@ -312,31 +313,11 @@ def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Ch
 
 def _periods(brief: Brief, spec: DesignSpec) -> tuple[int, ...]:
     """The numbers of periods that leave room for a configuration; StudyError where none does."""
-    options = spec.periods or (brief.experiment.periods,)
-    fitting = tuple(periods for periods in options if spec.count is not None or _room(brief, spec, periods) >= 1)
-    if not fitting:
-        given, shortest = len(brief.experiment.configurations), _unit_time_s(brief, min(options))
-        raise StudyError(
-            f"design.robot_time: {spec.robot_time:g} s leave no room for a configuration beside the {given} given: one "
-            f"takes {shortest:g} s of the robot's time; give at least {(given + 1) * shortest:g} s, or fewer "
-            "realisations or periods"
-        )
-    return fitting
-
-
-def _unit_time_s(brief: Brief, periods: int) -> float:
-    """Robot time of one configuration."""
-    experiment = brief.experiment
-    runs = experiment.realisations * experiment.runs(len(brief.robot.driven))
-    at_ends = 2 * (experiment.ramp + experiment.hold)
-    return runs * ((periods + experiment.transient_periods) * brief.excitation.period + at_ends)
-
-
-def _room(brief: Brief, spec: DesignSpec, periods: int) -> int:
-    """How many configurations can be chosen."""
-    if spec.robot_time is None:
-        return spec.count or 0
-    return int(spec.robot_time / _unit_time_s(brief, periods) + 1e-9) - len(brief.experiment.configurations)
+    sections = spec, brief.excitation, brief.experiment, len(brief.robot.driven)
+    refused = refusal(*sections)
+    if refused:
+        raise StudyError(f"design.robot_time: {refused}")
+    return tuple(periods for periods in period_options(spec, brief.experiment) if room(*sections, periods) >= 1)
 
 
 def _task(brief: Brief, spec: DesignSpec, periods: int, x: FloatArray) -> Task:
@@ -345,7 +326,8 @@ def _task(brief: Brief, spec: DesignSpec, periods: int, x: FloatArray) -> Task:
     probe = _probe(brief, brief.experiment)
     check_lines(probe.freq_hz, brief.parameters)
     prospect = _prospect(brief, probe, len(probe.configurations) - 1)
-    return Task(prospect, _room(brief, spec, periods), _known(brief, probe, x))
+    count = room(spec, brief.excitation, brief.experiment, len(brief.robot.driven), periods)
+    return Task(prospect, count, _known(brief, probe, x))
 
 
 def _known(brief: Brief, plan: Plan, x: FloatArray) -> FloatArray:
