@@ -88,7 +88,7 @@ def test_fits_scatter_as_the_forecast_said() -> None:
 
 
 def _shaped(brief: Brief, **excitation: object) -> Brief:
-    return replace(brief, excitation=replace(brief.excitation, flat="information", **excitation))  # type: ignore[arg-type]
+    return replace(brief, excitation=replace(brief.excitation, **{"flat": "information", **excitation}))  # type: ignore[arg-type]
 
 
 GIVEN = replace(BRIEF, design=None, experiment=replace(BRIEF.experiment, configurations={"a": (0.3, 0.8)}))
@@ -103,7 +103,7 @@ def test_a_spectrum_for_information_tells_more_than_any_flat_one_of_the_same_tor
     brief = replace(GIVEN, experiment=replace(GIVEN.experiment, configurations={"a": (0.3, 0.8), "b": (0, 1.8)}))
     plan = designed(_shaped(brief)).plan
     power = np.mean(np.abs(plan.R) ** 2, axis=2) / 2
-    assert np.sqrt(power.sum(axis=2)) == pytest.approx(np.broadcast_to([5.0, 2.0], (2, 2, 2)), rel=1e-9)
+    assert np.sqrt(power.sum(axis=2)) == pytest.approx(np.broadcast_to([5.0, 2.0], (2, 2, 2)), rel=1e-6)
     even = np.array([25.0, 4.0]) / len(plan.lines)
     assert np.all(power > 0.0999 * even)
     assert np.any(np.abs(power[0] - power[1]) > even)
@@ -171,6 +171,7 @@ def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: B
     ("wrong", "message"),
     [
         ({"least": 0.0}, "least is 0; it is the part of a flat torque's power that every line keeps"),
+        ({"flat": "torque", "least": 0.5}, "least belongs to flat: information; set that, or leave least out"),
         ({"power": 1.0}, "flat: information finds the spectrum itself; leave out power and spectrum"),
         ({"phases": "prbs"}, "flat: information finds the spectrum itself; leave out phases: prbs"),
     ],
@@ -305,6 +306,7 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     direction = dict(zip(told.parameters, told.blind[0], strict=True))
     assert direction["I_upper"] / direction["m_upper"] == pytest.approx(-2.0, rel=1e-3)
     assert "cannot see the combination +0.89 I_upper -0.45 m_upper" in told.notes[0]
+    assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in told.notes[1]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
     note = designed(replace(brief, fit=alone)).forecast.notes[0]
     assert "cannot see c_upper_z: fix it" in note
@@ -406,6 +408,7 @@ def test_another_fit_tells_another_forecast_and_measures_nothing_anew(tiny: Path
             "design.parameters[0]: the fit does not identify 'k1'; did you mean",
         ),
         ("design: {count: 2, robot_time: 5}\n", "give either count (of configurations) or robot_time"),
+        ("design: {robot_time: 5}\n", "design.robot_time: 5 s leave no room for a configuration beside the 0 given"),
         ("design: {count: 2, candidates: {grid: 3, random: 5}}\n", "give only one of random, grid and given"),
         ("design: {count: 2, candidates: {grid: [3, 4]}}\n", "design.candidates.grid: 2 numbers for 1 driven joints"),
         ("design: {count: 2, candidates: {points: {arm: [[0, 0, 0]]}}}\n", "no body is called 'arm'; there are load"),

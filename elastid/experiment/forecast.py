@@ -112,8 +112,8 @@ def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
         share=_share(fit, x, np.asarray(R)),
         blind=blind,
         notes=(
-            *_too_few(len(blind), len(free), len(expected), len(freq_hz)),
             *_unseen(blind, parameters.free_names),
+            *_too_few(len(blind), len(free), len(expected), len(freq_hz)),
             *_tied(covariance, parameters.free_names),
         ),
     )

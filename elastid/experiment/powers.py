@@ -104,6 +104,9 @@ def best_powers(
     least: epsilon.
     """
     even = even_powers(cost)
+    if least >= 1:
+        value = float(criterion.value(_information(groups, even, known)))
+        return Powers(even, value, value, 0.0)
     room = 1 - least * _used(cost, even)
     share, price = (1 - least) * even, np.full(room.shape, 1 / room.size)
     weight = np.full(len(known), 1 / len(known))
