@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import digamma
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
@@ -14,6 +13,7 @@ from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.choosing import Choice, Task, choose_configurations, guesses
 from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import DesignSpec, LevelSpec
+from elastid.experiment.earlier import variance_like
 from elastid.experiment.expected import Expected, Level, Prospect, linear_model
 from elastid.experiment.forecast import Forecast, check_lines, forecast
 from elastid.experiment.interest import interest
@@ -274,7 +274,7 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     spec = brief.design.noise if brief.design is not None else LevelSpec()
     variance = None
     if brief.like:
-        variance = _variance_like(brief.like, plan.freq_hz, outputs, plan.inputs) * brief.experiment.realisations
+        variance = variance_like(brief.like, plan.freq_hz, outputs, plan.inputs) * brief.experiment.realisations
     return Prospect(
         model=brief.model,
         robot=brief.robot,
@@ -351,28 +351,3 @@ def _before(brief: Brief, x: FloatArray) -> FloatArray:
             expected = Expected(response, model, weigh(response, brief.fit), parameters, brief.fit)
             known[s] += expected.information(one)
     return known
-
-
-def _variance_like(
-    responses: Sequence[FrequencyResponse], freq_hz: FloatArray, outputs: tuple[str, ...], inputs: tuple[str, ...]
-) -> FloatArray:
-    """Variance (F, n_y, n_u) of G: geometric mean over earlier responses, between their lines.
-
-    StudyError where they have other inputs or outputs, or no variance.
-    """
-    logs = []
-    for response in responses:
-        known = response.uncertainty
-        if response.inputs != inputs or response.outputs != outputs or known is None:
-            raise StudyError(
-                f"design.noise.frf: configuration {response.configuration.name} was measured from "
-                f"{', '.join(response.inputs)} to {', '.join(response.outputs)}"
-                f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
-                f"{', '.join(outputs)} with one"
-            )
-        # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
-        shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0
-        log = np.log(np.maximum(known.variance, 1e-300)).reshape(response.n_lines, -1) + shortfall
-        logs.append([np.interp(freq_hz, response.freq_hz, column) for column in log.T])
-    variance: FloatArray = np.exp(np.mean(logs, axis=0)).T.reshape(len(freq_hz), len(outputs), len(inputs))
-    return variance
