@@ -24,6 +24,7 @@ from elastid.errors import StudyError
 from elastid.excitation.grids import line_frequencies
 from elastid.experiment.friction_level import friction_level
 from elastid.experiment.powers import Source
+from elastid.experiment.sensors import logged_quantity, output_stds
 from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
@@ -135,7 +136,8 @@ class Prospect:
         )
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
-        return replace(both, C=both.C[n_u:], outputs=self.outputs), every[:, n_u:], every[:, :n_u]
+        model = replace(both, C=both.C[n_u:], T=both.tilt[n_u:], outputs=self.outputs)
+        return model, every[:, n_u:], every[:, :n_u]
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
@@ -211,15 +213,16 @@ class Prospect:
         hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
         torque = hold[:, None, None] * (noise.torque_std**2 + noise.disturbance_std**2)
         omega = 2 * np.pi * self.freq_hz[:, None]
-        angle = omega ** (2 * MOTION_ORDER[self.quantity]) * self._output_variances()
+        measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
+        angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
         error: ComplexArray = per_sample * (4 / (self.period_samples * self.periods))
         return error
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
+        """rad^2 or (m/s^2)^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
-        variances = np.full(len(self.outputs), noise.angle_std**2)
+        variances = output_stds(noise, self.outputs) ** 2
         for i, place in enumerate(self.outputs):
             if noise.encoder_counts and place in self.robot.motor_locations:
                 ratio = self.robot.ratio(place.removeprefix("motor "))

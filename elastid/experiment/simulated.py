@@ -18,17 +18,18 @@ from elastid.errors import DataError, StudyError
 from elastid.experiment.movement import check_movement
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.references import Reference, reference
+from elastid.experiment.sensors import logged_quantity, output_stds, planned, sensed
 from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Motion, Record
+from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
 from elastid.simulation.controller import Gains, rigid_motion, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
-from elastid.units import Quantity, to_si
+from elastid.units import Quantity, of_translation, to_si
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,9 @@ class SimulatedRig:
 
     A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
     u: what the controller commands and the log sees, held from sample to sample.  y: positions, of a motor as its
-    encoder reads it, of a body as its angle from the equilibrium, small.  Under a carrier of constant velocity both are
-    about the planned movement, which does not repeat: its angles and its torque are taken out of the log.
+    encoder reads it, of a body as its angle from the equilibrium, small; of points accelerations (`sensors`).  Under a
+    carrier of constant velocity both are about the planned movement, which does not repeat: its angles, accelerations
+    and torque are taken out of the log.
 
     Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
     leaves the joints' limits.
@@ -83,15 +85,15 @@ class SimulatedRig:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
         plan = self.plan
         plant, q0, given = self._prepared(experiment)
-        noise = _draw(self.simulated.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
+        noise = _draw(self.simulated.noise, plan, self.outputs, (self.seed, *_indices(plan, experiment)))
         end = plan.run_samples - plan.first_sample  # the way out is not measured
         trajectory = self._moved(plant, q0, given, experiment, noise, 1.0, end)
         measured = slice(end - plan.periods * plan.period_samples, end)
-        u, y = trajectory.u + noise.torque[:end], _sensed(trajectory, plant.model, q0, self.outputs, noise)
+        told = (plant.model, q0, self.outputs, plan.rate_hz, plan.period_samples)
+        u, y = trajectory.u + noise.torque[:end], sensed(trajectory.q, trajectory.reading, *told) + noise.outputs[:end]
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
-            C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model)
-            u, y = u - given.feed_forward[:end], y - (given.position[:end] - experiment.configuration.angles) @ C.T
-        position: Motion = "position"
+            moved = given.position[:end] - experiment.configuration.angles
+            u, y = u - given.feed_forward[:end], y - planned(moved, *told)
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -101,12 +103,13 @@ class SimulatedRig:
             period_samples=plan.period_samples,
             inputs=plan.inputs,
             outputs=self.outputs,
-            quantities=(position,) * len(self.outputs),
+            quantities=tuple(logged_quantity(place) for place in self.outputs),
             u=u[measured],
             y=y[measured],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
             hold="zero-order",
+            sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
@@ -115,7 +118,7 @@ class SimulatedRig:
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
         plant, q0, given = self._prepared(experiment)
-        noise = _draw(self.simulated.noise, self.plan, len(self.outputs), (self.seed, *_indices(self.plan, experiment)))
+        noise = _draw(self.simulated.noise, self.plan, self.outputs, (self.seed, *_indices(self.plan, experiment)))
         trajectory = self._moved(plant, q0, given, experiment, noise, factor, self.plan.run_samples)
         return trajectory.q @ plant.model.B, trajectory.u
 
@@ -161,7 +164,7 @@ class _Plant:
 
 @dataclass(frozen=True)
 class _Noise:
-    """White noise over the whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), rad (n, n_y)."""
+    """White noise over the whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), of the outputs (n, n_y)."""
 
     torque: FloatArray
     reading: FloatArray
@@ -198,7 +201,7 @@ def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
     return names.index(experiment.configuration.name), experiment.realisation, experiment.experiment
 
 
-def _draw(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> _Noise:
+def _draw(spec: NoiseSpec, plan: Plan, outputs: tuple[str, ...], seed: tuple[int, ...]) -> _Noise:
     n = plan.run_samples
     random = np.random.default_rng(np.random.SeedSequence(seed))
     n_u = len(plan.inputs)
@@ -206,7 +209,7 @@ def _draw(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> _Nois
         torque=spec.torque_std * random.standard_normal((n, n_u)),
         reading=spec.angle_std * random.standard_normal((n, n_u)),
         disturbance=spec.disturbance_std * random.standard_normal((n, n_u)),
-        outputs=spec.angle_std * random.standard_normal((n, n_y)),
+        outputs=output_stds(spec, outputs) * random.standard_normal((n, len(outputs))),
     )
 
 
@@ -232,20 +235,6 @@ def _check_steps(plant: _Plant, q0: FloatArray, experiment: Experiment, substeps
         )
 
 
-def _sensed(
-    trajectory: Trajectory, model: ElasticModel, q0: FloatArray, outputs: tuple[str, ...], noise: _Noise
-) -> FloatArray:
-    """What the log reads (n, n_y): encoders, joint angles, and C (q - q0) for a body, to first order."""
-    C = model.output_jacobian(q0, outputs)
-    y = trajectory.q @ C.T + noise.outputs[: len(trajectory.q)]
-    for column, place in enumerate(outputs):
-        if place in model.inputs:
-            y[:, column] = trajectory.reading[:, model.inputs.index(place)]
-        elif place.startswith("body "):
-            y[:, column] -= C[column] @ q0
-    return y
-
-
 def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:
     """A word for every motor that went beyond its limits; the simulation does not clip."""
     torque = np.abs(trajectory.u).max(axis=0)
@@ -259,6 +248,7 @@ def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: floa
             (speed[i], joint.limits.velocity, "rad/s"),
             (acceleration[i], joint.limits.acceleration, "rad/s^2"),
         ):
+            unit = of_translation(unit) if joint.slides else unit
             if peak > limit:
                 notes.append(
                     f"motor {joint.name} went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "

@@ -5,7 +5,8 @@ r"""LinearModel -> state space: what control engineers' tools read.
 .. math:: A = \begin{bmatrix} 0 & I \\ -M^{-1} K & -M^{-1} D_q \end{bmatrix}, \qquad
           B = \begin{bmatrix} 0 \\ M^{-1} B_q \end{bmatrix}
 
-y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q).
+y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q);
+what gravity adds to accelerometers, [T, 0], is in the last alone.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.errors import StudyError
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.record import Configuration, Motion
 
@@ -47,7 +49,13 @@ class StateSpace:
 
 
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
-    """The state space of a LinearModel at theta (n_theta,), model.parameters in SI."""
+    """The state space of a LinearModel at theta (n_theta,), model.parameters in SI.
+
+    StudyError where an accelerometer's reading is turned into a velocity or a position: gravity would be integrated.
+    """
+    if model.quantity != "acceleration" and model.tilt.any():
+        place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
+        raise StudyError(f"{place} sees gravity, which has no {model.quantity}; set estimator.quantity: acceleration")
     M, D, K = model.matrices(theta)
     n, n_u = model.B.shape
     motion = np.linalg.solve(M, np.hstack([-K, -D, model.B]))  # q'' = motion [q; q'; u]
@@ -57,7 +65,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     C, D_y = {
         "position": (np.hstack([model.C, still]), through),
         "velocity": (np.hstack([still, model.C]), through),
-        "acceleration": (model.C @ motion[:, : 2 * n], model.C @ motion[:, 2 * n :]),
+        "acceleration": (model.C @ motion[:, : 2 * n] + np.hstack([model.tilt, still]), model.C @ motion[:, 2 * n :]),
     }[model.quantity]
     delay = float(theta[model.parameters.index(DELAY)]) if DELAY in model.parameters else 0.0
     return StateSpace(model.configuration, A, B, C, D_y, delay, model.inputs, model.outputs, model.quantity)
