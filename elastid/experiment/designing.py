@@ -88,6 +88,8 @@ class Brief:
         refused: StudyError | DataError | None = None
         for q in range(len(probe.configurations)):
             try:
+                for one in self.guesses:
+                    _prospect(self, probe, q).expected(probe.configurations[q], one)
                 cost.append(_cost(self, _only(probe, q), torque_rms))
                 kept.append(q)
             except (StudyError, DataError) as error:
