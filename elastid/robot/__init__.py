@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.motor import Motor
@@ -31,13 +32,19 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "Dahl",
+    "Friction",
     "InertiaTensor",
     "Joint",
     "Limits",
+    "LoadDependence",
+    "LuGre",
+    "MaxwellSlip",
     "Motor",
     "Placement",
     "Robot",
     "Spring",
+    "TemperatureDependence",
     "Vector3",
     "unit_axis",
 ]
