@@ -96,7 +96,7 @@ def closed_loop(
     integral = given["integral"] + ca.if_else(u == command, error / rate_hz, 0)
     q, v, z, w = _moved(model, contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps)
     results = [q, v, z, w, integral, reading, u]
-    sample = ca.Function("sample", list(given.values()), results, {"cse": True})
+    sample = ca.Function("sample", list(given.values()), results)
     function = sample.mapaccum("closed_loop", CHUNK, STATES, {})
     return ClosedLoop(model.inputs, limits, model.B, rate_hz, contacts, drives, function)
 
