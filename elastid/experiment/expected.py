@@ -26,6 +26,7 @@ from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, weigh
+from elastid.friction.placed import coulomb_levels
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import frequency_response
@@ -143,14 +144,14 @@ class Prospect:
     def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
         """(I + F G_q)^-1 (F, n_u, n_u): what the controller leaves of injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        k_p, k_d = _gains(self.robot, tuple(configuration.angles.tolist()), self.controller)
-        F = k_p[:, None] + k_d[:, None] * s
+        k_p, k_d, k_i = _gains(self.robot, tuple(configuration.angles.tolist()), self.controller)
+        F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
-        coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
+        coulomb = coulomb_levels(self.robot)
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
@@ -229,14 +230,14 @@ def _linearisation(robot: Robot) -> Linearisation:
 
 
 @lru_cache(maxsize=1024)
-def _gains(robot: Robot, angles: tuple[float, ...], spec: ControllerSpec) -> tuple[FloatArray, FloatArray]:
-    """k_p and k_d (n_u,) of the simulated joint controller in a configuration."""
+def _gains(robot: Robot, angles: tuple[float, ...], spec: ControllerSpec) -> tuple[FloatArray, ...]:
+    """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
     model = _linearisation(robot).model
     q = np.zeros(model.n_q)
     for joint, angle in zip(robot.driven, angles, strict=True):
         q[[model.index(f"joint {joint.name}"), model.index(f"motor {joint.name}")]] = angle
-    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio)
-    return gains.kp, gains.kd
+    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    return gains.kp, gains.kd, gains.ki
 
 
 def _diagonal(matrices: ComplexArray) -> FloatArray:

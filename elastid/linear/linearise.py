@@ -16,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.linear.chain import elements
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
@@ -66,6 +67,7 @@ class Linearisation:
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
+            chain=elements(model.robot.chain),
         )
 
 

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.chain import Chain
 from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
@@ -32,6 +33,7 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "Chain",
     "Dahl",
     "Friction",
     "InertiaTensor",

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from elastid.errors import StudyError
 from elastid.robot.body import BASE, Body
+from elastid.robot.chain import Chain
 from elastid.robot.geometry import Acceleration3
 from elastid.robot.joint import Joint
 from elastid.robot.numbers import Numbers, at, below, replaced
@@ -14,7 +15,7 @@ from elastid.section import section
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame.
+    """Bodies in any order of listing that names parents first, gravity in the base frame; chain: of measurement.
 
     Raises ValueError for names given twice, unknown parents, a robot without a motor.
     """
@@ -23,6 +24,7 @@ class Robot:
     bodies: tuple[Body, ...]
     gravity: Acceleration3 = (0.0, 0.0, -9.81)
     source: str = ""
+    chain: Chain = Chain()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -87,7 +89,7 @@ class Robot:
                 places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
         for b, body in enumerate(self.bodies):
             places |= below("bodies", below(b, body.numbers))
-        return places
+        return places | below("chain", self.chain.numbers)
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit."""

@@ -89,7 +89,8 @@ def closed_loop(
     given = {name: ca.SX.sym(name, size) for name, size in names.items()}
     q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
     reading = drives.reading(ca.DM(model.B).T @ q, given["noise"])
-    error = feedback(*(reading, *(given[n] for n in ("last", "position", "velocity", "kp", "kd")), rate_hz))
+    last, position, velocity = given["last"], given["position"], given["velocity"]
+    error = feedback(reading, last, position, velocity, given["kp"], given["kd"], rate_hz)
     command = given["torque"] + error + given["ki"] * given["integral"]
     u = drives.clipped(command)
     # A drive at its limit would wind the integral up.

@@ -9,7 +9,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray, frozen
-from elastid.friction.law import CURVE, Curve
+from elastid.friction.law import CURVE, Curve, Law
 from elastid.friction.placed import PlacedLaw
 from elastid.model.elastic import ElasticModel
 
@@ -39,11 +39,13 @@ class Contacts:
         """P tau_f (n_q,) at velocities v (n_q,), states z (n_states,)."""
         if not self.laws:
             return ca.SX(self.P.shape[0], 1)
-        return ca.DM(self.P) @ ca.vertcat(*(one.law.torque(*state) for one, *state in self._each(v, z, curves)))
+        each = self._each(v, z, curves)
+        return ca.DM(self.P) @ ca.vertcat(*(law.torque(slip, state, curve) for law, slip, state, curve in each))
 
     def advanced(self, v: ca.SX, z: ca.SX, curves: ca.SX, step: float) -> ca.SX:
         """States after `step` s at constant v (n_q,)."""
-        return ca.vertcat(ca.SX(0, 1), *(one.law.advanced(*state, step) for one, *state in self._each(v, z, curves)))
+        each = self._each(v, z, curves)
+        return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in each))
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
         """Stiffness and damping (n_q, n_q) of all contacts at rest."""
@@ -55,11 +57,13 @@ class Contacts:
     def _sizes(self) -> list[int]:
         return [one.law.n_states for one in self.laws]
 
-    def _each(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> list[tuple[PlacedLaw, ca.SX, ca.SX, Curve]]:
+    def _each(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> list[tuple[Law, ca.SX, ca.SX, Curve]]:
         sliding = ca.DM(self.P).T @ v
         ends = np.cumsum([0, *self._sizes])
         numbers = [Curve(*ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])) for j in range(len(self.laws))]
-        return [(one, sliding[j], z[int(ends[j]) : int(ends[j + 1])], numbers[j]) for j, one in enumerate(self.laws)]
+        return [
+            (one.law, sliding[j], z[int(ends[j]) : int(ends[j + 1])], numbers[j]) for j, one in enumerate(self.laws)
+        ]
 
 
 def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:

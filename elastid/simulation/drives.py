@@ -45,6 +45,7 @@ class Lag:
 
     def step(self, step: float) -> tuple[FloatArray, FloatArray]:
         """w(t + step) = A w(t) + b u at constant u, w = the torque and its derivatives times powers of T; A (n, n)."""
+
         n = self.order
         A = np.eye(n, k=1)
         A[-1] = -np.array([1.0, *self.coefficients[:-1]]) / self.coefficients[-1]
