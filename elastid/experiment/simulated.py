@@ -23,7 +23,8 @@ from elastid.experiment.spec import EncoderRippleSpec, ExperimentSpec, Simulated
 from elastid.friction.placed import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
@@ -144,7 +145,7 @@ class SimulatedRig:
         """The true robot, its equilibrium, and what its controller is given."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        plant = _plant(true_robot(self.robot, spec.truth), rate_hz, spec.substeps, *hardware)
+        plant = _plant(true_robot(self.robot, spec.truth), spec.model, rate_hz, spec.substeps, *hardware)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
         _check_steps(plant, point.q, experiment, spec.substeps, rate_hz)
         return plant, point, reference(self.plan, spec.carrier, plant.model, point.q, experiment.configuration)
@@ -196,6 +197,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 @lru_cache(maxsize=4)
 def _plant(
     robot: Robot,
+    equations: ModelSpec,
     rate_hz: float,
     substeps: int,
     encoder_counts: int,
@@ -204,7 +206,7 @@ def _plant(
     saturation: bool,
 ) -> _Plant:
     """Built once in a process: CasADi expressions do not pickle."""
-    model = serial(robot)
+    model = formulate(robot, equations)
     limits = np.array([joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.model.spec import ModelSpec
 from elastid.record import MOTION_UNIT
 from elastid.section import section
 from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Temperature, Time, Torque, TorqueConstant
@@ -213,7 +214,7 @@ class SimulatedSpec:
     """A rig that is a model: the study's robot with some of its numbers replaced by the truth that the fit must find.
 
     truth: parameter name to value.  outputs: places that are logged (default: every motor).
-    substeps: integration steps per sample of the controller.
+    substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
     saturation: motor torques are clipped at the joints' limits.torque; without it going beyond is reported.
     encoder_ripple, torque_ripple: errors that repeat with the motors' turns.  warming: how friction drifts.
     """
@@ -228,6 +229,7 @@ class SimulatedSpec:
     encoder_ripple: tuple[EncoderRippleSpec, ...] = ()
     torque_ripple: tuple[TorqueRippleSpec, ...] = ()
     warming: WarmingSpec | None = None
+    model: ModelSpec = ModelSpec()
 
     def __post_init__(self) -> None:
         """Refuse a simulation without steps, and outputs that would count twice."""

@@ -29,7 +29,8 @@ from elastid.fit.weights import Weights, check_masks, weigh
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
 from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
@@ -49,19 +50,21 @@ def identify(
     robot: Robot,
     spec: FitSpec,
     *,
+    model: ModelSpec = EXACT,
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = silent,
 ) -> FitResult:
     """The parameters of `robot` that explain the responses of all configurations.
 
-    seed: of the starts; the result does not depend on `jobs`, the number of processes.  progress(done, starts).
+    model: the formulation of the equations.  seed: of the starts; the result does not depend on `jobs`, the number of
+    processes.  progress(done, starts).
     Raises StudyError for parameters, masks or places that do not exist; DataError where nothing is left to fit;
     FitError for a parameter that reaches no response and where no start leads anywhere.
     """
     parameters = choose(spec, robot)
     check_masks(responses, spec.mask)
-    assembly = Assembly.of(responses, robot, spec, parameters)
+    assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
         raise DataError("nothing is left to fit: " + " ".join(assembly.notes or ("band and masks leave no line",)))
@@ -79,13 +82,15 @@ def identify(
     return _result(fit, end, sure, ranked, hits, (*assembly.notes, *moved))
 
 
-def predict(result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse]) -> tuple[FrequencyResponse, ...]:
+def predict(
+    result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse], model: ModelSpec = EXACT
+) -> tuple[FrequencyResponse, ...]:
     """The fitted model's response for each of `responses`: its lines, inputs, outputs and configuration."""
     theta = result.theta
-    models = _linearised(Linearisation.of(serial(robot)), responses, theta)
+    models = _linearised(Linearisation.of(formulate(robot, model)), responses, theta)
     return tuple(
-        replace(to_response(model, theta, response.freq_hz), rate_is_known=response.rate_is_known)
-        for model, response in zip(models, responses, strict=True)
+        replace(to_response(linear, theta, response.freq_hz), rate_is_known=response.rate_is_known)
+        for linear, response in zip(models, responses, strict=True)
     )
 
 
@@ -100,11 +105,16 @@ class Assembly:
 
     @classmethod
     def of(
-        cls, responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, parameters: ParameterSet
+        cls,
+        responses: Sequence[FrequencyResponse],
+        robot: Robot,
+        spec: FitSpec,
+        parameters: ParameterSet,
+        model: ModelSpec = EXACT,
     ) -> Assembly:
         """Weigh the responses and build the model."""
         weights = tuple(weigh(response, spec) for response in responses)
-        return cls(tuple(responses), weights, Linearisation.of(serial(robot)), parameters)
+        return cls(tuple(responses), weights, Linearisation.of(formulate(robot, model)), parameters)
 
     @property
     def notes(self) -> tuple[str, ...]:
