@@ -18,9 +18,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
+from elastid.export.mujoco import mjcf
 from elastid.friction.placed import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
@@ -74,50 +77,14 @@ def elastid_run(model: ElasticModel, gains: Gains, torque: np.ndarray) -> Callab
     return lambda: simulate(loop, gains, Commands(still, still, torque, still, still), rest)
 
 
-def mjcf(robot: Robot, gains: Gains | None) -> str:
-    """The robot as MuJoCo reads it: motors as bodies of their own, gears as tendons, gains as springs and dampers."""
-    by_parent: dict[str, list[Body]] = {}
-    for body in robot.bodies:
-        by_parent.setdefault(body.parent, []).append(body)
+def in_mujoco(robot: Robot) -> Any:
+    """The robot as MuJoCo reads it, exported without friction states."""
+    import mujoco
 
-    def row(values: object) -> str:
-        return " ".join(f"{value:.17g}" for value in np.ravel(values))  # type: ignore[call-overload]
-
-    def body_xml(body: Body) -> str:
-        joints = "".join(
-            f'<joint name="joint {j.name}" axis="{row({"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}[j.axis])}"'
-            f' damping="{j.viscous + (j.spring.damping if j.spring and not j.motor else 0)}"'
-            f' stiffness="{j.spring.stiffness if j.spring and not j.motor else 0}"/>'
-            for j in body.joints
-        )
-        tensor = body.inertia_matrix[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        inertial = f'<inertial mass="{body.mass}" pos="{row(body.center_of_mass)}" fullinertia="{row(tensor)}"/>'
-        children = "".join(map(body_xml, by_parent.get(body.name, ())))
-        assert body.placement.rpy == (0.0, 0.0, 0.0)
-        return f'<body name="{body.name}" pos="{row(body.placement.xyz)}">{joints}{inertial}{children}</body>'
-
-    kp, kd = (np.zeros(6), np.zeros(6)) if gains is None else (gains.kp, gains.kd)
-    motors = "".join(
-        f'<body pos="{9 + i} 0 0"><joint name="motor {j.name}" armature="{j.motor.ratio**2 * j.motor.inertia}"'
-        f' damping="{j.motor.ratio**2 * j.motor.viscous + kd[i]}" stiffness="{kp[i]}"/>'
-        '<inertial mass="1e-9" pos="0 0 0" diaginertia="1e-12 1e-12 1e-12"/></body>'
-        for i, j in enumerate(robot.flexible)
-        if j.motor
-    )
-    gears = "".join(
-        f'<fixed stiffness="{j.spring.stiffness}" damping="{j.spring.damping}" springlength="0 0">'
-        f'<joint joint="motor {j.name}" coef="1"/><joint joint="joint {j.name}" coef="-1"/></fixed>'
-        for j in robot.flexible
-        if j.spring
-    )
-    drives = "".join(f'<motor joint="motor {j.name}"/>' for j in robot.flexible)
-    links = "".join(map(body_xml, by_parent["base"]))
-    return (
-        f'<mujoco><compiler angle="radian" boundmass="0" boundinertia="0"/>'
-        f'<option timestep="{MUJOCO_STEP}" gravity="{row(robot.gravity)}" integrator="implicitfast">'
-        f'<flag contact="disable"/></option><worldbody>{links}{motors}</worldbody>'
-        f"<tendon>{gears}</tendon><actuator>{drives}</actuator></mujoco>"
-    )
+    machine = mujoco.MjModel.from_xml_string(ElementTree.tostring(mjcf(robot), encoding="unicode"))
+    machine.opt.timestep, machine.opt.integrator = MUJOCO_STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    machine.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return machine
 
 
 def mujoco_run(robot: Robot, gains: Gains, torque: np.ndarray) -> Callable[[], object]:
@@ -125,7 +92,10 @@ def mujoco_run(robot: Robot, gains: Gains, torque: np.ndarray) -> Callable[[], o
     import mujoco
     from mujoco import rollout
 
-    machine = mujoco.MjModel.from_xml_string(mjcf(robot, gains))
+    machine = in_mujoco(robot)
+    for i, place in enumerate(robot.motor_locations):
+        machine.jnt_stiffness[machine.joint(place).id] = gains.kp[i]
+        machine.dof_damping[machine.joint(place).dofadr[0]] += gains.kd[i]
     data = mujoco.MjData(machine)
     start = np.zeros(mujoco.mj_stateSize(machine, mujoco.mjtState.mjSTATE_FULLPHYSICS.value))
     control = np.repeat(torque, round(1 / RATE_HZ / MUJOCO_STEP), axis=0)[None]
@@ -136,16 +106,22 @@ def same_accelerations(robot: Robot) -> float:
     """Largest relative difference of elastid's and MuJoCo's accelerations at random states."""
     import mujoco
 
-    machine = mujoco.MjModel.from_xml_string(mjcf(robot, None))
-    data, model = mujoco.MjData(machine), serial(robot)
-    places = [machine.joint(name).qposadr[0] for name in model.coordinates]
+    machine, model = in_mujoco(robot), serial(robot)
+    data, names = mujoco.MjData(machine), [machine.joint(i).name for i in range(machine.njnt)]
+    # MuJoCo's coordinates are T q: of an elastic gear the motor's angle and the twist of the gear.
+    T = np.zeros((model.n_q, model.n_q))
+    for row, name in enumerate(names):
+        kind, joint = name.split(" ", 1)
+        T[row, model.index(f"joint {joint}" if kind == "twist" else name)] = 1.0
+        if kind == "twist":
+            T[row, model.index(f"motor {joint}")] = -1.0
     free, random, worst = free_acceleration(model), np.random.default_rng(1), 0.0
     for _ in range(10):
         q, v, u = random.normal(0, 0.3, model.n_q), random.normal(0, 1, model.n_q), random.normal(0, 100, model.n_u)
-        data.qpos[places], data.qvel[places], data.ctrl[:] = q, v, u
+        data.qpos[:], data.qvel[:], data.ctrl[:] = T @ q, T @ v, u
         mujoco.mj_forward(machine, data)
         ours = free(q, v, model.B @ u).full()[:, 0]
-        worst = max(worst, float(np.abs(data.qacc[places] - ours).max() / np.abs(ours).max()))
+        worst = max(worst, float(np.abs(data.qacc - T @ ours).max() / np.abs(ours).max()))
     return worst
 
 

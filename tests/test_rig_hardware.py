@@ -34,6 +34,7 @@ from elastid.friction.placed import frictions
 from elastid.linear.chain import DifferenceElement, elements
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
+from elastid.linear.statespace import state_space
 from elastid.linear.transfer import Kernel, frequency_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
@@ -108,6 +109,7 @@ def axis_with(friction: Friction) -> Robot:
     return Robot("axis", (Body("rotor", joints=(Joint("1", "z", motor=Motor(20.0, friction=friction)),), mass=1.0),))
 
 
+LUGRE_OF_A_MOTOR = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
 LUGRE = Friction(30.0, 45.0, 0.02, lugre=LuGre(1e5, 300.0, 0.5))
 
 
@@ -155,6 +157,38 @@ def test_a_rotor_with_bristles_moves_as_radau_says(seed: int) -> None:
         errors.append(np.abs(ends - truth).max() / np.abs(truth).max())
     assert errors[0] < 1e-3
     assert errors[1] < errors[0] / 4
+
+
+def test_friction_acts_on_the_coordinate_of_its_place() -> None:
+    """M q'' = B u - f - P tau_f, a joint's friction on the joint's side of the gear, a motor's on the motor's."""
+    import casadi as ca
+
+    from elastid.simulation.dynamics import free_acceleration
+
+    machine = arm(friction=LUGRE_OF_A_MOTOR)
+    (joint,) = machine.joints
+    machine = replace(
+        machine, bodies=(replace(machine.bodies[0], joints=(replace(joint, friction=Friction(4.0, quadratic=0.5)),)),)
+    )
+    model = serial(machine)
+    sliding = contacts(model, frictions(machine))
+    q, v, z, u = np.array([0.3, 0.31]), np.array([0.4, -0.7]), np.array([1e-6]), 30.0
+    torque = sliding.torque(ca.SX(v), ca.SX(z), ca.SX(sliding.curves))
+    found = free_acceleration(model)(q, v, model.B[:, 0] * u - ca.DM(torque)).full()[:, 0]
+    g = 80 * (0.3 + 0.15 * math.exp(-((80 * 0.7 / 1.5) ** 2)))
+    bend = 6400 * 70 * 1e-6
+    dz = -0.7 - 6400 * 70 * 0.7 * 1e-6 / g
+    motor = bend + 6400 * 0.02 * math.exp(-((80 * 0.7 / 30) ** 2)) * dz
+    right = np.array([-4.0 - 0.5 * 0.16, u - motor]) - model.force(q, v, model.theta).full()[:, 0]
+    np.testing.assert_allclose(found, np.linalg.solve(model.mass(q, model.theta).full(), right), rtol=1e-9)
+
+
+def test_friction_too_stiff_for_the_sample_rate_is_refused_with_the_steps_needed() -> None:
+    """Bristles of 1e9 Nm/rad on 13 kg m^2 swing at 9000 rad/s."""
+    stiff = Friction(0.3, lugre=LuGre(1e9 / 6400, 0.02))
+    simulated = rig(arm(friction=stiff))
+    with pytest.raises(StudyError, match=r"substeps: 2 steps .* friction at standstill.; take at least 4, or raise"):
+        simulated.measure(simulated.experiments[0])
 
 
 @pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
@@ -347,6 +381,20 @@ def test_the_kernel_differentiates_the_chain_exactly() -> None:
         step[point.parameters.index(name)] = 1e-5 * point.theta_ref[point.parameters.index(name)]
         above, below = kernel.response(point.theta_ref + step), kernel.response(point.theta_ref - step)
         np.testing.assert_allclose(slope, (above - below) / (2 * step.sum()), rtol=1e-6)
+
+
+@pytest.mark.parametrize("quantity", ["position", "acceleration"])
+def test_the_state_space_holds_the_lags(quantity: str) -> None:
+    """Its response is that of the kernel; a differentiator is refused."""
+    model = serial(arm(chain=Chain(2e-3, 2, 0.6, 1.5e-3, 3)))
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), quantity)  # type: ignore[arg-type]
+    freq_hz = np.array([2.0, 11.0, 70.0])
+    expected = frequency_response(point, point.theta_ref, freq_hz)
+    np.testing.assert_allclose(state_space(point, point.theta_ref).response(freq_hz), expected, rtol=1e-9)
+    model = serial(arm(chain=Chain(differentiator=1e-3)))
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "velocity")
+    with pytest.raises(StudyError, match=r"chain.differentiator: a state space cannot"):
+        state_space(point, point.theta_ref)
 
 
 @pytest.mark.parametrize(
