@@ -221,6 +221,19 @@ def test_what_passes_the_check_gives_no_energy(seed: int, top: float) -> None:
     assert taken(Bristle(1e4, sigma_1, 1 / v_d), STRIBECK, v, 0.0, 5e-5) > -slip
 
 
+@pytest.mark.parametrize(("part", "gives"), [(0.5, True), (1.0, False)])
+def test_what_fails_the_check_gives_energy(part: float, gives: bool) -> None:
+    """Bristles bent by slow sliding, then a jump to 100 rad/s: half the viscous friction needed is not enough."""
+    sigma_1, step = 30.0, 1e-8
+    viscous = part * sigma_1 * (F_S - F_C) / F_C
+    slow = Numeric(Bristle(1e4, sigma_1), STRIBECK, 1e-3).follow(np.full(2000, 1e-3))[0][-1]
+    fast = np.full(1000, 100.0)
+    states, torque = Numeric(Bristle(1e4, sigma_1), STRIBECK, step).follow(fast, slow)
+    energy = np.cumsum((torque + viscous * fast) * fast * step).min()
+    assert (energy < -1e4 * slow[0] ** 2 / 2) == gives
+    assert np.all(np.diff(np.abs(states[:, 0])) <= 0)
+
+
 def test_friction_of_a_robot_is_seen_from_the_link() -> None:
     """Torques times |ratio|, stiffness and damping times its square, velocities divided by it; joints as they are."""
     n = 50.0

@@ -174,8 +174,10 @@ class Friction:
     def check_passive(self, viscous: float) -> None:
         """ValueError for a LuGre law that can give energy; viscous: f beside it, Nms/rad on the same side.
 
-        A constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c (Barabanov and Ortega, IEEE Trans. Automatic Control
-        45, 2000); a falling one v_d <= 4 sqrt(2 e) F_c / sigma_1.
+        A constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
+        sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'; with less, a jump from
+        slow sliding to a high v gives more energy than the bristles hold. A falling sigma_1 needs
+        v_d <= 4 sqrt(2 e) F_c / sigma_1: then sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >= 0.
         """
         if self.lugre is None or self.lugre.damping == 0:
             return
