@@ -306,6 +306,18 @@ def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
     np.testing.assert_allclose([at[1] - at[0], at[1] - at[2]], [20, 20], atol=2.0)
 
 
+def test_colored_noise_has_the_power_that_the_forecast_counts_with() -> None:
+    """Per line, as if it were white: within the scatter of the estimate at 3, 30 and 300 Hz."""
+    design = plan(1.0, period=60)
+    spec = NoiseSpec(torque_std=0.5, colored=(ColoredNoiseSpec("torque", 2.0, corner_hz=20.0),))
+    f, power = welch(drawn(spec, design, 1, (1,)).torque[:, 0], 1000.0, nperseg=4096)
+    for line in (3.0, 30.0, 300.0):
+        around = (f > line / 1.25) & (f < line * 1.25)
+        white = power[around].mean() * 500.0  # a one-sided density over half the rate
+        counted = spec.variances("torque", f[around], 1000.0).mean()
+        np.testing.assert_allclose(white, counted, rtol=0.25)
+
+
 @pytest.mark.parametrize(
     ("wrong", "word"),
     [

@@ -169,7 +169,8 @@ class Prospect:
         """C_V (F, n_y, n_y), of the mean over the periods."""
         noise = self.level.noise
         hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
-        torque = hold[:, None, None] * (noise.torque_std**2 + noise.disturbance_std**2)
+        power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
+        torque = (hold * power)[:, None, None]
         omega = 2 * np.pi * self.freq_hz[:, None]
         angle = omega ** (2 * MOTION_ORDER[self.quantity]) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
@@ -177,13 +178,14 @@ class Prospect:
         return error
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
+        """rad^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
-        variances = np.full(len(self.outputs), noise.angle_std**2)
+        white = noise.variances("angle", self.freq_hz, self.rate_hz)
+        variances = np.tile(white[:, None], (1, len(self.outputs)))
         for i, place in enumerate(self.outputs):
             if noise.encoder_counts and place in self.robot.motor_locations:
                 ratio = self.robot.ratio(place.removeprefix("motor "))
-                variances[i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+                variances[:, i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
         return variances
 
 

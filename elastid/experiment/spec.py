@@ -203,6 +203,18 @@ class NoiseSpec:
     encoder_counts: int = 0
     colored: tuple[ColoredNoiseSpec, ...] = ()
 
+    def variances(
+        self, signal: Literal["torque", "angle", "disturbance"], freq_hz: FloatArray, rate_hz: float
+    ) -> FloatArray:
+        """Variance (F,) of white noise that has, at each of freq_hz (F,), the power of all noise on a signal."""
+        white = {"torque": self.torque_std, "angle": self.angle_std, "disturbance": self.disturbance_std}[signal]
+        total = np.full(freq_hz.shape, white**2)
+        every = np.linspace(0, rate_hz / 2, 10_001)[1:]
+        for color in self.colored:
+            if color.signal == signal:
+                total += color.std**2 * color.amplitude(freq_hz) ** 2 / np.mean(color.amplitude(every) ** 2)
+        return total
+
     def __post_init__(self) -> None:
         """Refuse negative spreads."""
         if min(self.torque_std, self.angle_std, self.disturbance_std, self.encoder_counts) < 0:
