@@ -133,6 +133,8 @@ def test_wrong_friction_is_refused_at_its_line(tiny: Path, old: str, new: str, w
         ("controller: {kind: pid}", "expected one of pd, cascade"),
         ("controller: {kind: cascade, integral_time: -1}", "integral_time is -1 s"),
         ("torque_ripple: [{amplitude: 1, periods: 0}]", "periods is 0"),
+        ("saturation: true", "no joint has a limit of its torque"),
+        ("warming: {time_constant: 5, temperature: [20, 30]}", "no friction of the robot depends on temperature"),
         ("warming: {time_constant: 5, spread: 2}", "spread is 2; it must be within [0, 0.3)"),
     ],
 )
@@ -140,6 +142,16 @@ def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) 
     said = refusal(rewritten(tiny, rig=f"    {key}\n"))
     assert word in said
     assert "study.yml:" in said
+
+
+def test_a_temperature_that_friction_does_not_bear_is_refused_at_its_line(tiny: Path) -> None:
+    """Stiction that falls by 1 mNm a degree is gone at 40 degC."""
+    robot = lugre_robot()
+    law = robot[1].replace("stiction: 1e-5 N*m/K", "stiction: -1e-3 N*m/K")
+    rig = "    warming: {time_constant: 5, temperature: [25, 40 degC]}\n"
+    said = refusal(rewritten(tiny, (robot[0], law), rig))
+    assert "study.yml:" in said
+    assert "friction of motor 1 under a load of 0 N*m at 40 degC: stiction falls to -0.009 N*m" in said
 
 
 def test_a_wrong_chain_is_refused_at_its_line(tiny: Path) -> None:
