@@ -26,8 +26,9 @@ def _robot(study: Study) -> Iterator[str]:
         f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
+    carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
     coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
-    yield f"  {coordinates}, {study.model.formulation} model"
+    yield f"  {coordinates}, {study.model.formulation} model{carried}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:

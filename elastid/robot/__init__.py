@@ -1,7 +1,7 @@
-"""Robot: a tree of rigid bodies with revolute joints, springs, gears and motors. Numbers only, no equations.
+"""Robot: a tree of rigid bodies with joints, springs, gears and motors. Numbers only, no equations.
 
-From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about
-axes of the frame reached so far. A joint is
+From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about, or
+translations along, axes of the frame reached so far. A joint is
 
 - driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
 - driven rigidly:                  motor, no spring   (one coordinate)
@@ -9,32 +9,37 @@ axes of the frame reached so far. A joint is
 - free:                            neither
 
 Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
-give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link.
+give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link. Of a
+translation, stiffness is in N/m and a ratio in rad/m.
 
 Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
 Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm.
+the same inertia about every axis, I_arm; m_payload, c_payload_x, I_payload of what it carries.
 """
 
 from __future__ import annotations
 
-from elastid.robot.assembly import Robot
+from elastid.robot.assembly import FRAME_AXES, Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
 from elastid.robot.chain import Chain
+from elastid.robot.frame import Frame
 from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.motor import Motor
+from elastid.robot.payload import Payload
 from elastid.robot.spring import Spring
 
 __all__ = [
     "BASE",
+    "FRAME_AXES",
     "Acceleration3",
     "Angles3",
     "Axis",
     "Body",
     "Chain",
     "Dahl",
+    "Frame",
     "Friction",
     "InertiaTensor",
     "Joint",
@@ -43,6 +48,7 @@ __all__ = [
     "LuGre",
     "MaxwellSlip",
     "Motor",
+    "Payload",
     "Placement",
     "Robot",
     "Spring",
