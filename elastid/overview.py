@@ -19,7 +19,7 @@ def overview(study: Study) -> str:
 
 def _robot(study: Study) -> Iterator[str]:
     robot = study.robot
-    elastic = [joint.name for joint in robot.joints if joint.spring is not None]
+    elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
     yield f"study {study.name}, robot {robot.name}"
     bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
     yield (
@@ -27,8 +27,30 @@ def _robot(study: Study) -> Iterator[str]:
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
     carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
+    yield from _nonlinear(study)
     coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
     yield f"  {coordinates}, {study.model.formulation} model{carried}"
+    riding = [
+        f"{joint.name} on {joint.motor.on}" for joint in robot.driven if joint.motor is not None and joint.motor.on
+    ]
+    if riding:
+        yield f"  motors that ride on bodies: {', '.join(riding)}"
+    if robot.gears:
+        yield f"  coupled gears: {', '.join(f'motor {gear.motor} with joint {gear.joint}' for gear in robot.gears)}"
+
+
+def _nonlinear(study: Study) -> Iterator[str]:
+    """Springs that have no one stiffness, and what carries part of the weight."""
+    springs = {joint.name: joint.spring for joint in study.robot.joints if joint.spring is not None}
+    bent = [name for name, spring in springs.items() if not spring.is_linear]
+    if bent:
+        yield f"  nonlinear springs: {', '.join(bent)}; the fit sees their tangent where gravity leaves them"
+    gaps = [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]
+    if gaps:
+        yield f"  backlash: {', '.join(gaps)}; it wants configurations in which gravity loads these joints"
+    for compensator in study.robot.compensators:
+        kind = "coil" if compensator.coil is not None else "gas spring"
+        yield f"  compensator {compensator.name}: {kind} from {' to '.join(end.body for end in compensator.ends)}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:

@@ -29,6 +29,7 @@ from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, weigh
+from elastid.friction.placed import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -185,18 +186,19 @@ class Prospect:
     def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
         """(I + F G_q)^-1 (F, n_u, n_u): what the controller leaves of injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        k_p, k_d = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
-        F = k_p[:, None] + k_d[:, None] * s
+        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
+        F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
-        coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
+        coulomb = coulomb_levels(self.robot)
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        V = ((motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        shafts = self.robot.mixing @ motion
+        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return friction_level(
             V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
         )
@@ -204,14 +206,17 @@ class Prospect:
     def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
         """C_V (F, n_y, n_y) with what friction scatters."""
         scatter = self._friction(U, motion)[1]
-        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        right: ComplexArray = self._equation_error(G) + scattered
         return right
 
     def _equation_error(self, G: ComplexArray) -> ComplexArray:
         """C_V (F, n_y, n_y), of the mean over the periods."""
         noise = self.level.noise
         hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
-        torque = hold[:, None, None] * (noise.torque_std**2 + noise.disturbance_std**2)
+        power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
+        torque = (hold * power)[:, None, None]
         omega = 2 * np.pi * self.freq_hz[:, None]
         measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
         angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
@@ -220,13 +225,18 @@ class Prospect:
         return error
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 or (m/s^2)^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
+        """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
-        variances = output_stds(noise, self.outputs) ** 2
+        color = noise.variances("angle", self.freq_hz, self.rate_hz) - noise.angle_std**2
+        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        variances: FloatArray = output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle)
+        if not noise.encoder_counts:
+            return variances
+        steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
+        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
         for i, place in enumerate(self.outputs):
-            if noise.encoder_counts and place in self.robot.motor_locations:
-                ratio = self.robot.ratio(place.removeprefix("motor "))
-                variances[i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+            if place in self.robot.motor_locations:
+                variances[:, i] += counted[self.robot.motor_locations.index(place)]
         return variances
 
 
@@ -284,12 +294,12 @@ def _linearisation(robot: Robot, formulation: ModelSpec) -> Linearisation:
 @lru_cache(maxsize=1024)
 def _gains(
     robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
-) -> tuple[FloatArray, FloatArray]:
-    """k_p and k_d (n_u,) of the simulated joint controller in a configuration."""
+) -> tuple[FloatArray, ...]:
+    """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
     model = _linearisation(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
-    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio)
-    return gains.kp, gains.kd
+    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    return gains.kp, gains.kd, gains.ki
 
 
 def _diagonal(matrices: ComplexArray) -> FloatArray:

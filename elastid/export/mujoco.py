@@ -18,6 +18,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.errors import StudyError
 from elastid.export.identified import Identified
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
@@ -29,19 +30,53 @@ _LEAST = 1e-12
 
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
-    root = ET.Element("mujoco", model=model.robot.name)
-    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
-    ET.SubElement(root, "option", gravity=_numbers(model.robot.gravity), integrator="implicit", timestep="0.0005")
-    _bodies(ET.SubElement(root, "worldbody"), model.robot)
-    _tendons(root, model.robot)
-    _actuators(root, model.robot)
+    _check_springs(model.robot)
+    _refuse_other_drives(model.robot)
+    root = mjcf(model.robot)
     _keyframes(root, model)
     ET.indent(root)
     path = folder / "robot.xml"
     with text_file(path) as file:
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
+
+
+def _check_springs(robot: Robot) -> None:
+    bent = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    beyond = [*bent, *(f"compensator {compensator.name}" for compensator in robot.compensators)]
+    if beyond:
+        raise StudyError(
+            f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(beyond)} would be lost; "
+            "export to casadi or c instead"
+        )
+
+
+def _refuse_other_drives(robot: Robot) -> None:
+    """Rotors are armatures here: they neither ride on bodies nor share gears."""
+    for joint in robot.driven:
+        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
+            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            raise StudyError(
+                f"export to MuJoCo: the motor of joint {joint.name} {what}, for which MJCF's armature has no words; "
+                "export to casadi or c, which hold all equations"
+            )
+    if robot.gears:
+        raise StudyError(
+            f"export to MuJoCo: gears couple the axes of robot {robot.name}, which MJCF's armature cannot say; export "
+            "to casadi or c, which hold all equations"
+        )
+
+
+def mjcf(robot: Robot) -> ET.Element:
+    """The robot without keyframes."""
+    root = ET.Element("mujoco", model=robot.name)
+    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
+    _bodies(ET.SubElement(root, "worldbody"), robot)
+    _tendons(root, robot)
+    _actuators(root, robot)
+    return root
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:

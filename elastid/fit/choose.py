@@ -1,7 +1,7 @@
 """Which parameters are identified: the robot's numbers under the `fit.parameters` of a study.
 
-Stiffness, damping, friction, inertia and mass are logarithmic; centres of mass, products of inertia and the delay are
-linear. What a study does not name keeps the robot's number.
+Stiffness, damping, friction, inertia and mass are logarithmic; centres of mass, products of inertia, a spring's
+quadratic terms, a compensator's length and the delay are linear. What a study does not name keeps the robot's number.
 """
 
 from __future__ import annotations
@@ -69,8 +69,14 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
             names.append(f"k_{joint.name}")
         if joint.spring is not None and joint.spring.damping > 0:
             names.append(f"d_{joint.name}")
-        if joint.motor is not None and joint.motor.viscous > 0:
+        if joint.motor is None:
+            continue
+        if joint.motor.viscous > 0:
             names.append(f"fm_{joint.name}")
+        if joint.motor.spring is not None:
+            names.append(f"km_{joint.name}")
+        if joint.motor.spring is not None and joint.motor.spring.damping > 0:
+            names.append(f"dm_{joint.name}")
     return {name: ParameterSpec() for name in names}
 
 
@@ -80,6 +86,8 @@ def _linear_names(robot: Robot) -> set[str]:
     for body in robot.all_bodies:
         names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
         names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
+    names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
+    names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
     return names
 
 

@@ -3,6 +3,8 @@ r"""Rest under gravity: the operating point of a configuration.
 .. math:: \partial V / \partial q = B u, \qquad q_m = q_{m0}
 
 The motors stand where they were measured; links and further elastic joints give way until springs and gravity balance.
+They go downhill all the way: V has its minimum where they rest, whatever the springs' law, and a joint that gives way
+to the other flank of its backlash ends there instead of on the ridge between.
 """
 
 from __future__ import annotations
@@ -20,6 +22,9 @@ MAX_STEPS = 60
 LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
 SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
 SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
+SMALL_STEP = 1e-9  # rad: below, rounding decides whether a step leads downhill
+HALVINGS = 30
+LARGEST_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
 
 
 @dataclass(frozen=True)
@@ -43,26 +48,62 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side.
     StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
-    held = np.array([model.index(motor) for motor in model.inputs])
-    free = np.setdiff1d(np.arange(model.n_q), held)
+    free = free_coordinates(model)
     lambda_ = np.zeros(model.n_c)
     q = rigid_posture(model, configuration)
+    rigid = q.copy()
     gravity = torque = model.potential_gradient(q, theta).full()[:, 0]
     K = model.stiffness(q, lambda_, theta).full()
     _check_finite(model, configuration, np.column_stack([torque, K]))
     for _ in range(MAX_STEPS):
-        # Least squares: a joint with neither spring nor gravity has no stiffness and stays where it is.
-        step = np.linalg.lstsq(K[np.ix_(free, free)], -torque[free])[0]
+        step = np.zeros(model.n_q)
+        step[free] = _downhill(K[np.ix_(free, free)], torque[free], 1e-9 * np.abs(gravity).max())
         largest = np.abs(step).max(initial=0.0)
-        q[free] += step * min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP))
-        torque, K = model.potential_gradient(q, theta).full()[:, 0], model.stiffness(q, lambda_, theta).full()
+        q, torque = _shortened(model, theta, q, torque, step * min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP)))
+        K = model.stiffness(q, lambda_, theta).full()
         if largest <= SMALLEST_STEP:
             break
     rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(K).max()
     _check_rest(model, configuration, free, torque, rounding)
     _check_stable(model, configuration, free, K)
+    _check_deflections(model, configuration, q - rigid)
     _check_inertia(model, configuration, model.mass(q, theta).full())
     return OperatingPoint(configuration, q, lambda_, model.B.T @ torque)
+
+
+def free_coordinates(model: ElasticModel) -> IntArray:
+    """The coordinates (n_f,) that find their rest: all but the motors', which are held."""
+    free: IntArray = np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
+    return free
+
+
+def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
+    """Newton's step where K is positive definite; where it is not, one that leads down there, too.
+
+    A joint with neither spring nor gravity has no stiffness and stays where it is; one whose spring is inside its gap
+    has none either, but a torque beyond rounding.
+    """
+    if not torque.size:
+        return torque
+    stiffness, modes = np.linalg.eigh(K)
+    pull, size = modes.T @ torque, np.abs(stiffness)
+    floor = 1e-13 * size.max() or 1.0
+    moving = (size > floor) | (np.abs(pull) > rounding)
+    step: FloatArray = -modes @ np.where(moving, pull / np.maximum(size, floor), 0.0)
+    return step
+
+
+def _shortened(
+    model: ElasticModel, theta: FloatArray, q: FloatArray, torque: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """q and torque after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
+    slope = float(torque @ step)
+    for halving in range(HALVINGS):
+        moved = q + 0.5**halving * step
+        torque = model.potential_gradient(moved, theta).full()[:, 0]
+        if float(torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < SMALL_STEP:
+            break
+    return moved, torque
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArray:
@@ -87,7 +128,7 @@ def _check_finite(model: ElasticModel, configuration: Configuration, numbers: Fl
     if bad.size:
         raise StudyError(
             f"configuration {configuration.name}: the torque on {model.coordinates[bad[0]]} is not a finite number; "
-            "a parameter of the robot is not finite"
+            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         )
 
 
@@ -115,6 +156,17 @@ def _check_stable(model: ElasticModel, configuration: Configuration, free: IntAr
             f"have a stiffness of {stiffness[0]:.3g} N*m/rad there with the motors held; raise its stiffness, or let a "
             "joint without spring hang down"
         )
+
+
+def _check_deflections(model: ElasticModel, configuration: Configuration, moved: FloatArray) -> None:
+    for joint in model.robot.joints:
+        place = f"joint {joint.name}"
+        by = moved[model.index(place)]
+        if joint.spring is not None and abs(by) > LARGEST_DEFLECTION:
+            raise StudyError(
+                f"configuration {configuration.name}: {place} tips over, it comes to rest {by:.3g} rad from where its "
+                "motor holds it; its springs are too soft for the weight they carry, raise their stiffness"
+            )
 
 
 def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:

@@ -5,7 +5,8 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 Of an accelerometer, which sees gravity turn as it tilts, the reading is C q'' + T q.
 
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
-centres of mass. The operating point is frozen; the fit linearises again at its result until nothing moves.
+centres of mass and for springs in series. The operating point is frozen, or followed to first order where springs are
+nonlinear; the fit linearises again at its result until nothing moves.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import FloatArray, frozen
+from elastid.linear.chain import Element
 from elastid.record import Configuration, Motion
 
 DELAY = "delay"
@@ -40,7 +42,8 @@ class LinearModel:
     """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
 
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
-    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d).  Link side, SI.
+    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
+    chain's elements.  Link side, SI.
     """
 
     configuration: Configuration
@@ -56,6 +59,7 @@ class LinearModel:
     outputs: tuple[str, ...]
     quantity: Motion
     T: FloatArray | None = None
+    chain: tuple[Element, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes; without T no output is an accelerometer."""

@@ -1,10 +1,11 @@
 r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressions, and the ElasticModel made of them.
 
-.. math:: \begin{bmatrix} M(q_l) & \\ & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
+.. math:: \begin{bmatrix} M(q_l) & S(q_l) \\ S^T & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
           \qquad q = [q_l;\, q_m]
 
-Niglis & Oberg (2015), eq. 2.10. Every formulation starts from `open_chain`; what a formulation adds (constraints, fewer
-coordinates) is a change of these values. Conventions of sign and side: `elastic`.
+Niglis & Oberg (2015), eq. 2.22, and 2.10 where no motor rides on a body (S = 0). Every formulation starts from
+`open_chain`; what a formulation adds (constraints, fewer coordinates) is a change of these values. Conventions of sign
+and side: `elastic`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.model.compensators import compensators
 from elastid.model.drivetrain import drivetrain, input_matrix
 from elastid.model.elastic import ElasticModel
 from elastid.model.multibody import (
@@ -29,6 +31,8 @@ from elastid.model.multibody import (
     tree,
     turns,
 )
+from elastid.model.rotors import rotors
+from elastid.model.springs import nonlinear_springs
 from elastid.robot import Robot
 
 
@@ -36,7 +40,7 @@ from elastid.robot import Robot
 class Equations:
     """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
 
-    M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs and gravity, a scalar.
+    M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
     D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies + 6 n_f, n_q): J v stacks
     the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each named
     frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).
@@ -80,17 +84,26 @@ def open_chain(robot: Robot) -> Equations:
     drive = drivetrain(robot, named)
     moving = rates(layout, turned)
     J = ca.vertcat(angular_velocities(layout, moving), frame_velocities(layout, moving))
+    V_hard, f_hard = nonlinear_springs(robot, q, named)
+    V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
+    carried_rotors = rotors(robot, named, q, v, J)
     return Equations(
         coordinates=coordinates,
         q=q,
         v=v,
         theta=theta,
-        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M,
-        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1)) + drive.K @ q + drive.D @ v,
-        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)),
+        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M + carried_rotors.M,
+        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1))
+        + carried_rotors.c
+        + drive.K @ q
+        + drive.D @ v
+        + f_hard
+        + f_balance,
+        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
         phi=ca.SX(0, 1),
-        J=ca.horzcat(J, ca.SX(J.size1(), n_q - n_l)),
+        J=J,
         gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),
     )

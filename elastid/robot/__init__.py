@@ -8,20 +8,30 @@ translations along, axes of the frame reached so far. A joint is
 - elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
 - free:                            neither
 
-Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
-give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link. Of a
-translation, stiffness is in N/m and a ratio in rad/m.
+Stiffness and damping of a joint are on the link side; a motor's inertia, friction and shaft are on the motor side, as
+data sheets give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the
+link. Of a translation, stiffness is in N/m and a ratio in rad/m. Gears that let one axis turn the motor of another are
+listed with the robot (`gears`). A motor may ride on a body, whose rotation its rotor then feels.
 
-Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
-Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm; m_payload, c_payload_x, I_payload of what it carries.
+A compensator is a coil or a gas spring between points of two bodies, which carries part of the weight.
+
+Every number that can be identified has a name: k_1 and d_1 (spring of joint 1; k2_1, k2s_1, k3_1 where it is a
+polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, rounding), f_1 (viscous friction in joint
+1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
+gas column at the length L0, exponent), Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), km_1 and
+dm_1 (its shaft), m_arm, c_arm_x, I_arm_xx or, where a body has the same inertia about every axis, I_arm; m_payload,
+c_payload_x, I_payload of what it carries.
 """
 
 from __future__ import annotations
 
 from elastid.robot.assembly import FRAME_AXES, Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.chain import Chain
+from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.frame import Frame
+from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
+from elastid.robot.gears import GearCoupling
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.motor import Motor
@@ -32,18 +42,30 @@ __all__ = [
     "BASE",
     "FRAME_AXES",
     "Acceleration3",
+    "Anchor",
     "Angles3",
     "Axis",
     "Body",
+    "Chain",
+    "CoilSpring",
+    "Compensator",
+    "Dahl",
     "Frame",
+    "Friction",
+    "GasSpring",
+    "GearCoupling",
     "InertiaTensor",
     "Joint",
     "Limits",
+    "LoadDependence",
+    "LuGre",
+    "MaxwellSlip",
     "Motor",
     "Payload",
     "Placement",
     "Robot",
     "Spring",
+    "TemperatureDependence",
     "Vector3",
     "unit_axis",
 ]

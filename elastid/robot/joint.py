@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from typing import Literal
 
+from elastid.robot.friction import Friction
 from elastid.robot.geometry import Axis, unit_axis
 from elastid.robot.motor import Motor
 from elastid.robot.numbers import Numbers, below
@@ -56,6 +57,7 @@ class Joint:
     spring: Spring | None = None
     motor: Motor | None = None
     viscous: Damping = 0.0
+    friction: Friction | None = None
     limits: Limits = field(default_factory=Limits)
     motion: Literal["rotation", "translation"] = "rotation"
 
@@ -65,11 +67,13 @@ class Joint:
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
         self._check_units()
+        if self.friction is not None:
+            self.friction.check_passive(self.viscous)
 
     @property
     def is_flexible(self) -> bool:
         """Driven through an elastic gear: it has a motor coordinate of its own."""
-        return self.motor is not None and self.spring is not None
+        return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property
     def slides(self) -> bool:
@@ -136,4 +140,4 @@ def _other(dimension: str) -> str:
     return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
 
 
-_OF_ROTATION = ("N*m/rad", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
+_OF_ROTATION = ("N*m/rad", "N*m/rad^2", "N*m/rad^3", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
