@@ -119,8 +119,11 @@ def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
         f"{excitation.rate_hz:g} Hz"
     )
     as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
+    shaped = f"flat in {excitation.flat}"
+    if excitation.flat == "information":
+        shaped = "spectra that tell most about the parameters"
     yield (
-        f"  {excitation.phases} phases, {excitation.orthogonal} set, flat in {excitation.flat}, {as_large} "
+        f"  {excitation.phases} phases, {excitation.orthogonal} set, {shaped}, {as_large} "
         f"({excitation.margin:.0%} of every limit stays free)"
     )
 

@@ -58,7 +58,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
         names = dict.fromkeys((*(_SECTIONS["measure"] if stage == first else ()), *_SECTIONS[stage]))
         document: list[object] = [stage, [sections[name] for name in names]]
         # A plan without choice holds nothing that its own sections do not tell; its forecast is no matter to the rig.
-        before = () if stage == "measure" and study.design is None else upstream(study, stage)
+        before = () if stage == "measure" and not _is_for_the_fit(study) else upstream(study, stage)
         document += [inputs[name] for name in before]
         if stage == "design":
             document.append(_foretold_with(loaded, sections))
@@ -89,6 +89,11 @@ def _foretold_with(loaded: LoadedStudy, sections: dict[str, Any]) -> list[object
         files += [file.with_name("fit.h5") for file in files if file.with_name("fit.h5").is_file()]
         told += [[file.name, file_hash(file)] for file in files]
     return told
+
+
+def _is_for_the_fit(study: Study) -> bool:
+    """Whether configurations or spectra are chosen for what the fit will do with them."""
+    return study.design is not None or (study.excitation is not None and study.excitation.flat == "information")
 
 
 def file_hash(path: Path) -> str:

@@ -1,16 +1,22 @@
-"""Planned configurations against random ones of the same robot time, through simulation, estimation and fit.
+"""Planned against random plans of the same robot time, through simulation, estimation and fit.
 
-    python scripts/study_design.py [--quick] [--jobs N]
+    python scripts/study_design.py [--quick] [--jobs N] [--robot three-axis] [--robot six-axis]
 
 For the demo's three-axis arm and for a six-axis arm, a plan is designed for a given robot time: configurations, how
-often each, and how many periods. It is measured again and again on the simulated rig, with new phases and new noise
-each time, and fitted from the nominal robot, which is the true one. Told are the standard deviations over the
-repetitions against those that the forecast stated before, and their geometric mean against that of plans of the same
-robot time with random configurations (admissible ones, as many as fit in with the study's own two periods).
+often each, how many periods, and the spectrum of each. It is measured again and again on the simulated rig, with new
+phases and new noise each time, and fitted from the nominal robot, which is the true one. Told are the standard
+deviations over the repetitions against those that the forecast stated before, and their geometric mean against that of
+plans of the same robot time with random configurations (admissible ones, as many as fit in with the study's own two
+periods) and a spectrum that is flat in torque, of the same RMS. By the forecast it is also told what configurations and
+spectrum do alone.
 
 Coulomb friction is a twentieth of the demo's and the sensors' noise is raised, so that noise and not the model's error
 (Coulomb friction fitted as viscous) is what spreads the estimates; for the same reason the fit's floor is lower than by
 default. Frictions are fitted but not compared: what Coulomb friction adds to them is the excitation's affair.
+
+The noise of the logged torque acts on the log alone, so that one simulation serves for several draws of it. With K
+simulations (phases, friction, encoder) of B draws each, the variance of an estimate is that within a simulation and
+what the means of the simulations scatter beyond it; the chance error told is that of this estimate.
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ import argparse
 import json
 import math
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import files
@@ -30,8 +37,8 @@ from elastid.arrays import FloatArray
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import CandidateSpec, DesignSpec
-from elastid.experiment.designing import Brief, designed
-from elastid.experiment.plan import Chosen, make_plan
+from elastid.experiment.designing import Brief, Design, designed
+from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.simulated import SimulatedRig
 from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
@@ -39,7 +46,6 @@ from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimators import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.parallel import ordered
-from elastid.record import Configuration
 from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.study import load
 
@@ -49,17 +55,48 @@ PERIODS = (2, 4, 8)
 
 
 @dataclass(frozen=True)
+class Programme:
+    """What is measured in every repetition, with phases of its own: configurations, periods, and the amplitudes
+    (Q, F, n_u) that their lines had in the design, limits kept.
+    """
+
+    brief: Brief
+    configurations: tuple[Chosen, ...]
+    amplitude: FloatArray
+
+    @classmethod
+    def of(cls, brief: Brief, design: Design) -> Programme:
+        """The plan of a design."""
+        experiment = replace(brief.experiment, periods=design.plan.periods, configurations={})
+        chosen = tuple(Chosen(c, M) for c, M in zip(design.plan.configurations, design.plan.realisations, strict=True))
+        amplitude = np.sqrt(np.mean(np.abs(design.plan.R[:, 0]) ** 2, axis=1))
+        return cls(replace(brief, experiment=experiment), chosen, amplitude)
+
+    def plan(self, seed: int) -> Plan:
+        """With the phases of this seed."""
+        brief = self.brief
+        each = zip(self.configurations, self.amplitude, strict=True)
+        spectra = {one.configuration.name: amplitude for one, amplitude in each}
+        found = replace(brief.excitation, flat="information")
+        return make_plan(found, brief.experiment, brief.robot, seed, self.configurations, spectra)
+
+
+@dataclass(frozen=True)
 class Outcome:
     """Of one robot, for the parameters (n,) that are compared, relative: stated and reached standard deviations of the
-    planned configurations, reached ones (B, n) of random plans and what the forecasts stated for those.
+    plan and the chance error of these; reached ones (plans, n) of random plans, what the forecasts stated for those and
+    for those with the best spectra; (n,) for the best configurations with a flat spectrum.
     """
 
     names: tuple[str, ...]
     stated: FloatArray
     reached: FloatArray
+    chance: FloatArray
     random: FloatArray
     random_stated: FloatArray
-    repetitions: int
+    random_shaped: FloatArray
+    chosen_flat: FloatArray
+    repetitions: tuple[int, int]
 
     @property
     def ratio(self) -> FloatArray:
@@ -69,7 +106,21 @@ class Outcome:
     @property
     def gain(self) -> float:
         """How many times smaller the planned geometric mean is than the median of the random plans."""
-        return float(np.median(geometric_mean(self.random)) / geometric_mean(self.reached))
+        return against_median(self.random, self.reached)
+
+    @property
+    def foretold(self) -> dict[str, float]:
+        """The same by the forecasts: of the plan, of its configurations and of its spectra alone."""
+        return {
+            "both": against_median(self.random_stated, self.stated),
+            "configurations": against_median(self.random_stated, self.chosen_flat),
+            "spectra": float(np.median(geometric_mean(self.random_stated) / geometric_mean(self.random_shaped))),
+        }
+
+
+def against_median(random: FloatArray, planned: FloatArray) -> float:
+    """Median geometric mean of random plans (B, n) over that of a plan (n,)."""
+    return float(np.median(geometric_mean(random)) / geometric_mean(planned))
 
 
 def geometric_mean(std: FloatArray) -> FloatArray:
@@ -133,7 +184,7 @@ def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> Brief:
     simulated = SimulatedSpec(carrier=CarrierSpec(math.radians(1)), noise=noise, substeps=2)
     return Brief(
         robot=slippery(robot),
-        excitation=MultisineSpec(500.0, 2.0, (2.0, 60.0), torque_rms),
+        excitation=MultisineSpec(500.0, 2.0, (2.0, 60.0), torque_rms, flat="information"),
         experiment=ExperimentSpec(realisations=2, periods=2, ramp=0.0, simulated=simulated),
         fit=FitSpec(
             parameters={name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")},
@@ -146,102 +197,147 @@ def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> Brief:
     )
 
 
-def fitted(brief: Brief, chosen: tuple[Chosen, ...], seed: int) -> FloatArray:
-    """Measure, estimate, fit: the estimate x (n,)."""
-    plan = make_plan(brief.excitation, brief.experiment, brief.robot, seed, chosen)
-    rig = SimulatedRig(brief.robot, brief.experiment, plan, seed)
-    responses = []
-    for configuration in plan.configurations:
-        runs = [run for run in plan.experiments if run.configuration.name == configuration.name]
-        responses.append(estimate([rig.measure(run) for run in runs], EstimatorSpec(), plan.lines))
-    return identify(responses, brief.robot, brief.fit).x
+def fitted(programme: Programme, draws: int, seed: int) -> FloatArray:
+    """Measured once, then fitted with several draws of the torque's noise: the estimates x (B, n)."""
+    brief, plan = programme.brief, programme.plan(seed)
+    assert brief.experiment.simulated is not None
+    simulated = brief.experiment.simulated
+    quiet = replace(simulated, noise=replace(simulated.noise, torque_std=0.0))
+    rig = SimulatedRig(brief.robot, replace(brief.experiment, simulated=quiet), plan, seed)
+    records = [rig.measure(run) for run in plan.experiments]
+    x = []
+    for draw in range(draws):
+        rng = np.random.default_rng([seed, draw])
+        noisy = [
+            replace(one, u=one.u + simulated.noise.torque_std * rng.standard_normal(one.u.shape)) for one in records
+        ]
+        there = [[one for one in noisy if one.configuration.name == c.name] for c in plan.configurations]
+        responses = [estimate(each, EstimatorSpec(), plan.lines) for each in there]
+        x.append(identify(responses, brief.robot, brief.fit).x)
+    return np.array(x)
 
 
-def random_choice(brief: Brief, count: int, seed: int) -> tuple[Chosen, ...]:
-    """Configurations drawn from the candidates that the design chooses from."""
+def spread(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations (n,) from K simulations of B draws each, x (K, B, n); their relative chance errors."""
+    K, B, _ = x.shape
+    within = x.var(axis=1, ddof=1).mean(axis=0)
+    between = B * x.mean(axis=1).var(axis=0, ddof=1)
+    variance = within * (1 - 1 / B) + between / B
+    parts = (within * (1 - 1 / B)) ** 2 / (K * (B - 1)) + (between / B) ** 2 / (K - 1)
+    chance = np.sqrt(2 * parts) / variance / 2
+    # The logarithm of a sample variance lies too low in the mean, by about its relative variance over two.
+    std: FloatArray = np.sqrt(variance) * np.exp(chance**2)
+    return std, chance
+
+
+def random_choice(brief: Brief, count: int, seed: int) -> Brief:
+    """With configurations drawn from the candidates that the design chooses from, and a flat spectrum."""
     assert brief.design is not None
     there = candidates(brief.design.candidates, brief.robot, brief.seed, math.radians(1)).configurations
     drawn = np.random.default_rng(seed).choice(len(there), count, replace=False)
-    M = brief.experiment.realisations
-    return tuple(Chosen(Configuration(f"r{i}", there[k].angles), M) for i, k in enumerate(drawn))
+    only = {f"r{i}": tuple(there[k].angles.tolist()) for i, k in enumerate(drawn)}
+    return replace(flat(brief), design=None, experiment=replace(brief.experiment, configurations=only))
 
 
-def stated(brief: Brief, chosen: tuple[Chosen, ...]) -> FloatArray:
-    """What the forecast says of the standard deviations of x (n,)."""
-    assert brief.design is not None
-    only = {one.configuration.name: tuple(one.configuration.angles.tolist()) for one in chosen}
-    told = designed(replace(brief, design=None, experiment=replace(brief.experiment, configurations=only)))
-    return np.sqrt(np.diag(told.forecast.covariance))
+def flat(brief: Brief) -> Brief:
+    """With the same torque at all lines."""
+    return replace(brief, excitation=replace(brief.excitation, flat="torque"))
 
 
-def study(brief: Brief, count: int, repetitions: int, plans: int, repetitions_random: int, jobs: int) -> Outcome:
-    """Planned against random plans of `count` configurations."""
+def stated(design: Design) -> FloatArray:
+    """What the forecast says of the standard deviations of the parameters that are compared."""
+    std: FloatArray = np.sqrt(np.diag(design.forecast.covariance))
+    return std[compared(design.forecast.parameters)]
+
+
+def compared(names: Sequence[str]) -> list[int]:
+    """All but frictions."""
+    return [i for i, name in enumerate(names) if not name.startswith("fm_")]
+
+
+def study(brief: Brief, count: int, repetitions: tuple[int, int], plans: int, of_random: int, jobs: int) -> Outcome:
+    """Planned against random plans of `count` configurations; simulations and draws of noise, those of random plans."""
     design = designed(brief, jobs)
-    chosen = tuple(Chosen(c, m) for c, m in zip(design.plan.configurations, design.plan.realisations, strict=True))
     print(f"{brief.robot.name}: {design.plan.robot_time_s:g} s of robot time; {design.forecast.choice}", flush=True)
     names = design.forecast.parameters
-    compared = [i for i, name in enumerate(names) if not name.startswith("fm_")]
-    planned = replace(brief, experiment=replace(brief.experiment, periods=design.plan.periods))
-    x = np.array(ordered(partial(fitted, planned, chosen), range(100, 100 + repetitions), jobs))
-    random, random_stated = [], []
+    here = compared(names)
+    reached, chance = measured(Programme.of(brief, design), repetitions, 100, jobs)
+    print(f"  measured, fitted: {100 * geometric_mean(reached[here]):.3g} %", flush=True)
+    random, random_stated, random_shaped = [], [], []
     for plan in range(plans):
         drawn = random_choice(brief, count, plan)
-        each = np.array(ordered(partial(fitted, brief, drawn), range(200, 200 + repetitions_random), jobs))
-        random.append(spread(each)[compared])
-        random_stated.append(stated(brief, drawn)[compared])
-        reached, foretold = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
-        print(f"  random plan {plan + 1} of {plans}: {reached:.3g} % (forecast {foretold:.3g} %)", flush=True)
+        told = designed(drawn, jobs)
+        random_stated.append(stated(told))
+        random_shaped.append(stated(designed(replace(drawn, excitation=brief.excitation), jobs)))
+        random.append(measured(Programme.of(drawn, told), (of_random, repetitions[1]), 200, jobs)[0][here])
+        means = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
+        print("  random plan {} of {}: {:.3g} % (forecast {:.3g} %)".format(plan + 1, plans, *means), flush=True)
     outcome = Outcome(
-        tuple(names[i] for i in compared),
-        np.sqrt(np.diag(design.forecast.covariance))[compared],
-        spread(x)[compared],
+        tuple(names[i] for i in here),
+        stated(design),
+        reached[here],
+        chance[here],
         np.array(random),
         np.array(random_stated),
+        np.array(random_shaped),
+        stated(designed(flat(brief), jobs)),
         repetitions,
     )
-    told(outcome)
+    say(outcome)
     return outcome
 
 
-def spread(x: FloatArray) -> FloatArray:
-    """Standard deviations (n,) over repetitions (R, n), free of the bias of their logarithm, about 1 / (2 (R - 1))."""
-    std: FloatArray = x.std(axis=0, ddof=1) * math.exp(0.5 / (len(x) - 1))
-    return std
+def measured(
+    programme: Programme, repetitions: tuple[int, int], first: int, jobs: int
+) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations over the repetitions, and their chance errors (n,)."""
+    simulations, draws = repetitions
+    seeds = range(first, first + simulations)
+    return spread(np.array(ordered(partial(fitted, programme, draws), seeds, jobs)))
 
 
-def told(outcome: Outcome) -> None:
+def say(outcome: Outcome) -> None:
     """The numbers."""
     print("  parameter  stated %  reached %  ratio")
     for name, a, b in zip(outcome.names, outcome.stated, outcome.reached, strict=True):
         print(f"  {name:9}  {100 * a:8.3f}  {100 * b:9.3f}  {b / a:5.2f}")
-    chance = 1 / math.sqrt(2 * (outcome.repetitions - 1))
     print(
         f"  reached / stated: geometric mean {geometric_mean(outcome.ratio):.2f}, from {outcome.ratio.min():.2f} to "
-        f"{outcome.ratio.max():.2f} (one standard deviation of chance in each: {chance:.2f})"
+        f"{outcome.ratio.max():.2f} (one standard deviation of chance in each: {np.median(outcome.chance):.2f})"
     )
-    by_random = geometric_mean(outcome.random)
+    by_random, foretold = geometric_mean(outcome.random), outcome.foretold
     print(
         f"  geometric mean of std: planned {100 * geometric_mean(outcome.reached):.3g} %, random plans "
         f"{100 * by_random.min():.3g} to {100 * by_random.max():.3g} %, median {100 * np.median(by_random):.3g} %: "
-        f"planned {outcome.gain:.2f} times smaller (forecast: "
-        f"{np.median(geometric_mean(outcome.random_stated)) / geometric_mean(outcome.stated):.2f})"
+        f"planned {outcome.gain:.2f} times smaller (forecast: {foretold['both']:.2f}; configurations alone "
+        f"{foretold['configurations']:.2f}, spectra alone {foretold['spectra']:.2f})"
     )
 
 
-def main(quick: bool, jobs: int) -> list[Outcome]:
+# What is run for each robot: configurations of the robot time; simulations and draws of noise; random plans and their
+# simulations.
+STUDIES = {"three-axis": (three_axes, 4, (25, 6), 7, 4), "six-axis": (six_axes, 2, (8, 8), 5, 2)}
+
+
+def main(quick: bool, jobs: int, robots: Sequence[str] = tuple(STUDIES)) -> list[Outcome]:
     if quick:
         arm = three_axes(1)
         assert arm.design is not None
         few = replace(arm.design, candidates=replace(CANDIDATES, random=40), periods=())
-        return [study(replace(arm, design=few), 1, 3, 1, 3, jobs)]
-    return [study(three_axes(4), 4, 24, 7, 6, jobs), study(six_axes(6), 6, 12, 5, 4, jobs)]
+        return [study(replace(arm, design=few), 1, (3, 2), 1, 2, jobs)]
+    outcomes = []
+    for make, count, repetitions, plans, of_random in (STUDIES[name] for name in robots):
+        outcomes.append(study(make(count), count, repetitions, plans, of_random, jobs))
+    return outcomes
 
 
 def in_numbers(outcome: Outcome) -> dict[str, object]:
     """For programs."""
     return {
         "reached_over_stated": dict(zip(outcome.names, outcome.ratio.round(3).tolist(), strict=True)),
+        "chance": round(float(np.median(outcome.chance)), 3),
         "gain": round(outcome.gain, 3),
+        "foretold": {name: round(value, 3) for name, value in outcome.foretold.items()},
         "repetitions": outcome.repetitions,
     }
 
@@ -250,6 +346,7 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="one configuration of the three-axis arm")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--robot", action="append", choices=list(STUDIES), help="this one alone; may be repeated")
     arguments = parser.parse_args()
-    found = main(arguments.quick, arguments.jobs)
+    found = main(arguments.quick, arguments.jobs, arguments.robot or tuple(STUDIES))
     print(json.dumps({str(len(one.names)) + " parameters": in_numbers(one) for one in found}))

@@ -87,6 +87,101 @@ def test_fits_scatter_as_the_forecast_said() -> None:
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 
+def _shaped(brief: Brief, **excitation: object) -> Brief:
+    return replace(brief, excitation=replace(brief.excitation, **{"flat": "information", **excitation}))  # type: ignore[arg-type]
+
+
+GIVEN = replace(BRIEF, design=None, experiment=replace(BRIEF.experiment, configurations={"a": (0.3, 0.8)}))
+
+
+def _mean_std(brief: Brief) -> float:
+    return float(np.exp(np.mean(np.log(np.diag(designed(brief).forecast.covariance))) / 2))
+
+
+def test_a_spectrum_for_information_tells_more_than_any_flat_one_of_the_same_torque() -> None:
+    """RMS of each motor and a tenth of the even power at every line are kept; the configurations have their own."""
+    brief = replace(GIVEN, experiment=replace(GIVEN.experiment, configurations={"a": (0.3, 0.8), "b": (0, 1.8)}))
+    plan = designed(_shaped(brief)).plan
+    power = np.mean(np.abs(plan.R) ** 2, axis=2) / 2
+    assert np.sqrt(power.sum(axis=2)) == pytest.approx(np.broadcast_to([5.0, 2.0], (2, 2, 2)), rel=1e-6)
+    even = np.array([25.0, 4.0]) / len(plan.lines)
+    assert np.all(power > 0.0999 * even)
+    assert np.any(np.abs(power[0] - power[1]) > even)
+    others = [
+        replace(brief, excitation=replace(brief.excitation, flat=flat))  # type: ignore[arg-type]
+        for flat in ("torque", "velocity", "precision")
+    ]
+    assert _mean_std(_shaped(brief)) < 0.8 * min(_mean_std(one) for one in others)
+    assert _mean_std(_shaped(brief, least=1.0)) == pytest.approx(_mean_std(others[0]), rel=1e-6)
+
+
+def test_fits_of_a_shaped_spectrum_scatter_as_the_forecast_said() -> None:
+    """Thirty times measured with new phases, as for the flat one."""
+    design = designed(_shaped(GIVEN))
+    amplitude = {"a": np.sqrt(np.mean(np.abs(design.plan.R[0, 0]) ** 2, axis=0))}
+    x = []
+    for seed in range(30):
+        plan = make_plan(_shaped(GIVEN).excitation, GIVEN.experiment, GIVEN.robot, seed, spectra=amplitude)
+        x.append(identify(_measured(GIVEN, plan, seed), GIVEN.robot, GIVEN.fit).x)
+    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(design.forecast.covariance))
+    assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.25)
+    assert np.all((ratio > 0.6) & (ratio < 1.5))
+
+
+@pytest.mark.parametrize("robust", [None, GuessSpec(guesses=3, over="worst")])
+def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust: GuessSpec | None) -> None:
+    """Shared out between lines and motors within the limits, which are used; more is known than from flat speed."""
+    slow = [
+        replace(body, joints=tuple(replace(j, limits=replace(j.limits, velocity=0.3)) for j in body.joints))
+        for body in TWO.bodies
+    ]
+    brief = replace(_with(count=2, robust=robust), robot=replace(TWO, bodies=tuple(slow)))
+    brief = replace(brief, excitation=replace(brief.excitation, torque_rms="limits"))
+    found = designed(_shaped(brief))
+    assert 0.8 < found.peaks.used[:, 2].max() < 0.91
+    assert found.peaks.used.max() < 0.91
+    only = {c.name: tuple(c.angles.tolist()) for c in found.plan.configurations}
+    same = replace(brief, design=None, experiment=replace(brief.experiment, configurations=only))
+    for flat in ("torque", "velocity"):
+        other = replace(same, excitation=replace(same.excitation, flat=flat))  # type: ignore[arg-type]
+        assert _mean_std(_shaped(same)) < 0.9 * _mean_std(other)
+
+
+@pytest.mark.parametrize(
+    ("brief", "message"),
+    [
+        (
+            replace(GIVEN, experiment=replace(GIVEN.experiment, simulated=SimulatedSpec())),
+            "flat: information needs the noise that is expected; set experiment.simulated.noise",
+        ),
+        (_with(noise=LevelSpec(absolute=0.1)), "with design.noise.absolute or frf the variance is the same"),
+        (
+            replace(GIVEN, experiment=replace(GIVEN.experiment, experiments=1)),
+            "information needs as many experiments as motors, and there are 1 for 2",
+        ),
+    ],
+)
+def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: Brief, message: str) -> None:
+    """Noise, its source, and the number of experiments."""
+    with pytest.raises(StudyError, match=message):
+        designed(_shaped(brief))
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"least": 0.0}, "least is 0; it is the part of a flat torque's power that every line keeps"),
+        ({"flat": "torque", "least": 0.5}, "least belongs to flat: information; set that, or leave least out"),
+        ({"power": 1.0}, "flat: information finds the spectrum itself; leave out power and spectrum"),
+        ({"phases": "prbs"}, "flat: information finds the spectrum itself; leave out phases: prbs"),
+    ],
+)
+def test_what_contradicts_a_found_spectrum_is_refused(wrong: dict[str, object], message: str) -> None:
+    """Another spectrum of the user's, or of a sweep."""
+    with pytest.raises(ValueError, match=message):
+        _shaped(BRIEF, **wrong)
+
+
 def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -> None:
     """sign of a Gaussian velocity: d = sqrt(2 / pi) tau / sigma, and the scattered power of van Vleck's arcsine."""
     rng = np.random.default_rng(0)
@@ -211,6 +306,7 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     direction = dict(zip(told.parameters, told.blind[0], strict=True))
     assert direction["I_upper"] / direction["m_upper"] == pytest.approx(-2.0, rel=1e-3)
     assert "cannot see the combination +0.89 I_upper -0.45 m_upper" in told.notes[0]
+    assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in told.notes[1]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
     note = designed(replace(brief, fit=alone)).forecast.notes[0]
     assert "cannot see c_upper_z: fix it" in note
@@ -269,6 +365,27 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     assert run_command(["design", str(more), "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
 
 
+def test_a_spectrum_found_for_one_fit_is_found_anew_for_another(tiny: Path, tmp_path: Path) -> None:
+    """The plan then hangs on the fit, and with it what is measured."""
+    run = [
+        "run",
+        str(tiny),
+        "--run",
+        str(tmp_path / "run"),
+        "-q",
+        "--jobs",
+        "1",
+        "--set",
+        "excitation.flat=information",
+    ]
+    assert run_command(run) == 0
+    before = read_plan(tmp_path / "run" / "plan.h5").R
+    records = (tmp_path / "run" / "records.h5").stat().st_mtime_ns
+    assert run_command([*run, "--set", "fit.parameters={k_1: {}}"]) == 0
+    assert (tmp_path / "run" / "records.h5").stat().st_mtime_ns > records
+    assert np.abs(read_plan(tmp_path / "run" / "plan.h5").R - before).max() > 0
+
+
 def test_another_fit_tells_another_forecast_and_measures_nothing_anew(tiny: Path, tmp_path: Path) -> None:
     """Where the configurations are given, the plan does not hang on the fit."""
     run = str(tmp_path / "run")
@@ -291,6 +408,7 @@ def test_another_fit_tells_another_forecast_and_measures_nothing_anew(tiny: Path
             "design.parameters[0]: the fit does not identify 'k1'; did you mean",
         ),
         ("design: {count: 2, robot_time: 5}\n", "give either count (of configurations) or robot_time"),
+        ("design: {robot_time: 5}\n", "design.robot_time: 5 s leave no room for a configuration beside the 0 given"),
         ("design: {count: 2, candidates: {grid: 3, random: 5}}\n", "give only one of random, grid and given"),
         ("design: {count: 2, candidates: {grid: [3, 4]}}\n", "design.candidates.grid: 2 numbers for 1 driven joints"),
         ("design: {count: 2, candidates: {points: {arm: [[0, 0, 0]]}}}\n", "no body is called 'arm'; there are load"),

@@ -11,8 +11,11 @@ from elastid.units import Frequency, Time, Torque
 
 # A day at 1 kHz; whatever is longer is a slip of the pen.
 MOST_SAMPLES = 1e8
+# Part of a flat torque's power that every line keeps where the spectrum is found.
+LEAST = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
+AskedTorque: TypeAlias = Torque | tuple[Torque, ...] | Literal["limits"]
 Effort: TypeAlias = Literal["normal", "high"]
 
 _NEW_IN_EVERY_REALISATION = ("random", "optimised")
@@ -34,8 +37,10 @@ class MultisineSpec:
     torque_rms: link-side, one number for all motors or one for each, lowered where a limit of the robot is in the way;
     or `limits`: as much as each motor may have.  margin: part of every limit that stays free.
     flat: what has, closed loop and nominal robot, the same amplitude at all lines: the injected `torque`, the motor's
-    `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), or the `precision`
-    of its response under the noise of the simulated rig.
+    `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), the `precision` of
+    its response under the noise of the simulated rig, or the `information` that a little more power would bring about
+    the parameters of the fit: then no other spectrum of the same torques tells more about them (by the criterion of
+    `design`; each configuration has its own). least: part of a flat torque's power that every line keeps there.
     power: amplitude times frequency to this power.  spectrum: relative amplitude as (frequency, amplitude) points,
     straight lines on log-log axes.
 
@@ -48,13 +53,14 @@ class MultisineSpec:
     rate_hz: Frequency
     period: Time
     band_hz: tuple[Frequency, Frequency]
-    torque_rms: Torque | tuple[Torque, ...] | Literal["limits"]
+    torque_rms: AskedTorque
     grid: Grid = "odd"
     group: int = 4
     ratio: float = 1.05
     lines: tuple[int, ...] = ()
     margin: float = 0.1
-    flat: Signal | Literal["precision"] = "torque"
+    flat: Signal | Literal["precision", "information"] = "torque"
+    least: float = LEAST
     power: float = 0.0
     spectrum: tuple[tuple[Frequency, float], ...] = ()
     phases: Phases = "random"
@@ -93,6 +99,7 @@ class MultisineSpec:
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
         self._check_grid()
         self._check_phases()
+        self._check_information()
 
     def _check_grid(self) -> None:
         if not 2 <= self.group <= 100:
@@ -109,6 +116,18 @@ class MultisineSpec:
             raise ValueError(f"phases: {self.phases} needs all lines or all odd lines of a band; set grid: full or odd")
         if not self.compress:
             raise ValueError("compress is empty; name the signals whose peaks matter, for example [torque, velocity]")
+
+    def _check_information(self) -> None:
+        if not 0 < self.least <= 1:
+            raise ValueError(
+                f"least is {self.least:g}; it is the part of a flat torque's power that every line keeps, above 0 (a "
+                "line without power has no response) and up to 1"
+            )
+        if self.flat != "information" and self.least != LEAST:
+            raise ValueError("least belongs to flat: information; set that, or leave least out")
+        if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
+            what = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
+            raise ValueError(f"flat: information finds the spectrum itself; leave out {what}, or take another flat")
 
     @property
     def period_samples(self) -> int:

@@ -112,7 +112,7 @@ def choose_configurations(
     best: tuple[float, Choice] | None = None
     for task in tasks:
         H, kept = informations(task.prospect, here, x, jobs, progress)
-        criterion, ground = _visible(Criterion(spec.criterion, wanted, over), H, task.known, parameters)
+        criterion, ground = visible(Criterion(spec.criterion, wanted, over), H, task.known, parameters)
         known = task.known + ground
         shares = relaxed(H, criterion, known / task.count)
         numbers = whole(H, shares.weights, task.count, criterion, known)
@@ -161,7 +161,7 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
         return None
 
 
-def _visible(
+def visible(
     criterion: Criterion, H: FloatArray, known: FloatArray, parameters: ParameterSet
 ) -> tuple[Criterion, FloatArray]:
     """The criterion on what all candidates together see, and information (n_x, n_x) that stands in for the rest."""

@@ -6,20 +6,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import digamma
 
 from elastid.arrays import FloatArray
-from elastid.errors import StudyError
-from elastid.excitation.spec import MultisineSpec
+from elastid.errors import DataError, StudyError
+from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.choosing import Choice, Task, choose_configurations, guesses
 from elastid.experiment.configurations import candidates
 from elastid.experiment.design_spec import DesignSpec, LevelSpec
+from elastid.experiment.earlier import variance_like
 from elastid.experiment.expected import Expected, Level, Prospect, linear_model
 from elastid.experiment.forecast import Forecast, check_lines, forecast
-from elastid.experiment.limits import Peaks, nearest_run, within_limits
+from elastid.experiment.interest import interest
+from elastid.experiment.limits import Peaks, costs, nearest_run, within_limits
 from elastid.experiment.movement import one_period, reach
+from elastid.experiment.optimal import Criterion
 from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.rehearsal import Rehearsal
+from elastid.experiment.robot_time import period_options, refusal, room
+from elastid.experiment.shaping import best_spectra
 from elastid.experiment.simulated import true_robot
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
 from elastid.experiment.sticking import sticking
@@ -45,7 +49,8 @@ class Brief:
     """The sections of a study that a plan hangs on, and what has been measured before.
 
     left_out: configurations that the fit does not see.  measured: responses that the choice adds to.  found: values of
-    parameters that their fit found.  like: responses whose variance is expected again.  model: of the fit.
+    parameters that their fit found.  like: responses whose variance is expected again.  model: of the fit.  typical
+    (F, n_u): spectrum that stands for all while none is found for each configuration.
     """
 
     robot: Robot
@@ -60,15 +65,39 @@ class Brief:
     found: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
     model: ModelSpec = EXACT
+    typical: FloatArray | None = None
 
     def with_amplitudes(self) -> Brief:
         """The same with the torques that a few postures bear, where the study leaves them to the limits."""
         if self.excitation.torque_rms != "limits":
             return self
         probe = _probe(self, replace(self.experiment, realisations=1), 1)
-        probe, _ = within_limits(probe, self.excitation, self.experiment, self.robot, self.seed)
+        balanced = replace(self.excitation, flat="torque")
+        probe, _ = within_limits(probe, balanced, self.experiment, self.robot, self.seed)
         rms = np.sqrt(np.mean(np.sum(np.abs(probe.R) ** 2, axis=3) / 2, axis=(0, 1, 2)))
         return replace(self, excitation=replace(self.excitation, torque_rms=tuple(rms.tolist())))
+
+    def with_spectrum(self, torque_rms: AskedTorque) -> Brief:
+        """The same with a spectrum that tells most about a few configurations, where the study leaves it to that.
+
+        torque_rms: as the study has it, `limits` included.
+        """
+        if self.excitation.flat != "information":
+            return self
+        probe, kept, cost = _probe(self, self.experiment), [], []
+        refused: StudyError | DataError | None = None
+        for q in range(len(probe.configurations)):
+            try:
+                for one in self.guesses:
+                    _prospect(self, probe, q).expected(probe.configurations[q], one)
+                cost.append(_cost(self, _only(probe, q), torque_rms))
+                kept.append(q)
+            except (StudyError, DataError) as error:
+                refused = error
+        if refused is not None and not kept:
+            raise refused
+        found = _best_spectra(self, probe, kept, np.concatenate(cost), together=True)
+        return replace(self, typical=found[0])
 
     def sliding(self) -> Brief:
         """The same for a robot whose viscous friction includes what Coulomb friction adds under this excitation.
@@ -104,6 +133,19 @@ class Brief:
         return self.experiment.simulated
 
     @property
+    def guesses(self) -> FloatArray:
+        """Guesses (S, n_x) of the parameters, the nominal one first."""
+        return guesses(self.parameters, None if self.design is None else self.design.robust, self.seed)
+
+    @property
+    def criterion(self) -> Criterion:
+        """What makes a design good; without the section `design` the volume of the ellipsoid of all parameters."""
+        design = self.design
+        wanted = interest(self.parameters.free_names, () if design is None else design.parameters)
+        over = design.robust.over if design is not None and design.robust is not None else "mean"
+        return Criterion("D" if design is None else design.criterion, wanted, over)
+
+    @property
     def parameters(self) -> ParameterSet:
         """What the fit identifies, at what is found of it already."""
         parameters = choose(self.fit, self.robot)
@@ -126,13 +168,14 @@ class Design:
 def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design:
     """Choose, plan, keep within limits, foretell.  Raises StudyError for what cannot be chosen, planned or told."""
     excitation, robot = brief.excitation, brief.robot
-    brief = brief.with_amplitudes().sliding()
+    brief = brief.with_amplitudes().with_spectrum(excitation.torque_rms).sliding()
     choice, experiment = None, brief.experiment
     if brief.design is not None:
         choice = _choice(brief, brief.design, jobs, progress)
         experiment = replace(experiment, periods=choice.periods)
     chosen = choice.chosen if choice is not None else ()
-    plan = make_plan(excitation, experiment, robot, brief.seed, chosen)
+    spectra = _spectra(brief, experiment, chosen, excitation.torque_rms)
+    plan = make_plan(excitation, experiment, robot, brief.seed, chosen, spectra)
     check_lines(plan.freq_hz, brief.parameters)
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
@@ -142,6 +185,47 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     told = replace(told, notes=(*stuck, *told.notes, *_by_neighbours(plan)))
     nearest = nearest_run(plan, peaks, experiment, robot, brief.seed)
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
+
+
+def _spectra(
+    brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen], torque_rms: AskedTorque
+) -> dict[str, FloatArray]:
+    """The best spectrum of every configuration of a plan; none where the study says what the spectrum is."""
+    if brief.typical is None:
+        return {}
+    plan = _planned(brief, experiment, chosen)
+    fitted = [q for q, c in enumerate(plan.configurations) if c.name not in brief.left_out]
+    found = _best_spectra(brief, plan, fitted, _cost(brief, plan, torque_rms)[fitted])
+    spectra = {c.name: brief.typical for c in plan.configurations}
+    return spectra | {plan.configurations[q].name: one for q, one in zip(fitted, found, strict=True)}
+
+
+def _best_spectra(
+    brief: Brief, plan: Plan, which: Sequence[int], cost: FloatArray, together: bool = False
+) -> FloatArray:
+    """Amplitudes of some configurations of a plan, whose powers cost (Q, n_o, F, n_u)."""
+    x = brief.guesses
+    return best_spectra(
+        [_prospect(brief, plan, q) for q in which],
+        [plan.configurations[q] for q in which],
+        [plan.realisations[q] for q in which],
+        cost,
+        x,
+        brief.criterion,
+        _before(brief, x),
+        brief.excitation.least,
+        together,
+    )
+
+
+def _cost(brief: Brief, plan: Plan, torque_rms: AskedTorque) -> FloatArray:
+    excitation = replace(brief.excitation, torque_rms=torque_rms)
+    return costs(plan, excitation, brief.experiment, brief.robot, brief.seed)
+
+
+def _only(plan: Plan, q: int) -> Plan:
+    """One configuration of a plan."""
+    return replace(plan, configurations=plan.configurations[q : q + 1], R=plan.R[q : q + 1])
 
 
 def _by_neighbours(plan: Plan) -> tuple[str, ...]:
@@ -159,10 +243,19 @@ def _by_neighbours(plan: Plan) -> tuple[str, ...]:
 def _probe(brief: Brief, experiment: ExperimentSpec, realisations: int = PROBED) -> Plan:
     """A plan of the given configurations, and of a few more that stand for all candidates."""
     if brief.design is None:
-        return make_plan(brief.excitation, experiment, brief.robot, brief.seed)
+        return _planned(brief, experiment)
     anywhere = candidates(brief.design.candidates, brief.robot, brief.seed, _swing(brief)).configurations
     some = [Chosen(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(anywhere[:PROBES])]
-    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, some)
+    return _planned(brief, experiment, some)
+
+
+def _planned(brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen] = ()) -> Plan:
+    """A plan in which all configurations have the typical spectrum, where there is one."""
+    spectra = {}
+    if brief.typical is not None:
+        names = (*experiment.configurations, *(one.configuration.name for one in chosen))
+        spectra = dict.fromkeys(names, brief.typical)
+    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, chosen, spectra)
 
 
 def _expected(brief: Brief, plan: Plan) -> list[Expected]:
@@ -183,7 +276,7 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     spec = brief.design.noise if brief.design is not None else LevelSpec()
     variance = None
     if brief.like:
-        variance = _variance_like(brief.like, plan.freq_hz, outputs, plan.inputs) * brief.experiment.realisations
+        variance = variance_like(brief.like, plan.freq_hz, outputs, plan.inputs) * brief.experiment.realisations
     return Prospect(
         model=brief.model,
         robot=brief.robot,
@@ -214,7 +307,7 @@ def _swing(brief: Brief) -> float:
 
 def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:
     there = candidates(spec.candidates, brief.robot, brief.seed, _swing(brief))
-    x = guesses(brief.parameters, spec.robust, brief.seed)
+    x = brief.guesses
     tasks = [_task(brief, spec, periods, x) for periods in _periods(brief, spec)]
     given = tuple(brief.experiment.configurations)
     return choose_configurations(spec, tasks, there, x, given, brief.seed, jobs, progress)
@@ -222,31 +315,11 @@ def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Ch
 
 def _periods(brief: Brief, spec: DesignSpec) -> tuple[int, ...]:
     """The numbers of periods that leave room for a configuration; StudyError where none does."""
-    options = spec.periods or (brief.experiment.periods,)
-    fitting = tuple(periods for periods in options if spec.count is not None or _room(brief, spec, periods) >= 1)
-    if not fitting:
-        given, shortest = len(brief.experiment.configurations), _unit_time_s(brief, min(options))
-        raise StudyError(
-            f"design.robot_time: {spec.robot_time:g} s leave no room for a configuration beside the {given} given: one "
-            f"takes {shortest:g} s of the robot's time; give at least {(given + 1) * shortest:g} s, or fewer "
-            "realisations or periods"
-        )
-    return fitting
-
-
-def _unit_time_s(brief: Brief, periods: int) -> float:
-    """Robot time of one configuration."""
-    experiment = brief.experiment
-    runs = experiment.realisations * experiment.runs(len(brief.robot.driven))
-    at_ends = 2 * (experiment.ramp + experiment.hold)
-    return runs * ((periods + experiment.transient_periods) * brief.excitation.period + at_ends)
-
-
-def _room(brief: Brief, spec: DesignSpec, periods: int) -> int:
-    """How many configurations can be chosen."""
-    if spec.robot_time is None:
-        return spec.count or 0
-    return int(spec.robot_time / _unit_time_s(brief, periods) + 1e-9) - len(brief.experiment.configurations)
+    sections = spec, brief.excitation, brief.experiment, len(brief.robot.driven)
+    refused = refusal(*sections)
+    if refused:
+        raise StudyError(f"design.robot_time: {refused}")
+    return tuple(periods for periods in period_options(spec, brief.experiment) if room(*sections, periods) >= 1)
 
 
 def _task(brief: Brief, spec: DesignSpec, periods: int, x: FloatArray) -> Task:
@@ -255,44 +328,28 @@ def _task(brief: Brief, spec: DesignSpec, periods: int, x: FloatArray) -> Task:
     probe = _probe(brief, brief.experiment)
     check_lines(probe.freq_hz, brief.parameters)
     prospect = _prospect(brief, probe, len(probe.configurations) - 1)
-    known = np.stack([_known(brief, prospect, probe, one) for one in x])
-    return Task(prospect, _room(brief, spec, periods), known)
+    count = room(spec, brief.excitation, brief.experiment, len(brief.robot.driven), periods)
+    return Task(prospect, count, _known(brief, probe, x))
 
 
-def _known(brief: Brief, prospect: Prospect, plan: Plan, x: FloatArray) -> FloatArray:
-    """Information (n_x, n_x) at x that is there without a choice."""
-    slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in prospect.parameters.free]
-    known: FloatArray = np.diag(np.square(slopes))
+def _known(brief: Brief, plan: Plan, x: FloatArray) -> FloatArray:
+    """Information (S, n_x, n_x) at guesses x (S, n_x) that is there without a choice."""
+    known = _before(brief, x)
     for q, configuration in enumerate(plan.configurations):
         if configuration.name in set(brief.experiment.configurations) - set(brief.left_out):
-            known = known + _prospect(brief, plan, q).expected(configuration, x).information(x)
-    for response in brief.measured:
-        model = linear_model(brief.robot, brief.model, prospect.parameters, response, x)
-        expected = Expected(response, model, weigh(response, brief.fit), prospect.parameters, brief.fit)
-        known = known + expected.information(x)
+            prospect = _prospect(brief, plan, q)
+            known = known + np.stack([prospect.expected(configuration, one).information(one) for one in x])
     return known
 
 
-def _variance_like(
-    responses: Sequence[FrequencyResponse], freq_hz: FloatArray, outputs: tuple[str, ...], inputs: tuple[str, ...]
-) -> FloatArray:
-    """Variance (F, n_y, n_u) of G: geometric mean over earlier responses, between their lines.
-
-    StudyError where they have other inputs or outputs, or no variance.
-    """
-    logs = []
-    for response in responses:
-        known = response.uncertainty
-        if response.inputs != inputs or response.outputs != outputs or known is None:
-            raise StudyError(
-                f"design.noise.frf: configuration {response.configuration.name} was measured from "
-                f"{', '.join(response.inputs)} to {', '.join(response.outputs)}"
-                f"{' without a variance' if known is None else ''}; needed are {', '.join(inputs)} to "
-                f"{', '.join(outputs)} with one"
-            )
-        # The logarithm of a variance from few degrees of freedom lies too low: E ln(v~/v) = psi(dof) - ln dof.
-        shortfall = np.log(known.dof) - digamma(known.dof) if np.isfinite(known.dof) else 0.0
-        log = np.log(np.maximum(known.variance, 1e-300)).reshape(response.n_lines, -1) + shortfall
-        logs.append([np.interp(freq_hz, response.freq_hz, column) for column in log.T])
-    variance: FloatArray = np.exp(np.mean(logs, axis=0)).T.reshape(len(freq_hz), len(outputs), len(inputs))
-    return variance
+def _before(brief: Brief, x: FloatArray) -> FloatArray:
+    """Information (S, n_x, n_x) of priors and of what was measured before."""
+    parameters = brief.parameters
+    slopes = [0.0 if p.prior is None else 1 / p.prior.std for p in parameters.free]
+    known = np.repeat(np.diag(np.square(slopes))[None], len(x), axis=0)
+    for response in brief.measured:
+        for s, one in enumerate(x):
+            model = linear_model(brief.robot, brief.model, parameters, response, one)
+            expected = Expected(response, model, weigh(response, brief.fit), parameters, brief.fit)
+            known[s] += expected.information(one)
+    return known

@@ -20,13 +20,16 @@ from functools import lru_cache
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.errors import StudyError
 from elastid.excitation.grids import line_frequencies
 from elastid.experiment.friction_level import friction_level
+from elastid.experiment.powers import Source
 from elastid.experiment.sensors import logged_quantity, output_stds
 from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, weigh
+from elastid.friction.placed import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -88,6 +91,45 @@ class Prospect:
 
         realisations: self.realisations unless given.  StudyError where the configuration has no equilibrium.
         """
+        model, G, motion = self._local(configuration, x)
+        covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
+        response = FrequencyResponse(
+            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
+        )
+        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+
+    def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> Source:
+        """The same as a function of the powers of R; friction scatters as it does under R.
+
+        StudyError where powers are not what the level of the noise hangs on.
+        """
+        if self.level.absolute is not None or self.level.variance is not None:
+            raise StudyError(
+                "excitation.flat: information needs the noise of the simulated rig: with design.noise.absolute or frf "
+                "the variance is the same whatever is injected; drop it, or take another flat"
+            )
+        M = realisations or self.realisations
+        _, G, motion = self._local(configuration, x)
+        expected = self.expected(configuration, x, M)
+        sensitivity = self._sensitivity(configuration, motion)
+        error = _diagonal(self._error((sensitivity @ self.R[..., None])[..., 0], G, motion)) / M
+        ((_, J),) = expected.problem.blocks(x)
+        used = expected.weights.used
+        if not np.all(error > 0):
+            raise StudyError(
+                "excitation.flat: information needs the noise that is expected; set experiment.simulated.noise, or "
+                "take another flat"
+            )
+        return Source(
+            J=J * np.where(used, expected.weights.sigma, 0.0),
+            error=error,
+            spread=np.abs(np.linalg.inv(sensitivity)) ** 2,
+            fixed=(expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2,
+            used=used,
+        )
+
+    def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
+        """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
         both = _linearisation(self.robot, self.model).at(
@@ -95,12 +137,8 @@ class Prospect:
         )
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
-        G, model = every[:, n_u:], replace(both, C=both.C[n_u:], T=both.tilt[n_u:], outputs=self.outputs)
-        covariance = self._covariance(G, every[:, :n_u], configuration, realisations or self.realisations)
-        response = FrequencyResponse(
-            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
-        )
-        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+        model = replace(both, C=both.C[n_u:], T=both.tilt[n_u:], outputs=self.outputs)
+        return model, every[:, n_u:], every[:, :n_u]
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
@@ -114,10 +152,7 @@ class Prospect:
         U: ComplexArray = (sensitivity @ self.R[..., None])[..., 0]
         power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
-        scatter = self._friction(U, motion)[1]
-        of_shafts = G @ self.robot.mixing.T
-        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
-        right: ComplexArray = self._equation_error(G) + scattered
+        right = self._error(U, G, motion)
         noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         if level.distortion > 0:
             return Covariance(noise + distortion, math.inf)
@@ -151,14 +186,14 @@ class Prospect:
     def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
         """(I + F G_q)^-1 (F, n_u, n_u): what the controller leaves of injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        k_p, k_d = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
-        F = k_p[:, None] + k_d[:, None] * s
+        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
+        F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
-        coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
+        coulomb = coulomb_levels(self.robot)
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
@@ -168,11 +203,20 @@ class Prospect:
             V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
         )
 
+    def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
+        """C_V (F, n_y, n_y) with what friction scatters."""
+        scatter = self._friction(U, motion)[1]
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        right: ComplexArray = self._equation_error(G) + scattered
+        return right
+
     def _equation_error(self, G: ComplexArray) -> ComplexArray:
         """C_V (F, n_y, n_y), of the mean over the periods."""
         noise = self.level.noise
         hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
-        torque = hold[:, None, None] * (noise.torque_std**2 + noise.disturbance_std**2)
+        power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
+        torque = (hold * power)[:, None, None]
         omega = 2 * np.pi * self.freq_hz[:, None]
         measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
         angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
@@ -181,16 +225,18 @@ class Prospect:
         return error
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 or (m/s^2)^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
+        """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
-        variances = output_stds(noise, self.outputs) ** 2
+        color = noise.variances("angle", self.freq_hz, self.rate_hz) - noise.angle_std**2
+        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        variances: FloatArray = output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle)
         if not noise.encoder_counts:
             return variances
         steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
         counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
         for i, place in enumerate(self.outputs):
             if place in self.robot.motor_locations:
-                variances[i] += counted[self.robot.motor_locations.index(place)]
+                variances[:, i] += counted[self.robot.motor_locations.index(place)]
         return variances
 
 
@@ -248,12 +294,12 @@ def _linearisation(robot: Robot, formulation: ModelSpec) -> Linearisation:
 @lru_cache(maxsize=1024)
 def _gains(
     robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
-) -> tuple[FloatArray, FloatArray]:
-    """k_p and k_d (n_u,) of the simulated joint controller in a configuration."""
+) -> tuple[FloatArray, ...]:
+    """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
     model = _linearisation(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
-    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio)
-    return gains.kp, gains.kd
+    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    return gains.kp, gains.kd, gains.ki
 
 
 def _diagonal(matrices: ComplexArray) -> FloatArray:

@@ -111,7 +111,11 @@ def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
         freq_hz=freq_hz,
         share=_share(fit, x, np.asarray(R)),
         blind=blind,
-        notes=(*_unseen(blind, parameters.free_names), *_tied(covariance, parameters.free_names)),
+        notes=(
+            *_unseen(blind, parameters.free_names),
+            *_too_few(len(blind), len(free), len(expected), len(freq_hz)),
+            *_tied(covariance, parameters.free_names),
+        ),
     )
 
 
@@ -153,6 +157,18 @@ def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray
 
 def _span(lower: float, upper: float, value: float) -> float:
     return upper - lower if np.isfinite(upper - lower) else abs(value) or 1.0
+
+
+def _too_few(blind: int, unknowns: int, configurations: int, lines: int) -> list[str]:
+    """One sentence where the plan does not determine all unknowns."""
+    if not blind:
+        return []
+    many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
+    return [
+        f"{many} with {lines} lines cannot determine the {unknowns} unknowns: {blind} of them, or combinations, "
+        "stay unseen; measure more configurations (`design` chooses those that tell most), log more places, excite "
+        "more, or fix some of fit.parameters"
+    ]
 
 
 def _unseen(blind: FloatArray, names: Sequence[str]) -> list[str]:

@@ -36,9 +36,11 @@ def injected(
     lines: IntArray,
     configuration: Configuration,
     draws: Sequence[np.random.SeedSequence],
+    spectrum: FloatArray | None = None,
 ) -> ComplexArray:
     """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
+    spectrum (F, n_u): amplitudes in Nm that a design has found (`flat: information`; until then flat in torque).
     With torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer
     lines than inputs are excited, or realisations would all be the same.
     """
@@ -52,7 +54,8 @@ def injected(
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = shape(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
-    if excitation.flat != "torque" or excitation.compress != ("torque",):
+    is_found = excitation.flat in ("torque", "information")
+    if not is_found or excitation.compress != ("torque",):
         simulated = experiment.simulated
         controller = simulated.controller if simulated is not None else ControllerSpec()
         noise = simulated.noise if simulated is not None else NoiseSpec()
@@ -62,11 +65,11 @@ def injected(
 
         if excitation.flat == "precision":
             relative = relative * _precision(loop_at(freq_hz), noise, robot)
-        elif excitation.flat != "torque":
+        elif not is_found:
             nearby = [getattr(loop_at(freq_hz * factor), excitation.flat) for factor in _NEARBY]
             relative = relative / np.max([_own(response) for response in nearby], axis=0)
         responses = loop_at(freq_hz).of(excitation.compress)
-    amplitude = amplitudes(relative, torque_rms(excitation, robot))
+    amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
     return np.array([experiments(*how, np.random.default_rng(d), responses, excitation.effort) for d in draws])
 

@@ -20,6 +20,7 @@ from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
 from elastid.errors import DataError, StudyError
 from elastid.excitation.crest import peaks as signal_peaks
 from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.injection import torque_rms
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.prior import closed_loop_response
 from elastid.experiment.rehearsal import Rehearsal, derivatives
@@ -98,24 +99,53 @@ def within_limits(
     """
     simulated = experiment.simulated
     assert simulated is not None  # a recorded experiment has no design
-    experiment = replace(experiment, simulated=replace(simulated, truth={}))
-    rig = SimulatedRig(robot, experiment, plan, seed)
-    limit = np.array([_limits(robot, c, simulated.carrier, plan) for c in plan.configurations])
+    rig = SimulatedRig(robot, replace(experiment, simulated=replace(simulated, truth={})), plan, seed)
+    limit, base = _limits_and_base(rig, excitation.margin)
     allowed = (1 - excitation.margin) * limit
-    first = {e.configuration.name: e for e in reversed(plan.experiments)}
-    base = np.array([_moving(rig, first[c.name]) for c in plan.configurations])
-    _check_room(plan, robot, base, limit, excitation.margin)
     is_free = excitation.torque_rms == "limits"
     factor = np.ones((len(plan.configurations), len(plan.inputs)))
     if is_free:
         for q in range(len(factor)):
-            factor[q] = _filling(plan, q, experiment, robot, allowed[q] - base[q])
+            factor[q] = _filling(plan, q, experiment, robot, allowed[q] - base[q], excitation.flat == "information")
     factor, runs = _rehearsed(rig, factor, base, allowed, is_free, jobs, progress)
     scaled = replace(plan, R=plan.R * factor[:, None, None, None, :])
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
     peak, nearest = _largest(plan, runs), _nearest(plan, runs, limit)
     return scaled, Peaks(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest)
+
+
+def costs(plan: Plan, excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int) -> FloatArray:
+    r"""What powers cost of the limits in each configuration: c (Q, n_o, F, n_u) with sum_kl c_okl P_kl <= 1.
+
+    .. math:: c_{okl} = \frac{|T_{okl}|^2}{2 E}\, \frac{\kappa^2}{room_o^2}, \qquad \kappa^2 = 2 \ln (2 F E M)
+
+    T from injected torques to torque, position, velocity and acceleration of the motors, room_o what the movement
+    leaves of a limit, kappa the crest factor that M E experiments of F lines with random phases lead one to expect;
+    where torque_rms is given, also c = 1 / (2 E rms_l^2).  P: |R|^2 summed over the E experiments of a realisation.
+    Raises StudyError where a limit leaves no room, and where nothing limits a motor.
+    """
+    simulated = experiment.simulated
+    assert simulated is not None  # a recorded experiment has no design
+    rig = SimulatedRig(robot, replace(experiment, simulated=replace(simulated, truth={})), plan, seed)
+    limit, base = _limits_and_base(rig, excitation.margin)
+    room = (1 - excitation.margin) * limit - base
+    _, M, E, F, n_u = plan.R.shape
+    crest = 2 * np.log(2 * F * E * M)
+    own = np.zeros((0, F, n_u))
+    if excitation.torque_rms != "limits":
+        rms = torque_rms(excitation, robot)
+        own = np.repeat(np.diag(1 / (2 * E * rms**2))[:, None, :], F, axis=1)
+    found = []
+    for configuration, here in zip(plan.configurations, room, strict=True):
+        if excitation.torque_rms == "limits":
+            _check_ends(plan, here)
+        loop = closed_loop_response(robot, simulated.controller, configuration, plan.freq_hz, plan.rate_hz)
+        power = np.abs(loop.of(("torque", "position", "velocity", "acceleration"))) ** 2
+        least = np.array([here[0], here[1], np.minimum(here[2], here[4]), here[3]]).ravel()
+        motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
+        found.append(np.concatenate([own, motion]))
+    return np.array(found)
 
 
 def nearest_run(plan: Plan, peaks: Peaks, experiment: ExperimentSpec, robot: Robot, seed: int) -> Rehearsal:
@@ -138,6 +168,16 @@ def _limits(robot: Robot, configuration: Configuration, carrier: CarrierSpec | N
     return np.array([*rows, np.broadcast_to(v, len(limits))], dtype=np.float64)
 
 
+def _limits_and_base(rig: SimulatedRig, margin: float) -> tuple[FloatArray, FloatArray]:
+    """Limits and the peaks without multisine, both (Q, 5, n_u); StudyError where these leave no room."""
+    plan = rig.plan
+    limit = np.array([_limits(rig.robot, c, rig.simulated.carrier, plan) for c in plan.configurations])
+    first = {e.configuration.name: e for e in reversed(plan.experiments)}
+    base = np.array([_moving(rig, first[c.name]) for c in plan.configurations])
+    _check_room(plan, rig.robot, base, limit, margin)
+    return limit, base
+
+
 def _check_room(plan: Plan, robot: Robot, base: FloatArray, limit: FloatArray, margin: float) -> None:
     """StudyError where gravity, friction and movement alone need what the margin leaves of a limit."""
     used = base / limit
@@ -157,32 +197,47 @@ def _check_room(plan: Plan, robot: Robot, base: FloatArray, limit: FloatArray, m
     )
 
 
-def _filling(plan: Plan, q: int, experiment: ExperimentSpec, robot: Robot, room: FloatArray) -> FloatArray:
-    """Factors (n_u,) with which every motor fills its room (5, n_u), by linear prediction; StudyError where endless."""
+def _filling(
+    plan: Plan, q: int, experiment: ExperimentSpec, robot: Robot, room: FloatArray, is_shared: bool
+) -> FloatArray:
+    """Factors (n_u,) with which every motor fills its room (5, n_u), by linear prediction; StudyError where endless.
+
+    is_shared: powers have been shared out between the motors; their peaks keep the proportion of their RMS.
+    """
     assert experiment.simulated is not None
+    _check_ends(plan, room)
+    loop = closed_loop_response(
+        robot, experiment.simulated.controller, plan.configurations[q], plan.freq_hz, plan.rate_hz
+    )
+    response = loop.of(("torque", "position", "velocity", "acceleration"))
+
+    def used(largest: FloatArray) -> FloatArray:
+        each = largest.reshape(4, -1)
+        ratio: FloatArray = (np.concatenate([each, each[2:3]]) / room).max(axis=0)
+        return ratio
+
+    def peak_used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
+        S = np.einsum("foi,mefi->meof", response, realisations * a)
+        return used(np.max([signal_peaks(plan.lines, one, _SAMPLES_PER_CYCLE).max(axis=0) for one in S], axis=0))
+
+    a = wanted = np.ones(len(plan.inputs))
+    if is_shared:
+        S = np.einsum("foi,efi->eof", response, plan.R[q, 0])
+        wanted = used(np.sqrt(np.sum(np.abs(S) ** 2, axis=2).mean(axis=0)))
+    for _ in range(_BALANCING_STEPS):
+        a = a * (wanted / peak_used(a, plan.R[q, :1])) ** 0.8
+    filled: FloatArray = a / max(peak_used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1]))
+    return filled
+
+
+def _check_ends(plan: Plan, room: FloatArray) -> None:
+    """StudyError where a motor has endless room (5, n_u)."""
     endless = [name for name, column in zip(plan.inputs, room.T, strict=True) if not np.isfinite(column).any()]
     if endless:
         raise StudyError(
             f"excitation.torque_rms: limits needs a limit of every motor, and {', '.join(endless)} has none; give "
             "limits: {torque: ..., velocity: ...} in the robot's file, or numbers for torque_rms"
         )
-    loop = closed_loop_response(
-        robot, experiment.simulated.controller, plan.configurations[q], plan.freq_hz, plan.rate_hz
-    )
-    response = loop.of(("torque", "position", "velocity", "acceleration"))
-
-    def used(a: FloatArray, realisations: ComplexArray) -> FloatArray:
-        S = np.einsum("foi,mefi->meof", response, realisations * a)
-        peak = np.max([signal_peaks(plan.lines, one, _SAMPLES_PER_CYCLE).max(axis=0) for one in S], axis=0)
-        peak = peak.reshape(4, -1)
-        ratio: FloatArray = (np.concatenate([peak, peak[2:3]]) / room).max(axis=0)
-        return ratio
-
-    a = np.ones(len(plan.inputs))
-    for _ in range(_BALANCING_STEPS):
-        a = a / used(a, plan.R[q, :1]) ** 0.8
-    filled: FloatArray = a / max(used(a, plan.R[q, m : m + 1]).max() for m in range(plan.R.shape[1]))
-    return filled
 
 
 def _rehearsed(

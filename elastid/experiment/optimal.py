@@ -37,17 +37,23 @@ ROUND = 25
 ROUNDING = 1e-13
 # Beginnings of the search for whole experiments, and how many candidates it looks at: those with the largest gains.
 BEGINNINGS, LOOKED_AT = 6, 400
+# Powers p on the way to the smallest eigenvalue.
+SOFTENED = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 # Candidates that an exchange is worked out for exactly, after a first-order ranking of all.
 SCREENED = 40
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """letter: D, A or E.  interest (d, s): columns that pick the parameters of interest (or combinations of them)."""
+    """letter: D, A or E.  interest (d, s): columns that pick the parameters of interest (or combinations of them).
+
+    softness: p < infinity for E, on the way to it.
+    """
 
     letter: Letter
     interest: FloatArray
     over: Over = "mean"
+    softness: float = np.inf
 
     def value(self, M: FloatArray) -> FloatArray:
         """phi (...) of information matrices M (S, ..., d, d), guesses taken together; -inf where one is singular."""
@@ -75,8 +81,14 @@ class Criterion:
         with np.errstate(divide="ignore", invalid="ignore"):
             if self.letter == "D":
                 phi = -np.mean(np.log(variances), axis=-1)
+            elif self.letter == "A":
+                phi = -np.log(variances.mean(axis=-1))
             else:
-                phi = -np.log(variances.mean(axis=-1) if self.letter == "A" else variances.max(axis=-1))
+                largest = variances.max(axis=-1)
+                phi = -np.log(largest)
+                if np.isfinite(self.softness):
+                    mean = np.mean((variances / largest[..., None]) ** self.softness, axis=-1)
+                    phi = phi - np.log(mean) / self.softness
         return np.where(np.isfinite(phi) & (variances > 0).all(axis=-1), phi, -np.inf)
 
     def slope(self, M: FloatArray) -> Slope:
@@ -85,13 +97,13 @@ class Criterion:
         X = self._solved(M)
         variances, V = np.linalg.eigh(K.T @ X)
         phi = self._hard(variances)
-        power = {"D": 0.0, "A": 1.0, "E": SOFT_EIGENVALUE}[self.letter]
+        power = {"D": 0.0, "A": 1.0, "E": min(self.softness, SOFT_EIGENVALUE)}[self.letter]
         relative = (variances / variances.max(axis=1, keepdims=True)) ** power
         share = relative / relative.sum(axis=1, keepdims=True)  # of each eigenvalue in the gradient
         # grad ln Phi_p = X V diag(share / variance) V^T X^T; for E so long that it bounds the smallest eigenvalue.
         scale = share / variances
         soft = phi
-        if self.letter == "E":
+        if self.letter == "E" and np.isinf(self.softness):
             soft = phi - np.log(np.mean(relative, axis=1)) / power
             scale = scale * (variances.max(axis=1) / (share * variances).sum(axis=1))[:, None]
         XV = X @ V
@@ -208,10 +220,10 @@ def whole(
     draw = np.random.default_rng(0)
     beginnings = [_apportioned(share, count), *draw.multinomial(count, share, BEGINNINGS - 1)]
     if criterion.letter == "E":
-        # The smallest eigenvalue alone is a poor guide from far away; the harmonic mean of all leads near.
-        beginnings = [
-            _exchanged(one, packed[:, looked_at], base, replace(criterion, letter="A"))[0] for one in beginnings
-        ]
+        # The smallest eigenvalue alone is a poor guide from far away; ever harder means of all lead near.
+        for softness in SOFTENED:
+            soft = replace(criterion, softness=softness)
+            beginnings = [_exchanged(one, packed[:, looked_at], base, soft)[0] for one in beginnings]
     ends = [_exchanged(one, packed[:, looked_at], base, criterion) for one in beginnings]
     numbers = np.zeros(len(weights), dtype=np.int64)
     numbers[looked_at] = max(ends, key=lambda end: end[1])[0]

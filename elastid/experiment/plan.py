@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,13 +130,19 @@ def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Co
 
 
 def make_plan(
-    excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int, chosen: Sequence[Chosen] = ()
+    excitation: MultisineSpec,
+    experiment: ExperimentSpec,
+    robot: Robot,
+    seed: int,
+    chosen: Sequence[Chosen] = (),
+    spectra: Mapping[str, FloatArray] | None = None,
 ) -> Plan:
     """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
-    chosen: configurations that a design has added to those of the study.  The phases of a set hang on seed,
-    configuration index and realisation alone, so that a further configuration or realisation leaves the others as they
-    were.  Raises StudyError for what the robot cannot do.
+    chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
+    has found, by the configuration's name.  The phases of a set hang on seed, configuration index and realisation
+    alone, so that a further configuration or realisation leaves the others as they were.  Raises StudyError for what
+    the robot cannot do.
     """
     # CasADi, which a plan as a value does not need.
     from elastid.experiment.injection import injected
@@ -148,7 +154,9 @@ def make_plan(
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
     for q, one in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(one.realisations)]
-        R[q, : len(draws)] = injected(excitation, experiment, robot, lines.excited, one.configuration, draws)[:, :E]
+        found = (spectra or {}).get(one.configuration.name)
+        every = injected(excitation, experiment, robot, lines.excited, one.configuration, draws, found)
+        R[q, : len(draws)] = every[:, :E]
     return Plan(
         configurations=tuple(one.configuration for one in everyone),
         inputs=robot.motor_locations,

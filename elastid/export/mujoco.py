@@ -32,13 +32,7 @@ def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
     _check_springs(model.robot)
     _refuse_other_drives(model.robot)
-    root = ET.Element("mujoco", model=model.robot.name)
-    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
-    ET.SubElement(root, "option", gravity=_numbers(model.robot.gravity), integrator="implicit", timestep="0.0005")
-    _bodies(ET.SubElement(root, "worldbody"), model.robot)
-    _tendons(root, model.robot)
-    _actuators(root, model.robot)
+    root = mjcf(model.robot)
     _keyframes(root, model)
     ET.indent(root)
     path = folder / "robot.xml"
@@ -71,6 +65,18 @@ def _refuse_other_drives(robot: Robot) -> None:
             f"export to MuJoCo: gears couple the axes of robot {robot.name}, which MJCF's armature cannot say; export "
             "to casadi or c, which hold all equations"
         )
+
+
+def mjcf(robot: Robot) -> ET.Element:
+    """The robot without keyframes."""
+    root = ET.Element("mujoco", model=robot.name)
+    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
+    _bodies(ET.SubElement(root, "worldbody"), robot)
+    _tendons(root, robot)
+    _actuators(root, robot)
+    return root
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:

@@ -90,7 +90,9 @@ def _measured_variance(response: FrequencyResponse, width: int) -> tuple[FloatAr
 def _smoothed_elements(response: FrequencyResponse, known: Covariance, width: int) -> tuple[FloatArray, FloatArray]:
     smooth, unbiased = np.zeros(response.G.shape), np.zeros(response.G.shape)
     for i, j in np.ndindex(response.G.shape[1:]):
-        smooth[:, i, j], unbiased[:, i, j] = smoothed(known.variance[:, i, j], response.G[:, i, j], known.dof, width)
+        weakness = None if known.left is None else known.left[:, j, j].real
+        v, G = known.variance[:, i, j], response.G[:, i, j]
+        smooth[:, i, j], unbiased[:, i, j] = smoothed(v, G, known.dof, width, weakness)
     return smooth, unbiased
 
 

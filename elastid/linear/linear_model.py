@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import FloatArray, frozen
+from elastid.linear.chain import Element
 from elastid.record import Configuration, Motion
 
 DELAY = "delay"
@@ -41,7 +42,8 @@ class LinearModel:
     """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
 
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
-    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d).  Link side, SI.
+    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
+    chain's elements.  Link side, SI.
     """
 
     configuration: Configuration
@@ -57,6 +59,7 @@ class LinearModel:
     outputs: tuple[str, ...]
     quantity: Motion
     T: FloatArray | None = None
+    chain: tuple[Element, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes; without T no output is an accelerometer."""

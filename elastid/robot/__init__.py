@@ -27,8 +27,10 @@ from __future__ import annotations
 
 from elastid.robot.assembly import FRAME_AXES, Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.chain import Chain
 from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.frame import Frame
+from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.gears import GearCoupling
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
@@ -44,19 +46,26 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "Chain",
     "CoilSpring",
     "Compensator",
+    "Dahl",
     "Frame",
+    "Friction",
     "GasSpring",
     "GearCoupling",
     "InertiaTensor",
     "Joint",
     "Limits",
+    "LoadDependence",
+    "LuGre",
+    "MaxwellSlip",
     "Motor",
     "Payload",
     "Placement",
     "Robot",
     "Spring",
+    "TemperatureDependence",
     "Vector3",
     "unit_axis",
 ]

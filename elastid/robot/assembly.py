@@ -10,6 +10,7 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.robot.body import BASE, Body
+from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
 from elastid.robot.frame import Frame
 from elastid.robot.gears import GearCoupling, check_gears, mixing
@@ -27,7 +28,7 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 class Robot:
     """Bodies in any order of listing that names parents first, gravity in the base frame, gears that couple axes.
 
-    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.
+    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.  chain: of measurement.
     Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
     is not there or that its joint has nothing to do with, gear ratios that form a singular matrix.
     """
@@ -40,6 +41,7 @@ class Robot:
     payload: Payload | None = None
     compensators: tuple[Compensator, ...] = ()
     gears: tuple[GearCoupling, ...] = ()
+    chain: Chain = Chain()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -195,7 +197,7 @@ class Robot:
             places |= below("payload", self.payload.numbers)
         for c, compensator in enumerate(self.compensators):
             places |= below("compensators", below(c, compensator.numbers))
-        return places
+        return places | below("chain", self.chain.numbers)
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit."""

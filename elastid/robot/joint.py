@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import field
 from typing import Literal
 
+from elastid.robot.friction import Friction
 from elastid.robot.geometry import Axis, unit_axis
 from elastid.robot.motor import Motor
 from elastid.robot.numbers import Numbers, below
@@ -56,6 +57,7 @@ class Joint:
     spring: Spring | None = None
     motor: Motor | None = None
     viscous: Damping = 0.0
+    friction: Friction | None = None
     limits: Limits = field(default_factory=Limits)
     motion: Literal["rotation", "translation"] = "rotation"
 
@@ -65,6 +67,8 @@ class Joint:
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
         self._check_units()
+        if self.friction is not None:
+            self.friction.check_passive(self.viscous)
 
     @property
     def is_flexible(self) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from elastid.robot.friction import Friction
 from elastid.robot.geometry import Axis, unit_axis
 from elastid.robot.numbers import Numbers, below
 from elastid.robot.spring import Spring
@@ -15,7 +16,8 @@ from elastid.units import Damping, Inertia, Torque
 class Motor:
     """A motor and its gear: inertia and friction on the motor side, ratio = motor turns per joint turn.
 
-    Link side: ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.
+    Link side: ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.  coulomb: dry friction that is Coulomb's alone;
+    `friction` in its place says more.
     spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own.
     on, axis: the body that carries the motor, and the direction in that body's axes about which the rotor turns where
     the motor does. The rotor then takes part in the carrier's rotation, T = inertia (axis . omega + ratio q_m')^2 / 2,
@@ -30,6 +32,7 @@ class Motor:
     spring: Spring | None = None
     on: str = ""
     axis: Axis | None = None
+    friction: Friction | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no motor can have."""
@@ -49,6 +52,12 @@ class Motor:
             )
         if self.axis is not None:
             unit_axis(self.axis)
+        if self.friction is not None:
+            if self.coulomb > 0:
+                raise ValueError(
+                    "coulomb and friction are both given; friction has a coulomb of its own, leave one out"
+                )
+            self.friction.check_passive(self.viscous)
 
     def numbers(self, joint: str) -> Numbers:
         """Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""

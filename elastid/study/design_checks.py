@@ -8,6 +8,7 @@ from pathlib import Path
 from elastid.errors import StudyError
 from elastid.experiment.design_spec import DesignSpec
 from elastid.experiment.interest import interest
+from elastid.experiment.robot_time import refusal
 from elastid.fit.choose import choose
 from elastid.names import did_you_mean
 from elastid.study.messages import Problem
@@ -29,6 +30,10 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
     if study.experiment.recorded is not None:
         problem = "the experiment is recorded: what was measured cannot be chosen any more; drop this section"
         yield Problem(_DESIGN, problem, at_key=True)
+    if study.excitation is not None and study.experiment.simulated is not None:
+        refused = refusal(design, study.excitation, study.experiment, len(study.robot.driven))
+        if refused:
+            yield Problem((*_DESIGN, "robot_time"), refused)
     yield from _parameters(study, design)
     yield from _candidates(study, design)
     earlier: list[tuple[KeyPath, str]] = [((*_DESIGN, "measured", i), path) for i, path in enumerate(design.measured)]
