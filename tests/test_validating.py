@@ -21,6 +21,7 @@ from elastid.validation.folds import Fold, fold_words, folded
 from elastid.validation.frequency import agreement
 
 FREQ_HZ = np.arange(2.0, 82.0, 0.5)
+NO_FLOOR = FitSpec(weights=replace(FitSpec().weights, floor=0.0))
 
 
 def run_of(study, folder, *overrides):
@@ -95,7 +96,7 @@ def words(pairs, finished, expected=1.0):
     power = sum(float(np.sum(np.abs((m.G - G.G) / 0.05) ** 2)) for m, G in pairs)
     n = sum(m.G.size for m, _ in pairs)
     result = replace(read_fit(finished / "run" / "fit.h5"), cost=power, cost_expected=n * expected, dof=2 * n)
-    return cost_words(result, measured, modelled, judged, FitSpec())
+    return cost_words(result, measured, modelled, judged, NO_FLOOR)
 
 
 def moved(pair, change):
@@ -158,7 +159,7 @@ def test_without_an_uncertainty_the_cost_is_in_units_of_the_floor(finished):
 def test_the_excess_is_counted_once_for_every_line_that_counts():
     """Shares of configurations and elements are of |E|^2 / sigma^2 - 1 where that is positive."""
     pairs = responses(np.random.default_rng(1))
-    excess = Excess.of(*zip(*pairs, strict=True), FitSpec())
+    excess = Excess.of(*zip(*pairs, strict=True), NO_FLOOR)
     assert len(excess.power) == len(excess.freq_hz) == sum(m.G.size for m, _ in pairs)
     assert np.mean(excess.power) == pytest.approx(1, abs=0.1)
     assert excess.largest(excess.configuration) is None

@@ -24,8 +24,8 @@ from elastid.validation.frequency import Agreement
 TOLERANCE = 0.1
 # A configuration or element is named that holds this part of the excess and twice its part of the lines.
 NAMED = 0.25
-# A band is named that holds half of the excess in at most this part of the whole, on a logarithmic axis.
-NARROW = 1 / 3
+# A band is named that holds half of the excess in at most this part of the lines.
+NARROW = 0.2
 # One line in a hundred that carries this part of the cost is an outlier.
 FEW, OUTLYING = 0.01, 0.3
 
@@ -66,17 +66,16 @@ class Excess:
         return (names[most], float(share[most])) if share[most] > max(NAMED, 2 * lines[most]) else None
 
     def band_hz(self) -> tuple[float, float] | None:
-        """The narrowest band with half of the excess, if it is narrow."""
+        """The band with half of the excess and the fewest of the lines, if these are few."""
         order = np.argsort(self.freq_hz, kind="stable")
         f, above = self.freq_hz[order], np.maximum(self.power - 1, 0.0)[order]
         total = np.concatenate([[0.0], np.cumsum(above)])
         last = np.searchsorted(total, total[:-1] + total[-1] / 2)
-        fits = last < len(total)
-        width = np.log(f[last[fits] - 1] / f[fits])
-        start = int(np.argmin(width))
-        if width[start] > NARROW * math.log(f[-1] / f[0]):
+        count = np.where(last < len(total), last - np.arange(len(f)), len(f))
+        start = int(np.argmin(count))
+        if count[start] > NARROW * len(f):
             return None
-        return float(f[fits][start]), float(f[last[fits][start] - 1])
+        return float(f[start]), float(f[last[start] - 1])
 
     @property
     def outlying(self) -> float:
@@ -120,19 +119,19 @@ def cost_words(
 
 def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
     """What kind of residuals these are, and so what is the matter."""
+    if not all(agreement.is_white for agreement in agreements):
+        return (
+            "They hang together along frequency, so the model lacks something that these data show, such as a mode, or "
+            "a number that was taken as known"
+        )
     if excess.outlying > OUTLYING:
         return (
             f"One line in a hundred carries {100 * excess.outlying:.0f} % of the cost: single lines are far off, as by "
             "interference or a grid of another rate; leave them out with fit.mask, or give the fit a robust loss"
         )
-    if all(agreement.is_white for agreement in agreements):
-        return (
-            "They are white along frequency, so it is rather the noise that is larger than its estimate, as where "
-            "friction differs from run to run: more realisations would tell"
-        )
     return (
-        "They hang together along frequency, so the model lacks something that these data show, such as a mode, or a "
-        "number that was taken as known"
+        "They are white along frequency, so it is rather the noise that is larger than its estimate, as where "
+        "friction differs from run to run: more realisations would tell"
     )
 
 
