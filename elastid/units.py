@@ -127,6 +127,8 @@ class InUnit:
         }
 
 
+AxialDamping: TypeAlias = Annotated[float, InUnit("N*s/m")]
+AxialStiffness: TypeAlias = Annotated[float, InUnit("N/m")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
 AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]

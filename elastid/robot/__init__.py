@@ -1,4 +1,4 @@
-"""Robot: a tree of rigid bodies with revolute joints, springs, gears and motors. Numbers only, no equations.
+"""Robot: a tree of rigid bodies with revolute joints, springs, gears, motors, loops. Numbers only, no equations.
 
 From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about
 axes of the frame reached so far. A joint is
@@ -6,14 +6,16 @@ axes of the frame reached so far. A joint is
 - driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
 - driven rigidly:                  motor, no spring   (one coordinate)
 - elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
-- free:                            neither
+- passive:                         neither (it hangs, or a loop moves it)
+
+Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod.
 
 Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
 give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link.
 
 Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
 Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm.
+the same inertia about every axis, I_arm; and of the rod of loop l: m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
+from elastid.robot.loop import End, Loop, Pin, Rod
 from elastid.robot.motor import Motor
 from elastid.robot.spring import Spring
 
@@ -31,12 +34,16 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "End",
     "InertiaTensor",
     "Joint",
     "Limits",
+    "Loop",
     "Motor",
+    "Pin",
     "Placement",
     "Robot",
+    "Rod",
     "Spring",
     "Vector3",
     "unit_axis",

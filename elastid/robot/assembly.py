@@ -1,27 +1,30 @@
-"""The whole robot: its bodies as a tree."""
+"""The whole robot: its bodies as a tree, and what closes the tree into loops."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 from elastid.errors import StudyError
+from elastid.names import did_you_mean
 from elastid.robot.body import BASE, Body
 from elastid.robot.geometry import Acceleration3
 from elastid.robot.joint import Joint
+from elastid.robot.loop import Loop
 from elastid.robot.numbers import Numbers, at, below, replaced
 from elastid.section import section
 
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame.
+    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies.
 
-    Raises ValueError for names given twice, unknown parents, a robot without a motor.
+    Raises ValueError for names given twice, unknown parents and bodies, a robot without a motor.
     """
 
     name: str
     bodies: tuple[Body, ...]
     gravity: Acceleration3 = (0.0, 0.0, -9.81)
+    loops: tuple[Loop, ...] = ()
     source: str = ""
 
     def __post_init__(self) -> None:
@@ -39,8 +42,25 @@ class Robot:
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"joint {name} is given twice")
+        self._check_loops()
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+
+    def _check_loops(self) -> None:
+        """Loops join bodies that exist and share no name with what has numbers of its own."""
+        bodies = [body.name for body in self.bodies]
+        joints = [joint.name for joint in self.joints]
+        for i, loop in enumerate(self.loops):
+            for end in loop.ends:
+                if end.body not in (BASE, *bodies):
+                    raise ValueError(
+                        f"loop {loop.name}: there is no body {end.body}; {did_you_mean(end.body, [BASE, *bodies])}"
+                    )
+            taken = bodies + joints + [other.name for other in self.loops[:i]]
+            if loop.name in taken:
+                raise ValueError(
+                    f"loop {loop.name}: a body, joint or loop is called so already; its numbers need a name of its own"
+                )
 
     @property
     def joints(self) -> tuple[Joint, ...]:
@@ -80,13 +100,15 @@ class Robot:
 
     @property
     def numbers(self) -> Numbers:
-        """Every number that has a name: its unit and its place, joint by joint, then body by body."""
+        """Every number that has a name: its unit and its place, joint by joint, then body by body, loop by loop."""
         places: Numbers = {}
         for b, body in enumerate(self.bodies):
             for j, joint in enumerate(body.joints):
                 places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
         for b, body in enumerate(self.bodies):
             places |= below("bodies", below(b, body.numbers))
+        for i, loop in enumerate(self.loops):
+            places |= below("loops", below(i, loop.numbers))
         return places
 
     def parameters(self) -> dict[str, tuple[float, str]]:

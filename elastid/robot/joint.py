@@ -32,7 +32,10 @@ class Limits:
 
 @section
 class Joint:
-    """A rotation about `axis`, with a spring, a motor, both or neither; viscous friction acts across the joint."""
+    """A rotation about `axis`, with a spring, a motor, both or neither; viscous friction acts across the joint.
+
+    start: its angle where loops are put together, which decides between the two ways in which most loops close.
+    """
 
     name: str
     axis: Axis = "z"
@@ -40,12 +43,18 @@ class Joint:
     motor: Motor | None = None
     viscous: Damping = 0.0
     limits: Limits = field(default_factory=Limits)
+    start: Angle = 0.0
 
     def __post_init__(self) -> None:
         """Check axis and friction."""
         unit_axis(self.axis)
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+
+    @property
+    def is_passive(self) -> bool:
+        """Neither driven nor elastic: it hangs, or a loop moves it."""
+        return self.motor is None and self.spring is None
 
     @property
     def is_flexible(self) -> bool:
