@@ -5,6 +5,9 @@ r"""ElasticModel about a configuration -> LinearModel, with exact derivatives to
 
 Springs, gravity and, with multipliers, the geometric stiffness come from one Hessian. Coriolis terms are quadratic in
 the velocities and leave nothing. The operating point is held while the derivatives are taken.
+
+Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z of each matrix
+and slope, Z^T B and C Z. Nothing beyond this line knows that there were any.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from elastid.arrays import FloatArray
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.partition import motions
 from elastid.record import Configuration, Motion
 
 
@@ -52,7 +56,8 @@ class Linearisation:
         model = self.model
         point = equilibrium(model, theta, configuration)
         triangles, slopes = self.matrices(point.q, point.lambda_, theta)
-        M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
+        Z = motions(model, model.constraint_jacobian(point.q, theta).full())
+        M, D, K = (_projected(Z, _symmetric(column, model.n_q)) for column in triangles.full().T)
         return LinearModel(
             configuration=configuration,
             parameters=(*model.parameters, DELAY),
@@ -60,9 +65,9 @@ class Linearisation:
             M=M,
             D=D,
             K=K,
-            slopes=_slopes(model, slopes.full()),
-            B=model.B,
-            C=model.output_jacobian(point.q, outputs),
+            slopes=_slopes(model, slopes.full(), Z),
+            B=Z.T @ model.B,
+            C=model.output_jacobian(point.q, outputs) @ Z,
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
@@ -87,11 +92,21 @@ def _symmetric(triangle: FloatArray, n: int) -> FloatArray:
     return full + np.tril(full, -1).T
 
 
-def _slopes(model: ElasticModel, jacobian: FloatArray) -> dict[str, Slope]:
+def _projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Z^T matrix Z, symmetric to the last bit."""
+    if len(Z) == Z.shape[1]:
+        return matrix  # no constraint: Z is the unit matrix
+    product = Z.T @ matrix @ Z
+    return (product + product.T) / 2
+
+
+def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[str, Slope]:
     """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
     slopes = {}
     for name, column in zip(model.parameters, jacobian.T, strict=True):
         if np.any(column):
-            M, D, K = (_symmetric(part, model.n_q) if np.any(part) else None for part in np.split(column, 3))
+            M, D, K = (
+                _projected(Z, _symmetric(part, model.n_q)) if np.any(part) else None for part in np.split(column, 3)
+            )
             slopes[name] = Slope(M, D, K)
     return slopes

@@ -15,7 +15,7 @@ give them, and its ratio (motor turns per joint turn, negative where it turns th
 
 Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
 Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm; and of the rod of loop l: m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
+the same inertia about every axis, I_arm; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
-from elastid.robot.loop import End, Loop, Pin, Rod
+from elastid.robot.loop import Anchor, Loop, Pin, Rod
 from elastid.robot.motor import Motor
 from elastid.robot.spring import Spring
 
 __all__ = [
     "BASE",
     "Acceleration3",
+    "Anchor",
     "Angles3",
     "Axis",
     "Body",
-    "End",
     "InertiaTensor",
     "Joint",
     "Limits",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from elastid.robot.body import BASE
 from elastid.robot.geometry import Axis, Vector3, unit_axis
 from elastid.robot.numbers import Numbers, below
 from elastid.section import section
@@ -9,11 +10,11 @@ from elastid.units import AxialDamping, AxialStiffness, Inertia, Length, Mass
 
 
 @section
-class End:
-    """A point of a body, or of the `base`, in the body's axes (m)."""
+class Anchor:
+    """A point of a body, in the body's axes, m."""
 
-    body: str
-    at: Vector3 = (0.0, 0.0, 0.0)
+    body: str = BASE
+    point: Vector3 = (0.0, 0.0, 0.0)
 
 
 @section
@@ -89,7 +90,7 @@ class Loop:
     """
 
     name: str
-    ends: tuple[End, End]
+    ends: tuple[Anchor, Anchor]
     pin: Pin | None = None
     rod: Rod | None = None
 
