@@ -57,7 +57,7 @@ class Mechanism:
 
 @lru_cache(maxsize=8)
 def mechanism(robot: Robot) -> Mechanism:
-    """Built once in a process."""
+    """Built once in a process for each robot."""
     q = ca.SX.sym("q", len(robot.joints))
     found = closures(robot, q)
     rows, gaps = ca.vertcat(*(one.rows for one in found)), ca.vertcat(*(one.gap for one in found))
@@ -74,11 +74,11 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
     """
     if not robot.loops:
-        return _open(robot, angles[None])[0]
+        return _open(robot, angles)
     parts = mechanism(robot)
-    (q,) = followed(robot, angles[None])
-    gap = np.abs(parts.rows(q[None])[0][0])
-    if not gap.max() <= CLOSED:
+    q = followed(robot, angles[None]).ravel()
+    phi, _ = parts.rows(q[None])
+    if not np.abs(phi).max(initial=0.0) <= CLOSED:
         raise StudyError(_why_open(parts, angles))
     _check_posture(parts, q)
     return q
@@ -138,8 +138,8 @@ def _closed_at_start(parts: Mechanism, q: FloatArray) -> FloatArray:
 
 
 def _open(robot: Robot, angles: FloatArray) -> FloatArray:
-    q = np.zeros((len(angles), len(robot.joints)))
-    q[:, [i for i, joint in enumerate(robot.joints) if joint.motor is not None]] = angles
+    q = np.zeros((*angles.shape[:-1], len(robot.joints)))
+    q[..., [i for i, joint in enumerate(robot.joints) if joint.motor is not None]] = angles
     return q
 
 
@@ -152,7 +152,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
     loop, gap = _widest(robot, start if at_start else end)
     if at_start:
         return (
-            f"loop {loop} does not close at the start posture: {gap} stay open; correct its ends or its rod's length, "
+            f"loop {loop} does not close at the start posture: {gap}; correct its ends or its rod's length, "
             "or the `start` of its joints"
         )
     locked = _locked(parts, start)
@@ -162,7 +162,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
             "without motor and spring, or drop a constraint"
         )
     return (
-        f"loop {loop} does not close: {gap} stay open at the driven joints' angles "
+        f"loop {loop} does not close: {gap} at the driven joints' angles "
         f"{', '.join(f'{a:.4g}' for a in angles)}, followed from the start posture; move them nearer to it, or correct "
         "the loop's ends or its rod's length"
     )
@@ -189,9 +189,9 @@ def _widest(robot: Robot, q: FloatArray) -> tuple[str, str]:
     if worst.loop.rod is not None:
         return (
             worst.loop.name,
-            f"its ends are {1e3 * gap:.4g} mm apart, the rod is {1e3 * worst.loop.rod.length:.4g} mm",
+            (f"its ends are {1e3 * gap:.4g} mm apart, the rod is {1e3 * worst.loop.rod.length:.4g} mm long"),
         )
-    return worst.loop.name, f"{1e3 * max(gap, 0.0):.4g} mm between its ends (rows: {max(rows):.3g})"
+    return worst.loop.name, f"its ends are {1e3 * gap:.4g} mm apart"
 
 
 def _check_posture(parts: Mechanism, q: FloatArray) -> None:
