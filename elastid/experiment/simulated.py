@@ -26,9 +26,14 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.controller import Gains, rigid_motion, tuned
+from elastid.simulation.constrained import violation
+from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
+from elastid.simulation.spec import StabilisationSpec
 from elastid.units import Quantity, to_si
+
+# m between the ends of a loop that a simulation may leave without a word.
+OPEN = 1e-6
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,7 @@ class SimulatedRig:
         measured = slice(end - plan.periods * plan.period_samples, end)
         u, y = trajectory.u + noise.torque[:end], _sensed(trajectory, plant.model, q0, self.outputs, noise)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
-            C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model)
+            C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model, q0)
             u, y = u - given.feed_forward[:end], y - (given.position[:end] - experiment.configuration.angles) @ C.T
         position: Motion = "position"
         return Record(
@@ -105,7 +110,10 @@ class SimulatedRig:
             u=u[measured],
             y=y[measured],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
-            notes=_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
+            notes=(
+                *_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
+                *_opened(plant.model, trajectory),
+            ),
             hold="zero-order",
         )
 
@@ -123,7 +131,12 @@ class SimulatedRig:
         """The true robot, its equilibrium, and what its controller is given."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
         plant = _plant(
-            true_robot(self.robot, spec.truth), spec.model, rate_hz, spec.substeps, spec.noise.encoder_counts
+            true_robot(self.robot, spec.truth),
+            spec.model,
+            spec.loops,
+            rate_hz,
+            spec.substeps,
+            spec.noise.encoder_counts,
         )
         q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
         _check_steps(plant, q0, experiment, spec.substeps, rate_hz)
@@ -146,7 +159,7 @@ class SimulatedRig:
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
-        start = q0 + rigid_motion(plant.model) @ (given.position[0] - experiment.configuration.angles)
+        (start,) = rigid_path(plant.model, q0, experiment.configuration.angles, given.position[:1])
         return _run(plant.loop, gains, commands, start, experiment)
 
 
@@ -182,7 +195,9 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 
 
 @lru_cache(maxsize=4)
-def _plant(robot: Robot, equations: ModelSpec, rate_hz: float, substeps: int, encoder_counts: int) -> _Plant:
+def _plant(
+    robot: Robot, equations: ModelSpec, loops: StabilisationSpec, rate_hz: float, substeps: int, encoder_counts: int
+) -> _Plant:
     """Built once in a process: CasADi expressions do not pickle."""
     model = formulate(robot, equations)
     motors = [(joint.motor, joint.limits) for joint in robot.driven if joint.motor is not None]
@@ -190,7 +205,7 @@ def _plant(robot: Robot, equations: ModelSpec, rate_hz: float, substeps: int, en
     per_turn = [encoder_counts * abs(motor.ratio) for motor, _ in motors]
     resolution = np.array([2 * math.pi / counts if counts else 0.0 for counts in per_turn])
     limits = np.array([limits.angle for _, limits in motors])
-    return _Plant(model, closed_loop(model, coulomb, limits, rate_hz, substeps, resolution), coulomb)
+    return _Plant(model, closed_loop(model, coulomb, limits, rate_hz, substeps, resolution, loops), coulomb)
 
 
 def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
@@ -244,6 +259,17 @@ def _sensed(
         elif place.startswith("body "):
             y[:, column] -= C[column] @ q0
     return y
+
+
+def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """A word where the loops did not stay closed."""
+    left = violation(model, trajectory.q)
+    if left <= OPEN:
+        return ()
+    return (
+        f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; set "
+        "experiment.simulated.loops.project: true, or take more substeps",
+    )
 
 
 def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:

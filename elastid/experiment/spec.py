@@ -11,6 +11,7 @@ from elastid.arrays import FloatArray
 from elastid.model.spec import ModelSpec
 from elastid.record import MOTION_UNIT
 from elastid.section import section
+from elastid.simulation.spec import StabilisationSpec
 from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Time, Torque, TorqueConstant
 
 # Whatever is more is a slip of the pen.
@@ -100,6 +101,7 @@ class SimulatedSpec:
 
     truth: parameter name to value.  outputs: places that are logged (default: every motor).
     substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
+    loops: how those of a linkage are kept closed.
     """
 
     truth: dict[str, Quantity] = field(default_factory=dict)
@@ -109,6 +111,7 @@ class SimulatedSpec:
     noise: NoiseSpec = NoiseSpec()
     substeps: int = 2
     model: ModelSpec = ModelSpec()
+    loops: StabilisationSpec = StabilisationSpec()
 
     def __post_init__(self) -> None:
         """Refuse a simulation without steps, and outputs that would count twice."""

@@ -14,14 +14,18 @@ import numpy as np
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import DataError
 from elastid.model.elastic import ElasticModel
+from elastid.simulation.constrained import projection
 from elastid.simulation.controller import Gains, feedback
 from elastid.simulation.dynamics import acceleration, runge_kutta
+from elastid.simulation.spec import StabilisationSpec
 
 # Samples between two looks at the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK = 1000
 
 # rad on the link side. A joint that is a whole turn from its reference is not coming back.
 LOST = 2 * np.pi
+
+PROJECTED = StabilisationSpec()
 
 
 @dataclass(frozen=True)
@@ -76,10 +80,12 @@ def closed_loop(
     rate_hz: float,
     substeps: int,
     resolution: FloatArray,
+    loops: StabilisationSpec = PROJECTED,
 ) -> ClosedLoop:
     """Close the loop around a model with Coulomb friction (n_u,) in Nm, link side.
 
     substeps: Runge-Kutta steps in a sample.  resolution (n_u,): rad per encoder count, link side, 0 for unlimited.
+    loops: how they are kept closed.
     """
     q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
     names = ("last", "position", "velocity", "torque", "disturbance", "reading_noise", "kp", "kd")
@@ -87,8 +93,11 @@ def closed_loop(
     last, position, velocity, torque, disturbance, noise, kp, kd = signals
     reading = _counted(ca.DM(model.B).T @ q + noise, resolution)
     u = torque + feedback(reading, last, position, velocity, kp, kd, rate_hz)
-    step = runge_kutta(acceleration(model, coulomb), 1 / (rate_hz * substeps), substeps)
-    sample = ca.Function("sample", [q, v, *signals], [*step(q, v, u + disturbance), reading, u])
+    step = runge_kutta(acceleration(model, coulomb, loops.alpha, loops.beta), 1 / (rate_hz * substeps), substeps)
+    q_next, v_next = step(q, v, u + disturbance)
+    if model.n_c and loops.project:
+        q_next, v_next = projection(model)(q_next, v_next)
+    sample = ca.Function("sample", [q, v, *signals], [q_next, v_next, reading, u])
     return ClosedLoop(model.inputs, limits, model.B, rate_hz, sample.mapaccum("closed_loop", CHUNK, 3, {}))
 
 

@@ -2,7 +2,7 @@ r"""Accelerations of an elastic model with friction, and their integration over 
 
 .. math:: \ddot q = M(q)^{-1} [B (u - \tau_f(B^T \dot q)) - f(q, \dot q)]
 
-eqs. (2.9) and (2.11) of Niglis & Oberg (2015), without constraints. Link side, SI.
+eqs. (2.9) and (2.11) of Niglis & Oberg (2015); with constraints `constrained`. Link side, SI.
 """
 
 from __future__ import annotations
@@ -13,23 +13,35 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.friction.static import SLIDING_VELOCITY, coulomb_expression
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.partition import motions
+from elastid.simulation.constrained import constrained_acceleration
 
 # RK4 damps or keeps |h lambda| up to 2.785 on the negative real axis and 2.828 on the imaginary one.
 STABLE_STEP = 2.5
 
 
-def acceleration(model: ElasticModel, coulomb: FloatArray) -> ca.Function:
-    """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) in Nm.
+def free_acceleration(model: ElasticModel) -> ca.Function:
+    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
 
     M = L D L^T is factorised in symbols with its zeros: without pivots, which a positive definite M does not need, and
     free for the motors, whose rows of M are diagonal.
     """
+    q, v, torque = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("torque", model.n_q)
+    D, LT, order = ca.ldl(ca.sparsify(model.mass(q, model.theta)))
+    a = ca.ldl_solve(torque - model.force(q, v, model.theta), D, LT, order)
+    return ca.Function("free_acceleration", [q, v, torque], [a], {"cse": True})
+
+
+def acceleration(model: ElasticModel, coulomb: FloatArray, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
+    """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) of the motors in Nm.
+
+    alpha, beta: of Baumgarte's terms, where the model has constraints (`constrained`).
+    """
     q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
-    M = ca.sparsify(model.mass(q, model.theta))
     B = ca.DM(model.B)
-    torque = B @ (u - coulomb_expression(B.T @ v, coulomb)) - model.force(q, v, model.theta)
-    D, LT, order = ca.ldl(M)
-    return ca.Function("acceleration", [q, v, u], [ca.ldl_solve(torque, D, LT, order)], {"cse": True})
+    torque = B @ (u - coulomb_expression(B.T @ v, coulomb))
+    a = constrained_acceleration(model, alpha, beta) if model.n_c else free_acceleration(model)
+    return ca.Function("acceleration", [q, v, u], [a(q, v, torque)], {"cse": True})
 
 
 def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Function:
@@ -65,5 +77,7 @@ def fastest_rate(model: ElasticModel, coulomb: FloatArray, q: FloatArray) -> flo
         )
     )
     D = D + model.B @ np.diag(coulomb / SLIDING_VELOCITY) @ model.B.T
-    A = np.block([[np.zeros_like(M), np.eye(model.n_q)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    Z = motions(model, model.constraint_jacobian(q, model.theta).full())
+    M, D, K = (Z.T @ matrix @ Z for matrix in (M, D, K))
+    A = np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return float(np.abs(np.linalg.eigvals(A)).max())
