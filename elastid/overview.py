@@ -27,7 +27,10 @@ def _robot(study: Study) -> Iterator[str]:
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
     coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
-    yield f"  {coordinates}, {study.model.formulation} model"
+    loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
+    variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
+    yield f"  {coordinates}{loops}, {formulation} model{variant}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:
