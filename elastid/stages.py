@@ -205,6 +205,23 @@ def validate(run: Run) -> None:
     run.console.say(f"validate: {validation.verdict}")
 
 
+def export(run: Run, target: str) -> tuple[Path, ...]:
+    """export/<target>/: the identified model for another tool; StudyError where there is no current fit."""
+    from elastid.export.identified import identified
+    from elastid.export.targets import TARGETS
+
+    run.require("validate")  # reads what an export reads
+    responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
+    folder = run.folder / "export" / target
+    shutil.rmtree(folder, ignore_errors=True)
+    paths = TARGETS[target](folder, identified(run.study.name, run.study.robot, result, responses, run.study.model))
+    if result.status not in TRUSTED:
+        run.console.warn(f"export: the fit is not to be trusted ({result.status.replace('_', ' ')}): {result.message}")
+    for path in paths:
+        run.console.say(f"export: {path}")
+    return paths
+
+
 def report(run: Run) -> None:
     """report.html and figures/."""
     from elastid.report.content import ReportContent  # matplotlib: half a second that no other stage needs
