@@ -15,7 +15,8 @@ Values (floor 1): `units` and `section` (how a study's numbers and sections are 
 Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; the simulated and the
 recorded rig; responses of other programs), `frf` (records to responses and their covariance).
 
-Model wing: `model` (equations of motion in CasADi), `friction`, `simulation` (closed loop in time), `linear`
+Model wing: `model` (equations of motion in CasADi: `formulation` chooses `serial` or, for robots with loops, one of
+`parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear`
 (equilibrium, linearisation, frequency response and its derivatives, modes).
 
 Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).

@@ -17,6 +17,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.errors import StudyError
 from elastid.export.identified import Identified
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Robot, unit_axis
@@ -28,6 +29,11 @@ _LEAST = 1e-12
 
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
+    if model.robot.loops:
+        raise StudyError(
+            f"robot {model.robot.name} has loops ({', '.join(loop.name for loop in model.robot.loops)}), whose "
+            "rods are no bodies and have no place in this MJCF; export to casadi, c, control or matlab"
+        )
     root = ET.Element("mujoco", model=model.robot.name)
     # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
