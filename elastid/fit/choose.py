@@ -62,7 +62,7 @@ def _match(given: Mapping[str, ParameterSpec], table: Mapping[str, object]) -> d
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
-    """Every stiffness, and every damping of a spring and friction of a motor that is not zero."""
+    """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
     names = []
     for joint in robot.joints:
         if joint.spring is not None:
@@ -71,6 +71,9 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
             names.append(f"d_{joint.name}")
         if joint.motor is not None and joint.motor.viscous > 0:
             names.append(f"fm_{joint.name}")
+    for loop in robot.loops:
+        if loop.rod is not None and loop.rod.is_elastic:
+            names += [f"k_{loop.name}"] + [f"d_{loop.name}"] * (loop.rod.damping > 0)
     return {name: ParameterSpec() for name in names}
 
 
@@ -80,6 +83,7 @@ def _linear_names(robot: Robot) -> set[str]:
     for body in robot.bodies:
         names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
         names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
+    names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
     return names
 
 

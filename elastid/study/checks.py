@@ -76,16 +76,22 @@ def check_lines(study: Study) -> Iterator[Problem]:
 
 
 def _formulation(study: Study) -> Iterator[Problem]:
-    """A tree is serial, loops are not."""
-    simulated = study.experiment.simulated
+    """A tree is serial, loops are not; independent coordinates are coordinates."""
+    robot, simulated = study.robot, study.experiment.simulated
+    coordinates = [f"joint {joint.name}" for joint in robot.joints] + [
+        f"motor {joint.name}" for joint in robot.flexible
+    ]
+    for i, name in enumerate(study.model.independent):
+        if name not in coordinates:
+            yield _unknown(("model", "independent", i), "coordinate", name, coordinates)
     for path, spec in (
         (("model",), study.model),
         (("experiment", "simulated", "model"), simulated.model if simulated is not None else study.model),
     ):
-        if spec.formulation == "serial" and study.robot.loops:
-            loops = ", ".join(loop.name for loop in study.robot.loops)
+        if spec.formulation == "serial" and robot.loops:
+            loops = ", ".join(loop.name for loop in robot.loops)
             yield Problem(
-                (*path, "formulation"), f"robot {study.robot.name} has loops ({loops}); take constrained or minimal"
+                (*path, "formulation"), f"robot {robot.name} has loops ({loops}); take constrained or minimal"
             )
             return
 
