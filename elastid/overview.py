@@ -26,11 +26,26 @@ def _robot(study: Study) -> Iterator[str]:
         f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
+    yield from _nonlinear(study)
     coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
     loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
     formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
     variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
     yield f"  {coordinates}{loops}, {formulation} model{variant}"
+
+
+def _nonlinear(study: Study) -> Iterator[str]:
+    """Springs that have no one stiffness, and what carries part of the weight."""
+    springs = {joint.name: joint.spring for joint in study.robot.joints if joint.spring is not None}
+    bent = [name for name, spring in springs.items() if not spring.is_linear]
+    if bent:
+        yield f"  nonlinear springs: {', '.join(bent)}; the fit sees their tangent where gravity leaves them"
+    gaps = [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]
+    if gaps:
+        yield f"  backlash: {', '.join(gaps)}; it wants configurations in which gravity loads these joints"
+    for compensator in study.robot.compensators:
+        kind = "coil" if compensator.coil is not None else "gas spring"
+        yield f"  compensator {compensator.name}: {kind} from {' to '.join(end.body for end in compensator.ends)}"
 
 
 def _unknowns(study: Study) -> Iterator[str]:

@@ -44,6 +44,8 @@ TABLE: dict[str, tuple[str, float]] = {
     "kN*m/rad": ("N*m/rad", 1e3),
     "MN*m/rad": ("N*m/rad", 1e6),
     "N*m/deg": ("N*m/rad", 180 / math.pi),
+    "N*m/rad^2": ("N*m/rad^2", 1.0),
+    "N*m/rad^3": ("N*m/rad^3", 1.0),
     "N*m*s/rad": ("N*m*s/rad", 1.0),
     "kN*m*s/rad": ("N*m*s/rad", 1e3),
     "kg": ("kg", 1.0),
@@ -130,15 +132,19 @@ class InUnit:
 
 
 AxialDamping: TypeAlias = Annotated[float, InUnit("N*s/m")]
-AxialStiffness: TypeAlias = Annotated[float, InUnit("N/m")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
 AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]
+CubicStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^3")]
 Damping: TypeAlias = Annotated[float, InUnit("N*m*s/rad")]
+Force: TypeAlias = Annotated[float, InUnit("N")]
 Frequency: TypeAlias = Annotated[float, InUnit("Hz")]
 Inertia: TypeAlias = Annotated[float, InUnit("kg*m^2")]
 Length: TypeAlias = Annotated[float, InUnit("m")]
+LinearStiffness: TypeAlias = Annotated[float, InUnit("N/m")]
 Mass: TypeAlias = Annotated[float, InUnit("kg")]
+QuadraticStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^2")]
+Ratio: TypeAlias = Annotated[float, InUnit("1")]
 Stiffness: TypeAlias = Annotated[float, InUnit("N*m/rad")]
 Time: TypeAlias = Annotated[float, InUnit("s")]
 Torque: TypeAlias = Annotated[float, InUnit("N*m")]

@@ -16,6 +16,7 @@ from ruamel.yaml import YAML
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.cli import run_command
+from elastid.errors import StudyError
 from elastid.experiment.responses.reading import link_side_response, read_table
 from elastid.experiment.spec import ChannelSpec, ResponseFileSpec, ResponsesSpec
 from elastid.export.identified import Identified, identified
@@ -29,7 +30,7 @@ from elastid.linear.statespace import state_space
 from elastid.linear.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
-from elastid.robot import Robot
+from elastid.robot import Anchor, CoilSpring, Compensator, Robot
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = {
@@ -221,3 +222,14 @@ def test_the_command_offers_every_target() -> None:
     from elastid.cli import _TARGETS
 
     assert list(TARGETS) == _TARGETS
+
+
+def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, model: Identified) -> None:
+    """A cubic gear or a compensator has no place in MJCF: refused by name."""
+    body = next(body for body in model.robot.bodies if any(j.spring is not None for j in body.joints))
+    joints = tuple(replace(j, spring=replace(j.spring, cubic=1.0)) if j.spring is not None else j for j in body.joints)
+    bodies = tuple(replace(b, joints=joints) if b.name == body.name else b for b in model.robot.bodies)
+    ends = (Anchor("base"), Anchor(body.name, (0.0, 0.0, 0.1)))
+    bent = replace(model.robot, bodies=bodies, compensators=(Compensator("c", ends, coil=CoilSpring(1.0)),))
+    with pytest.raises(StudyError, match=r"linear joint springs only, and the spring of joint .*, compensator c would"):
+        TARGETS["mujoco"](tmp_path, replace(model, robot=bent))

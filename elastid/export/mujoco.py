@@ -34,6 +34,7 @@ def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
             f"robot {model.robot.name} has loops ({', '.join(loop.name for loop in model.robot.loops)}), whose "
             "rods are no bodies and have no place in this MJCF; export to casadi, c, control or matlab"
         )
+    _check_springs(model.robot)
     root = ET.Element("mujoco", model=model.robot.name)
     # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
@@ -47,6 +48,16 @@ def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     with text_file(path) as file:
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
+
+
+def _check_springs(robot: Robot) -> None:
+    bent = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    beyond = [*bent, *(f"compensator {compensator.name}" for compensator in robot.compensators)]
+    if beyond:
+        raise StudyError(
+            f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(beyond)} would be lost; "
+            "export to casadi or c instead"
+        )
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:

@@ -1,7 +1,7 @@
 """Which parameters are identified: the robot's numbers under the `fit.parameters` of a study.
 
-Stiffness, damping, friction, inertia and mass are logarithmic; centres of mass, products of inertia and the delay are
-linear. What a study does not name keeps the robot's number.
+Stiffness, damping, friction, inertia and mass are logarithmic; centres of mass, products of inertia, a spring's
+quadratic terms, a compensator's length and the delay are linear. What a study does not name keeps the robot's number.
 """
 
 from __future__ import annotations
@@ -84,6 +84,8 @@ def _linear_names(robot: Robot) -> set[str]:
         names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
         names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
     names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
+    names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
+    names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
     return names
 
 

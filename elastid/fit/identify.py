@@ -3,13 +3,14 @@ r"""identify: measured responses and a robot -> elastic parameters with their ce
     choose -> weigh -> linearise -> search (log, then the criterion, from many starts) -> settle -> certainty
 
 Settle: the operating point moves with the stiffnesses under gravity, so the model is linearised again at the result
-and solved again until nothing moves.
+and solved again until nothing moves. Where springs are nonlinear the search itself linearises at every step.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,14 +21,18 @@ from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.explained import explained, sign_words
 from elastid.fit.findings import at_bound, findings, status_and_message
+from elastid.fit.moving import MovingFit
 from elastid.fit.multistart import multistart, spread
+from elastid.fit.problem import LeastSquares
 from elastid.fit.residuals import Criterion
 from elastid.fit.result import FitResult, Start
 from elastid.fit.solvers import distance, solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, check_masks, weigh
+from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.preload import spring_words
 from elastid.linear.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
@@ -74,12 +79,13 @@ def identify(
             "lines"
         )
     refuse_without_effect(fit)
-    stages = [assembly.at(parameters.x, "log")] if spec.log_first and spec.criterion == "complex" else []
+    criteria: list[Criterion] = ["log"] if spec.log_first and spec.criterion == "complex" else []
+    stages = [assembly.problem(parameters.x, criterion) for criterion in (*criteria, spec.criterion)]
     starts = spread(parameters, spec.starts, spec.start_factor, seed)
-    ranked, hits = multistart([stage.problem for stage in (*stages, fit)], starts, jobs, progress)
+    ranked, hits = multistart(stages, starts, jobs, progress)
     end, fit, moved = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(fit, assembly.responses, assembly.weights, end.x)
-    return _result(fit, end, sure, ranked, hits, (*assembly.notes, *moved))
+    return _result(fit, end, sure, ranked, hits, (*assembly.notes, *moved, *assembly.spring_words(end.x)))
 
 
 def predict(
@@ -121,10 +127,23 @@ class Assembly:
         """What the weights left out."""
         return tuple(note for weight in self.weights for note in weight.notes)
 
+    def spring_words(self, x: FloatArray) -> tuple[str, ...]:
+        """Springs that no one stiffness describes where the robot rests at x."""
+        model, theta = self.linearisation.model, self.parameters.expand(x)[:-1]
+        configurations = {response.configuration.name: response.configuration for response in self.responses}
+        return spring_words(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
+
     def at(self, x: FloatArray, criterion: Criterion) -> ElasticFit:
         """The fit with every configuration linearised at x."""
         models = _linearised(self.linearisation, self.responses, self.parameters.expand(x))
         return elastic_fit(self.responses, models, self.weights, self.parameters, criterion)
+
+    def problem(self, x: FloatArray, criterion: Criterion) -> LeastSquares:
+        """What the search solves: linearised at x once, or anew wherever it gets to if springs are nonlinear."""
+        fit = self.at(x, criterion)
+        if not self.linearisation.follows:
+            return fit.problem
+        return MovingFit(partial(self.at, criterion=criterion), fit).problem
 
 
 def refuse_without_effect(fit: ElasticFit) -> None:

@@ -24,6 +24,9 @@ LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another bra
 SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
 CLOSED = 1e-9  # m or rad: what rounding may leave of a constraint
 SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
+SMALL_STEP = 1e-9  # rad: below, rounding decides whether a step leads downhill
+HALVINGS = 30
+LARGEST_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
 
 
 @dataclass(frozen=True)
@@ -47,50 +50,89 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side.
     StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
-    held = np.array([model.index(motor) for motor in model.inputs])
-    free = np.setdiff1d(np.arange(model.n_q), held)
-    q, lambda_ = rigid_posture(model, configuration), np.zeros(model.n_c)
-    torque, K, phi, Phi = _balance(model, theta, q, lambda_)
-    gravity = torque
-    _check_finite(model, configuration, np.column_stack([torque, K]))
+    free = free_coordinates(model)
+    q = rigid_posture(model, configuration)
+    rigid = q.copy()
+    now = _balance(model, theta, q, free)
+    gravity = model.potential_gradient(q, theta).full()[:, 0]
+    _check_finite(model, configuration, np.column_stack([gravity, now.K]))
     for _ in range(MAX_STEPS):
-        step, lambda_step = _newton(K[np.ix_(free, free)], Phi[:, free], torque[free], phi)
+        # Back onto the loops, and downhill along them.
+        Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
+        close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
+        pull = Z.T @ (now.torque[free] + K @ close)
+        step = np.zeros(model.n_q)
+        step[free] = close + Z @ _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         largest = np.abs(step).max(initial=0.0)
-        part = min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP))
-        q[free] += part * step
-        lambda_ += part * lambda_step
-        torque, K, phi, Phi = _balance(model, theta, q, lambda_)
+        step *= min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP))
+        q, now = _shortened(model, theta, q, now, step, free)
         if largest <= SMALLEST_STEP:
             break
-    rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(K).max()
-    _check_closed(model, configuration, phi)
-    _check_rest(model, configuration, free, torque, rounding)
-    _check_stable(model, configuration, free, K, Phi)
-    Z = motions(model, Phi)
-    _check_inertia(model, configuration, model.mass(q, theta).full(), Z)
-    return OperatingPoint(configuration, q, lambda_, model.B.T @ torque)
+    rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(now.K).max()
+    _check_closed(model, configuration, now.phi)
+    _check_rest(model, configuration, free, now.torque, rounding)
+    _check_stable(model, configuration, free, now.K, now.Phi)
+    _check_deflections(model, configuration, q - rigid)
+    _check_inertia(model, configuration, model.mass(q, theta).full(), motions(model, now.Phi))
+    return OperatingPoint(configuration, q, now.lambda_, model.B.T @ now.torque)
 
 
-def _balance(
-    model: ElasticModel, theta: FloatArray, q: FloatArray, lambda_: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """What is left of dV/dq + Phi^T lambda (n_q,), its Jacobian K (n_q, n_q), phi (n_c,) and Phi (n_c, n_q)."""
-    torque, K = model.potential_gradient(q, theta).full()[:, 0], model.stiffness(q, lambda_, theta).full()
+@dataclass(frozen=True)
+class _Balance:
+    """torque (n_q,) = dV/dq + Phi^T lambda, K its Jacobian, phi (n_c,), Phi (n_c, n_q), lambda_ (n_c,)."""
+
+    torque: FloatArray
+    K: FloatArray
+    phi: FloatArray
+    Phi: FloatArray
+    lambda_: FloatArray
+
+
+def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArray) -> _Balance:
+    """At q (n_q,), with the multipliers that leave least on the free coordinates; of many, the smallest."""
+    gravity = model.potential_gradient(q, theta).full()[:, 0]
     if not model.n_c:
-        return torque, K, np.zeros(0), np.zeros((0, model.n_q))
+        none = np.zeros(0)
+        return _Balance(gravity, model.stiffness(q, none, theta).full(), none, np.zeros((0, model.n_q)), none)
     Phi = model.constraint_jacobian(q, theta).full()
-    return torque + Phi.T @ lambda_, K, model.constraint(q, theta).full()[:, 0], Phi
+    lambda_ = np.linalg.lstsq(Phi[:, free].T, -gravity[free])[0]
+    K = model.stiffness(q, lambda_, theta).full()
+    return _Balance(gravity + Phi.T @ lambda_, K, model.constraint(q, theta).full()[:, 0], Phi, lambda_)
 
 
-def _newton(K: FloatArray, Phi: FloatArray, torque: FloatArray, phi: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The step of q and lambda; the constraints scaled to the size of K.
+def free_coordinates(model: ElasticModel) -> IntArray:
+    """The coordinates (n_f,) that find their rest: all but the motors', which are held."""
+    free: IntArray = np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
+    return free
 
-    Least squares: a joint with neither spring nor gravity has no stiffness and stays where it is.
+
+def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
+    """Newton's step where K is positive definite; where it is not, one that leads down there, too.
+
+    A joint with neither spring nor gravity has no stiffness and stays where it is; one whose spring is inside its gap
+    has none either, but a torque beyond rounding.
     """
-    n, scale = len(K), np.abs(K).max(initial=0.0) if Phi.size else 1.0
-    saddle = np.block([[K, scale * Phi.T], [scale * Phi, np.zeros((len(Phi), len(Phi)))]])
-    step = np.linalg.lstsq(saddle, -np.concatenate([torque, scale * phi]))[0]
-    return step[:n], scale * step[n:]
+    if not torque.size:
+        return torque
+    stiffness, modes = np.linalg.eigh(K)
+    pull, size = modes.T @ torque, np.abs(stiffness)
+    floor = 1e-13 * size.max() or 1.0
+    moving = (size > floor) | (np.abs(pull) > rounding)
+    step: FloatArray = -modes @ np.where(moving, pull / np.maximum(size, floor), 0.0)
+    return step
+
+
+def _shortened(
+    model: ElasticModel, theta: FloatArray, q: FloatArray, now: _Balance, step: FloatArray, free: IntArray
+) -> tuple[FloatArray, _Balance]:
+    """q and balance after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
+    slope = float(now.torque @ step)
+    for halving in range(HALVINGS):
+        moved = q + 0.5**halving * step
+        now = _balance(model, theta, moved, free)
+        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < SMALL_STEP:
+            break
+    return moved, now
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArray:
@@ -119,7 +161,7 @@ def _check_finite(model: ElasticModel, configuration: Configuration, numbers: Fl
     if bad.size:
         raise StudyError(
             f"configuration {configuration.name}: the torque on {model.coordinates[bad[0]]} is not a finite number; "
-            "a parameter of the robot is not finite"
+            "a parameter of the robot is not finite, or a gas spring is at its end, without a gas column left"
         )
 
 
@@ -159,6 +201,17 @@ def _check_stable(
             f"have a stiffness of {stiffness[0]:.3g} N*m/rad there with the motors held; raise its stiffness, or let a "
             "joint without spring hang down"
         )
+
+
+def _check_deflections(model: ElasticModel, configuration: Configuration, moved: FloatArray) -> None:
+    for joint in model.robot.joints:
+        place = f"joint {joint.name}"
+        by = moved[model.index(place)]
+        if joint.spring is not None and abs(by) > LARGEST_DEFLECTION:
+            raise StudyError(
+                f"configuration {configuration.name}: {place} tips over, it comes to rest {by:.3g} rad from where its "
+                "motor holds it; its springs are too soft for the weight they carry, raise their stiffness"
+            )
 
 
 def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray, Z: FloatArray) -> None:

@@ -3,7 +3,8 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 .. math:: M(\theta) \ddot q + D(\theta) \dot q + K(\theta) q = B u, \qquad y = C q, \qquad u(t) = u_{ref}(t - T_d)
 
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
-centres of mass. The operating point is frozen; the fit linearises again at its result until nothing moves.
+centres of mass. The operating point is frozen, or followed to first order where springs are nonlinear; the fit
+linearises again at its result until nothing moves.
 """
 
 from __future__ import annotations

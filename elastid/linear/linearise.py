@@ -4,7 +4,14 @@ r"""ElasticModel about a configuration -> LinearModel, with exact derivatives to
           K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
 
 Springs, gravity and, with multipliers, the geometric stiffness come from one Hessian. Coriolis terms are quadratic in
-the velocities and leave nothing. The operating point is held while the derivatives are taken.
+the velocities and leave nothing. The operating point moves with the parameters,
+
+.. math:: \frac{dK}{d\theta} = \frac{\partial K}{\partial \theta} + \frac{\partial K}{\partial q} \frac{dq_0}{d\theta},
+          \qquad \frac{dq_0}{d\theta} = -K_{ff}^{-1} \frac{\partial^2 V}{\partial q_f\, \partial \theta}
+
+with the free coordinates f, and M alike. Where all springs are linear the second term is left out: it is a thousandth
+of the first and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers
+close loops; the minimal formulation, with rods cut, follows.
 
 Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z of each matrix
 and slope, Z^T B and C Z. Nothing beyond this line knows that there were any.
@@ -14,12 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.linear.equilibrium import equilibrium
+from elastid.arrays import FloatArray, IntArray
+from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.partition import motions
@@ -31,11 +39,18 @@ class Linearisation:
     """A model with its derivatives to theta, built once and evaluated at each configuration.
 
     matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
-    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.
+    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  shift(q, lambda_, theta) -> their Jacobian to the free coordinates
+    (3 n_q (n_q + 1) / 2, n_f) and that of dV/dq_f to theta (n_f, n_theta); None where the operating point is held.
     """
 
     model: ElasticModel
     matrices: ca.Function
+    shift: ca.Function | None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the derivatives follow the operating point, which moves with the parameters."""
+        return self.shift is not None
 
     @classmethod
     def of(cls, model: ElasticModel) -> Linearisation:
@@ -47,7 +62,13 @@ class Linearisation:
         matrices = (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta))
         triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
         slopes = ca.jacobian(ca.vec(triangles), theta)
-        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]))
+        shift = None
+        if _moves_with_parameters(model):
+            free = free_coordinates(model).tolist()
+            to_q = ca.jacobian(ca.vec(triangles), q)[:, free]
+            to_theta = ca.jacobian(model.potential_gradient(q, theta)[free], theta)
+            shift = ca.Function("shift", [q, lambda_, theta], [to_q, to_theta])
+        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), shift)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
@@ -56,22 +77,33 @@ class Linearisation:
         model = self.model
         point = equilibrium(model, theta, configuration)
         triangles, slopes = self.matrices(point.q, point.lambda_, theta)
+        M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
+        slopes = slopes.full()
+        if self.shift is not None:
+            to_q, to_theta = (part.full() for part in self.shift(point.q, point.lambda_, theta))
+            free = free_coordinates(model)
+            slopes = slopes - to_q @ np.linalg.lstsq(K[np.ix_(free, free)], to_theta)[0]
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
-        M, D, K = (_projected(Z, _symmetric(column, model.n_q)) for column in triangles.full().T)
         return LinearModel(
             configuration=configuration,
             parameters=(*model.parameters, DELAY),
             theta_ref=np.append(theta, 0.0),
-            M=M,
-            D=D,
-            K=K,
-            slopes=_slopes(model, slopes.full(), Z),
+            M=_projected(Z, M),
+            D=_projected(Z, D),
+            K=_projected(Z, K),
+            slopes=_slopes(model, slopes, Z),
             B=Z.T @ model.B,
             C=model.output_jacobian(point.q, outputs) @ Z,
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
         )
+
+
+def _moves_with_parameters(model: ElasticModel) -> bool:
+    """Whether the tangent stiffness depends on where gravity deflects a spring to."""
+    springs = (joint.spring for joint in model.robot.joints)
+    return model.n_c == 0 and any(spring is not None and not spring.is_linear for spring in springs)
 
 
 def linearise(
@@ -87,9 +119,17 @@ def linearise(
 
 
 def _symmetric(triangle: FloatArray, n: int) -> FloatArray:
-    full = np.zeros((n, n))
-    full[np.tril_indices(n)] = triangle
-    return full + np.tril(full, -1).T
+    full: FloatArray = triangle[_places(n)]
+    return full
+
+
+@cache
+def _places(n: int) -> IntArray:
+    """Where each entry of a symmetric (n, n) stands among those of its lower triangle."""
+    places = np.zeros((n, n), np.int64)
+    rows, columns = np.tril_indices(n)
+    places[rows, columns] = places[columns, rows] = np.arange(rows.size)
+    return places
 
 
 def _projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:

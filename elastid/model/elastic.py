@@ -3,7 +3,8 @@ r"""ElasticModel: the equations of motion of an elastic robot, the contract of e
 .. math:: M(q, \theta)\, \ddot q + f(q, \dot q, \theta) + \Phi(q)^T \lambda = B u, \qquad \varphi(q, \theta) = 0,
           \qquad \Phi = \partial \varphi / \partial q
 
-    f = Coriolis and centrifugal terms + dV/dq + dR/dq',     V = gravity + springs,     R = dissipation / 2
+    f = Coriolis and centrifugal terms + dV/dq + dR/dq'
+    V = gravity + springs + compensators,     R = dissipation / 2
 
 Conventions, for all of `model`, `linear` and `simulation`:
 
@@ -13,6 +14,7 @@ Conventions, for all of `model`, `linear` and `simulation`:
 - The gear spring drives the arm and holds the motor back by the same torque,
   tau_a = K (q_m - q_a) + D (q_m' - q_a'). (Niglis & Oberg 2015, eq. 2.8a; their eq. 2.12 has the order reversed.)
 - An elastic joint that is not driven rests at angle 0: tau_na = -K q_na - D q_na'.
+- A nonlinear spring's deflection is q_m - q_a in a gear and q_na in an elastic joint; its law takes the place of K.
 - Friction stands on the left, in f: it takes torque where the velocity is positive. Coulomb friction is not in f.
 - lambda enters as +Phi^T lambda on the left, as in the Lagrangian T - V - lambda^T phi.
 - Reduced motor model (Spong): a rotor turns about its own axis only; its inertial coupling S with the motion of the

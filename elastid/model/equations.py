@@ -16,9 +16,11 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.model.compensators import compensators
 from elastid.model.drivetrain import drivetrain, input_matrix
 from elastid.model.elastic import ElasticModel
 from elastid.model.multibody import angular_velocities, bias, composites, inertias, mass_matrix, tree, turns
+from elastid.model.springs import nonlinear_springs
 from elastid.robot import Robot
 
 
@@ -26,7 +28,7 @@ from elastid.robot import Robot
 class Equations:
     """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
 
-    M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs and gravity, a scalar.
+    M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
     D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies, n_q): J v stacks the
     absolute angular velocities of the bodies in their own axes.  B (n_q, n_u).
     """
@@ -66,14 +68,20 @@ def open_chain(robot: Robot) -> Equations:
     carried = inertias(robot, layout, named)
     composite = composites(layout, carried, turned)
     drive = drivetrain(robot, named)
+    V_hard, f_hard = nonlinear_springs(robot, q, named)
+    V_balance, f_balance = compensators(robot, layout, turned, q, named)
     return Equations(
         coordinates=coordinates,
         q=q,
         v=v,
         theta=theta,
         M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M,
-        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1)) + drive.K @ q + drive.D @ v,
-        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)),
+        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1))
+        + drive.K @ q
+        + drive.D @ v
+        + f_hard
+        + f_balance,
+        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
         phi=ca.SX(0, 1),
         J=ca.horzcat(angular_velocities(layout, turned), ca.SX(3 * len(robot.bodies), n_q - n_l)),

@@ -13,7 +13,12 @@ Loops close the tree: two points of bodies that coincide, are pinned, or are joi
 Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
 give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link.
 
-Every number that can be identified has a name: k_1 and d_1 (spring of joint 1), f_1 (viscous friction in joint 1),
+A compensator is a coil or a gas spring between points of two bodies, which carries part of the weight.
+
+Every number that can be identified has a name: k_1 and d_1 (spring of joint 1; k2_1, k2s_1, k3_1 where it is a
+polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, rounding), f_1 (viscous friction in joint
+1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
+gas column at the length L0, exponent),
 Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
 the same inertia about every axis, I_arm; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
 """
@@ -22,9 +27,10 @@ from __future__ import annotations
 
 from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
-from elastid.robot.loop import Anchor, Loop, Pin, Rod
+from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.motor import Motor
 from elastid.robot.spring import Spring
 
@@ -35,6 +41,9 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "CoilSpring",
+    "Compensator",
+    "GasSpring",
     "InertiaTensor",
     "Joint",
     "Limits",

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from elastid.errors import StudyError
 from elastid.names import did_you_mean
 from elastid.robot.body import BASE, Body
+from elastid.robot.compensator import Compensator
 from elastid.robot.geometry import Acceleration3
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
@@ -26,6 +27,7 @@ class Robot:
     gravity: Acceleration3 = (0.0, 0.0, -9.81)
     loops: tuple[Loop, ...] = ()
     source: str = ""
+    compensators: tuple[Compensator, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -45,6 +47,21 @@ class Robot:
         self._check_loops()
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+        self._check_compensators()
+
+    def _check_compensators(self) -> None:
+        """Each has its own name and ends on bodies that there are."""
+        names = [compensator.name for compensator in self.compensators]
+        bodies = [BASE, *(body.name for body in self.bodies)]
+        for compensator in self.compensators:
+            if names.count(compensator.name) > 1:
+                raise ValueError(f"compensator {compensator.name} is given twice")
+            for end in compensator.ends:
+                if end.body not in bodies:
+                    raise ValueError(
+                        f"compensator {compensator.name} ends on {end.body}, which is no body; there are "
+                        f"{', '.join(bodies)}"
+                    )
 
     def _check_loops(self) -> None:
         """Loops join bodies that exist and share no name with what has numbers of its own."""
@@ -109,6 +126,8 @@ class Robot:
             places |= below("bodies", below(b, body.numbers))
         for i, loop in enumerate(self.loops):
             places |= below("loops", below(i, loop.numbers))
+        for c, compensator in enumerate(self.compensators):
+            places |= below("compensators", below(c, compensator.numbers))
         return places
 
     def parameters(self) -> dict[str, tuple[float, str]]:

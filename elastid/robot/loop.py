@@ -2,19 +2,11 @@
 
 from __future__ import annotations
 
-from elastid.robot.body import BASE
-from elastid.robot.geometry import Axis, Vector3, unit_axis
+from elastid.robot.compensator import Anchor
+from elastid.robot.geometry import Axis, unit_axis
 from elastid.robot.numbers import Numbers, below
 from elastid.section import section
-from elastid.units import AxialDamping, AxialStiffness, Inertia, Length, Mass
-
-
-@section
-class Anchor:
-    """A point of a body, in the body's axes, m."""
-
-    body: str = BASE
-    point: Vector3 = (0.0, 0.0, 0.0)
+from elastid.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 
 
 @section
@@ -50,7 +42,7 @@ class Rod:
     mass: Mass = 0.0
     center: float = 0.5
     inertia: Inertia = 0.0
-    stiffness: AxialStiffness | None = None
+    stiffness: LinearStiffness | None = None
     damping: AxialDamping = 0.0
 
     def __post_init__(self) -> None:

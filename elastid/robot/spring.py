@@ -1,26 +1,97 @@
-"""The spring of a joint: gearbox, bearing or link."""
+r"""The spring of a joint: gearbox, bearing or link, linear or not.
+
+.. math:: \tau(\Delta) = k_i \Delta + (k - k_i)\, g_b(\Delta) + k_2 \Delta^2 + k_{2s} \Delta |\Delta| + k_3 \Delta^3
+          + d \dot\Delta, \qquad
+          g_b = \tfrac12 \left[ 2 \Delta + \sqrt{(\Delta - b)^2 + e^2} - \sqrt{(\Delta + b)^2 + e^2} \right]
+
+Without backlash g_b = Delta: a stiffness k. With it, k beyond the gap of +-b and k_i inside: 0 for free play, more for
+a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. 2.13 for the polynomial.
+"""
 
 from __future__ import annotations
 
+import math
+
 from elastid.robot.numbers import Numbers
 from elastid.section import section
-from elastid.units import Damping, Stiffness
+from elastid.units import Angle, CubicStiffness, Damping, QuadraticStiffness, Ratio, Stiffness
+
+# Field, parameter and unit of what a spring may have beyond stiffness and damping.
+_FURTHER = (
+    ("quadratic", "k2", "N*m/rad^2"),
+    ("symmetric_quadratic", "k2s", "N*m/rad^2"),
+    ("cubic", "k3", "N*m/rad^3"),
+    ("backlash", "b", "rad"),
+)
+_OF_BACKLASH = (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1"))
 
 
 @section
 class Spring:
-    """tau = -stiffness * deflection - damping * its rate, on the link side."""
+    """Torque of a deflection, on the link side; the deflection is q_m - q_a in a gear, q_na in an elastic joint.
+
+    quadratic: k2 of Delta^2, which makes one direction stiffer.  symmetric_quadratic: k2s of Delta |Delta|.
+    cubic: k3 of Delta^3.  backlash: b, half the gap.  inner_stiffness: k_i inside the gap.  rounding: e / b, the part
+    of b over which the flanks take hold.  What is not given is not there and has no name among the parameters.
+    """
 
     stiffness: Stiffness
     damping: Damping = 0.0
+    quadratic: QuadraticStiffness | None = None
+    symmetric_quadratic: QuadraticStiffness | None = None
+    cubic: CubicStiffness | None = None
+    backlash: Angle | None = None
+    inner_stiffness: Stiffness = 0.0
+    rounding: Ratio = 0.1
 
     def __post_init__(self) -> None:
-        """A spring repels: refuse what would pull."""
+        """A spring repels, the more the further it is deflected: refuse what would pull."""
         if not self.stiffness > 0:
             raise ValueError(f"stiffness is {self.stiffness:g} N*m/rad; it must be positive")
         if self.damping < 0:
             raise ValueError(f"damping is {self.damping:g} N*m*s/rad; it must not be negative")
+        if self.inner_stiffness < 0:
+            raise ValueError(f"inner_stiffness is {self.inner_stiffness:g} N*m/rad; it must not be negative")
+        if self.backlash is None and self.inner_stiffness > 0:
+            raise ValueError(
+                "inner_stiffness is that inside the backlash, and there is none; give backlash, half a gap"
+            )
+        if self.backlash is not None and not self.backlash > 0:
+            raise ValueError(f"backlash is {self.backlash:g} rad, half the gap; it must be positive, or left out")
+        if not self.rounding > 0:
+            raise ValueError(f"rounding is {self.rounding:g}, a part of the backlash; it must be positive, say 0.1")
+        self._check_monotone()
+
+    @property
+    def is_linear(self) -> bool:
+        """One stiffness at every deflection."""
+        return all(getattr(self, field) is None for field, _, _ in _FURTHER)
 
     def numbers(self, joint: str) -> Numbers:
-        """k_ and d_ of a joint."""
-        return {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
+        """k_ and d_ of a joint; k2_, k2s_, k3_, b_, ki_ and e_ where the spring has them."""
+        there = [row for row in _FURTHER if getattr(self, row[0]) is not None]
+        there += _OF_BACKLASH if self.backlash is not None else ()
+        first: Numbers = {f"k_{joint}": ("N*m/rad", ("stiffness",)), f"d_{joint}": ("N*m*s/rad", ("damping",))}
+        return first | {f"{letter}_{joint}": (unit, (field,)) for field, letter, unit in there}
+
+    def _check_monotone(self) -> None:
+        """The tangent a + 2 s |Delta| + 3 k3 Delta^2 stays positive in both directions: s >= 0 or s^2 < 3 a k3."""
+        even, odd, cubic = self.quadratic or 0.0, self.symmetric_quadratic or 0.0, self.cubic or 0.0
+        a = min(self.stiffness, self.inner_stiffness) if self.backlash is not None else self.stiffness
+        where = " inside the backlash" if a < self.stiffness else ""
+        for s, side in ((odd + even, "positive"), (odd - even, "negative")):
+            if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
+                worst = self._softest(a, s, cubic)
+                raise ValueError(
+                    f"the spring loses its stiffness at a {side} deflection of {worst:.3g} rad and pulls beyond, for "
+                    f"k = {a:g} N*m/rad{where}, a quadratic term of {s:g} N*m/rad^2 to that side and a cubic one of "
+                    f"{cubic:g} N*m/rad^3; it must harden, or soften by less: quadratic^2 < 3 k cubic"
+                )
+
+    @staticmethod
+    def _softest(a: float, s: float, cubic: float) -> float:
+        """The smallest deflection at which a + 2 s x + 3 cubic x^2 reaches 0."""
+        if cubic == 0:
+            return a / (-2 * s)
+        root = math.sqrt(max(s**2 - 3 * a * cubic, 0.0))
+        return min(x for x in ((-s - root) / (3 * cubic), (-s + root) / (3 * cubic)) if x >= 0)

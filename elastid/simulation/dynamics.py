@@ -14,6 +14,7 @@ from elastid.arrays import FloatArray
 from elastid.friction.static import SLIDING_VELOCITY, coulomb_expression
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.partition import motions
+from elastid.model.springs import on_the_flanks
 from elastid.simulation.constrained import constrained_acceleration
 
 # RK4 damps or keeps |h lambda| up to 2.785 on the negative real axis and 2.828 on the imaginary one.
@@ -67,13 +68,16 @@ def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Functi
 
 
 def fastest_rate(model: ElasticModel, coulomb: FloatArray, q: FloatArray) -> float:
-    """|lambda| in 1/s of the fastest pole at rest in q (n_q,): the stiffest mode, or friction about zero velocity."""
+    """|lambda| in 1/s of the fastest pole at rest in q (n_q,): the stiffest mode, or friction about zero velocity.
+
+    Gears with backlash count with the stiffness of their flanks, which motion meets.
+    """
     M, D, K = (
         matrix.full()
         for matrix in (
             model.mass(q, model.theta),
             model.damping(q, model.theta),
-            model.stiffness(q, np.zeros(model.n_c), model.theta),
+            model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)),
         )
     )
     D = D + model.B @ np.diag(coulomb / SLIDING_VELOCITY) @ model.B.T

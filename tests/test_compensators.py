@@ -1,0 +1,252 @@
+"""Gravity compensators: coil and gas springs between two bodies, in statics, linear model and fit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.errors import StudyError
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.transfer import to_response
+from elastid.model.multibody import tree, turns
+from elastid.model.points import between, seat
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, GasSpring, Joint, Motor, Placement, Robot, Spring
+
+MASS, LENGTH, G = 100.0, 0.8155, 9.81
+WEIGHT = MASS * LENGTH * G  # 800 Nm
+A, B = 0.5, 0.4
+
+
+def arm(*compensators: Compensator, gravity: float = G) -> Robot:
+    """An upright arm at angle 0, turning about y, rigidly driven: m g l = 800 Nm."""
+    joint = Joint("1", "y", motor=Motor(1e-3, 100))
+    body = Body("arm", joints=(joint,), mass=MASS, center_of_mass=(0, 0, LENGTH), inertia=5.0)
+    return Robot("arm", (body,), (0.0, 0.0, -gravity), compensators=compensators)
+
+
+def balancer(rest_length: float, a: float = A, b: float = B) -> Compensator:
+    """From a point a above the axis to a point b up the arm, k a b = m g l."""
+    ends = Anchor("base", (0, 0, a)), Anchor("arm", (0, 0, b))
+    return Compensator("c", ends, coil=CoilSpring(WEIGHT / (a * b), rest_length))
+
+
+def holding(robot: Robot, angles: np.ndarray) -> np.ndarray:
+    """Torque of the motor that holds each angle."""
+    model = serial(robot)
+    return np.array([equilibrium(model, model.theta, Configuration("c", (angle,))).u[0] for angle in angles])
+
+
+ANGLES = np.linspace(-3.1, 3.1, 63)
+
+
+@pytest.mark.parametrize(("a", "b"), [(0.5, 0.4), (0.4, 0.4)])
+def test_a_spring_without_rest_length_cancels_gravity_at_every_angle(a: float, b: float) -> None:
+    """L0 = 0 and k a b = m g l: nothing is left to hold, nor to stiffen, even where the two ends meet."""
+    robot = arm(balancer(0.0, a, b))
+    assert np.abs(holding(arm(), ANGLES)).max() == pytest.approx(WEIGHT, rel=2e-3)
+    angles = np.append(ANGLES, 0.0)
+    np.testing.assert_allclose(holding(robot, angles), 0.0, atol=1e-6)
+    model = serial(robot)
+    for angle in angles:
+        assert abs(float(model.stiffness([angle], [], model.theta))) < 1e-6 * WEIGHT
+
+
+def test_a_rest_length_leaves_what_the_closed_form_says() -> None:
+    """L0 = 0.3 m leaves k a b L0 / L sin q of the 800 Nm, +-264 Nm with ends 0.9 m apart at the most."""
+    found = holding(arm(balancer(0.3)), ANGLES)
+    L = np.sqrt(A**2 + B**2 - 2 * A * B * np.cos(ANGLES))
+    np.testing.assert_allclose(found, -WEIGHT * 0.3 / L * np.sin(ANGLES), atol=1e-9)
+
+
+def test_the_most_that_a_rest_length_leaves() -> None:
+    """m g l L0 / a at the angle whose cosine is b / a: L0 = 0.3 m and a = 0.909 m leave +-264 Nm of 800."""
+    angles = np.array([-math.acos(0.3 / 0.909), math.acos(0.3 / 0.909)])
+    found = holding(arm(balancer(0.3, 0.909, 0.3)), angles)
+    np.testing.assert_allclose(found, [264, -264], rtol=1e-3)
+    everywhere = holding(arm(balancer(0.3, 0.909, 0.3)), ANGLES)
+    assert np.abs(everywhere).max() <= np.abs(found).max() * (1 + 1e-12)
+
+
+def test_gas_and_coil_give_forces_that_are_derivatives_of_their_energy() -> None:
+    """dV/dq written out against CasADi's gradient of V, and K against differences, for all kinds in a tree."""
+    gas = {"force": 800.0, "length": 0.5, "column": 0.8}
+    robots = [
+        arm(Compensator("c", (Anchor("base", (-0.2, 0.1, 0.3)), Anchor("arm", (0.3, 0, 0.1))), **kind))
+        for kind in (
+            {"coil": CoilSpring(3e4, 0.2)},
+            {"gas": GasSpring(**gas)},
+            {"gas": GasSpring(**gas, kappa=1.4)},
+            {"gas": GasSpring(**gas, kappa=1.0 + 1e-9, action="draw")},
+            {"gas": GasSpring(**gas, kappa=1.3, action="draw")},
+        )
+    ]
+    for robot in robots:
+        model = serial(robot)
+        for angle in (-2.0, -0.3, 0.9, 2.5):
+            f = float(model.force([angle], [0.0], model.theta))
+            assert f == pytest.approx(float(model.potential_gradient([angle], model.theta)), rel=1e-11)
+            h = 1e-5
+            up, down = (float(model.force([angle + side * h], [0.0], model.theta)) for side in (1, -1))
+            assert float(model.stiffness([angle], [], model.theta)) == pytest.approx((up - down) / (2 * h), rel=1e-6)
+
+
+@given(length=st.floats(0.3, 0.75), kappa=st.floats(1.0, 1.6), push=st.booleans())
+@settings(deadline=None, max_examples=30)
+def test_gas_follows_its_law(length: float, kappa: float, push: bool) -> None:
+    """F = F0 (h0 / h)^kappa: a strut pushes, a cylinder draws, and a lever of 1 m turns it into the same torque."""
+    gas = GasSpring(1000.0, 0.5, 0.9, kappa, "push" if push else "draw")
+    # The end on the arm is 1 m above the axis and the other one `length` m beside it: at angle 0 the lever is 1 m.
+    robot = arm(Compensator("c", (Anchor("base", (-length, 0, 1.0)), Anchor("arm", (0, 0, 1.0))), gas=gas), gravity=0.0)
+    held = holding(robot, np.zeros(1))[0]
+    h = 0.9 + (length - 0.5) * (1 if push else -1)
+    assert held == pytest.approx((-1 if push else 1) * 1000.0 * (0.9 / h) ** kappa, rel=1e-9)
+
+
+def test_the_counterbalance_of_a_kuka_kr300_equals_its_formula() -> None:
+    """Isothermal nitrogen in a cylinder that axis 2 draws (Weigand et al. 2021), at -140 to -20 degrees."""
+    D, k = 0.8, 0.2
+    area = math.pi * (0.055**2 - 0.030**2) / 4
+    pressure_volume = 1.01 * 296.8 * 328 * 2 * 0.0795
+    v_max = 2 * 0.00048
+    angles = np.radians(np.arange(-140.0, -19.0, 10.0))
+    delta = angles + math.radians(95)
+    L = np.sqrt(D**2 + k**2 - 2 * D * k * np.cos(delta))
+    p = pressure_volume / (v_max - (L - (D - k)) * area)
+    expected = D * k * np.sin(delta) / L * p * area
+    gas = GasSpring(pressure_volume / v_max * area, D - k, v_max / area, 1.0, "draw")
+    # About y a point at -z' of the arm: the arm's end turns by delta from the line between axis and anchor.
+    turned = (k * math.sin(math.radians(95)), 0.0, k * math.cos(math.radians(95)))
+    robot = arm(Compensator("c", (Anchor("base", (0, 0, D)), Anchor("arm", turned)), gas=gas), gravity=0.0)
+    np.testing.assert_allclose(holding(robot, angles), expected, rtol=1e-10, atol=1e-6)
+    measured_bar = np.array([170, 167, 164, 162, 164, 170, 180, 190, 200])
+    np.testing.assert_allclose(p[2:11] / 1e5, measured_bar, rtol=0.05)
+
+
+def test_the_balance_cylinder_of_an_irb_4400() -> None:
+    """Between turret and lower arm as its makers draw it: 0.81882 m long at zero, pitched by -0.20909 rad."""
+    turret = Body("turret", joints=(Joint("1", "z", motor=Motor(1e-3)),), mass=106.0)
+    lower = Body("lower", "turret", Placement((0.2, -0.0835, 0.462)), (Joint("2", "y", motor=Motor(1e-3)),), 31.0)
+    ends = Anchor("turret", (-0.47929, 0.047, 0.32047)), Anchor("lower", (0.1217, 0.1305, 0.0284))
+    cylinder = Compensator("cylinder", ends, gas=GasSpring(10e3, 0.81882, 0.6, 1.1, "draw"))
+    robot = Robot("irb 4400", (turret, lower), compensators=(cylinder,))
+    layout = tree(robot)
+    q = ca.SX.sym("q", 2)
+    where = [(seat(robot, layout, end.body), end.point) for end in ends]
+    vector = ca.Function("rod", [q], [between(layout, turns(layout, q), where[0], where[1])])
+    rod = vector([0.7, 0.0]).full()[:, 0]
+    assert np.linalg.norm(rod) == pytest.approx(0.81882, abs=1e-5)
+    assert math.atan2(-rod[2], rod[0]) == pytest.approx(-0.20909, abs=1e-4)
+    # Drawing at F0 its moment about axis 2 is F0 times the lever, whatever axis 1 does.
+    lever = (0.0284 * rod[0] - 0.1217 * rod[2]) / 0.81882
+    weightless = serial(replace(robot, gravity=(0.0, 0.0, 0.0)))
+    for angle in (0.0, 0.7):
+        u = equilibrium(weightless, weightless.theta, Configuration("c", (angle, 0.0))).u
+        np.testing.assert_allclose(u, [0.0, 10e3 * lever], atol=1.0)
+
+
+def test_its_stiffness_is_in_the_linear_model() -> None:
+    """Held motor: K of an elastic joint is k_1 less gravity's m g l plus the balancer's k a b, at angle 0."""
+    joint = Joint("1", "y", Spring(2e5, 50), Motor(1e-3, 100))
+    plain = arm()
+    elastic = replace(plain, bodies=(replace(plain.bodies[0], joints=(joint,)),))
+    for compensators, stiffness in (((), 2e5 - WEIGHT), ((balancer(0.0),), 2e5)):
+        model = serial(replace(elastic, compensators=compensators))
+        linear = linearise(model, Configuration("up", (0.0,)), model.theta, ("motor 1",), "acceleration")
+        assert linear.K[0, 0] == pytest.approx(stiffness, rel=1e-9)
+
+
+def two_links() -> Robot:
+    """Shoulder with a gas spring, elbow without; both elastic."""
+    gas = GasSpring(6000.0, 0.6, 0.4, 1.2, "draw")
+    upper = (Joint("1", "y", Spring(3e4, 60), Motor(2e-3, 60, 1e-3)),)
+    fore = (Joint("2", "y", Spring(2e4, 40), Motor(1e-3, 60, 1e-3)),)
+    return Robot(
+        "two links",
+        (
+            Body("a", joints=upper, mass=40, center_of_mass=(0, 0, 0.4), inertia=3.0),
+            Body("b", "a", Placement((0, 0, 0.8)), fore, 25, (0.3, 0, 0), 1.0),
+        ),
+        compensators=(Compensator("gas", (Anchor("base", (-0.15, 0, -0.5)), Anchor("a", (-0.1, 0, 0.1))), gas=gas),),
+    )
+
+
+def test_a_compensator_is_identified_from_responses() -> None:
+    """The force of the gas spring and the stiffness of the joints within their intervals, three seeds."""
+    truth = two_links()
+    model = serial(truth)
+    linearisation = Linearisation.of(model)
+    freq_hz = np.linspace(0.3, 25, 80)
+    spec = FitSpec(starts=2, parameters={"k_*": ParameterSpec(), "F0_gas": ParameterSpec()})
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        responses = []
+        for i, angles in enumerate(((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))):
+            linear = linearisation.at(Configuration(f"c{i}", angles), model.theta, model.inputs, "acceleration")
+            exact = to_response(linear, linear.theta_ref, freq_hz)
+            std = 0.005 * np.abs(exact.G) + 1e-5 * np.abs(exact.G).max(axis=0)
+            noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
+            responses.append(replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf)))
+        start = truth.with_parameters({"F0_gas": 4500.0, "k_1": 2.5e4, "k_2": 2.5e4})
+        result = identify(responses, start, spec, seed=seed)
+        assert result.status == "converged"
+        for name in ("F0_gas", "k_1", "k_2"):
+            low, high = result.interval(name)
+            value = truth.parameters()[name][0]
+            assert low**2 / high < value < high**2 / low, name  # 95 % interval, widened threefold
+        low, high = result.interval("F0_gas")
+        assert high / low < 1.2
+
+
+def test_wrong_compensators_are_refused() -> None:
+    ends = Anchor("base"), Anchor("arm", (0, 0, 0.3))
+    coil, gas = CoilSpring(1e4), GasSpring(1e3, 0.5, 0.4)
+    with pytest.raises(ValueError, match="compensator c: give either coil or gas"):
+        Compensator("c", ends)
+    with pytest.raises(ValueError, match="compensator c: give either coil or gas"):
+        Compensator("c", ends, coil, gas)
+    with pytest.raises(ValueError, match="both ends are on arm, so that it never moves"):
+        Compensator("c", (ends[1], ends[1]), coil)
+    with pytest.raises(ValueError, match="compensator c ends on fore, which is no body; there are base, arm"):
+        arm(Compensator("c", (ends[0], Anchor("fore")), coil))
+    with pytest.raises(ValueError, match="compensator c is given twice"):
+        arm(Compensator("c", ends, coil), Compensator("c", ends, gas=gas))
+    with pytest.raises(ValueError, match="column is 0 m; it must be positive"):
+        GasSpring(1e3, 0.5, 0.0)
+    with pytest.raises(ValueError, match=r"kappa is 0\.9; it is 1"):
+        GasSpring(1e3, 0.5, 0.4, 0.9)
+    with pytest.raises(ValueError, match="rest_length is -1 m"):
+        CoilSpring(1e4, -1.0)
+
+
+def test_a_gas_spring_beyond_its_end_is_refused() -> None:
+    """Drawn further than its gas column is long, the pressure is not a number: the message says what to look at."""
+    gas = GasSpring(1e3, 0.2, 0.1, 1.2, "draw")
+    robot = arm(Compensator("c", (Anchor("base", (0, 0, 0.5)), Anchor("arm", (0, 0, 0.4))), gas=gas))
+    model = serial(robot)
+    with pytest.raises(StudyError, match=r"configuration down: .* a gas spring is at its end"):
+        equilibrium(model, model.theta, Configuration("down", (3.0,)))
+
+
+def test_only_the_joints_between_its_ends_feel_it() -> None:
+    """A spring between the two links leaves the shoulder alone, and costs few instructions."""
+    robot = two_links()
+    plain = serial(replace(robot, compensators=()))
+    between = Compensator("s", (Anchor("a", (0, 0, 0.2)), Anchor("b", (0.2, 0, 0))), coil=CoilSpring(1e4, 0.1))
+    with_spring = serial(replace(robot, compensators=(between,)))
+    q = np.array([0.3, 0.4, 0.3, 0.4])
+    added = with_spring.potential_gradient(q, with_spring.theta) - plain.potential_gradient(q, plain.theta)
+    np.testing.assert_array_equal(np.flatnonzero(np.abs(added.full()[:, 0]) > 1e-9), [1])
+    assert with_spring.force.n_instructions() - plain.force.n_instructions() < 60
+    assert isinstance(added, ca.DM)

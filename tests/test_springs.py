@@ -1,0 +1,377 @@
+"""Nonlinear springs: their laws, what gravity makes of them, and how the linear model follows."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from elastid.errors import StudyError
+from elastid.experiment.plan import Plan
+from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.modes import modes
+from elastid.linear.preload import preloads, spring_words
+from elastid.linear.transfer import Kernel, frequency_response
+from elastid.model.elastic import ElasticModel
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import Anchor, Body, Compensator, GasSpring, Joint, Motor, Placement, Robot, Spring
+
+HORIZONTAL = Configuration("horizontal", (0.0,))
+
+
+def beam(spring: Spring, weight: float) -> Robot:
+    """A beam on a geared motor, held level: `weight` Nm about y at angle 0, upright at -pi / 2."""
+    joint = Joint("1", "y", spring, Motor(1e-3, 100))
+    body = Body("beam", joints=(joint,), mass=weight / 9.81, center_of_mass=(1.0, 0, 0), inertia=1.0)
+    return Robot("beam", (body,))
+
+
+def arm() -> Robot:
+    """Every kind of spring in an arm that gravity loads, with a gas spring beside the first joint."""
+    springs = (
+        Spring(2e5, 60, quadratic=2e6, cubic=2e10),
+        Spring(8e4, 30, symmetric_quadratic=3e7, cubic=1e10),
+        Spring(5e4, 10, cubic=1e10),
+        Spring(3e4, 10, backlash=1e-4, inner_stiffness=5e3),
+    )
+    upper = Body("a", "base", Placement(), (Joint("1", "y", springs[0], Motor(2e-3, -100, 1e-3)),), 60, (0.4, 0, 0.05))
+    fore = (Joint("2", "y", springs[1], Motor(1e-3, 90)), Joint("2x", "x", springs[2]))
+    wrist = (Joint("3", "x", springs[3], Motor(2e-4, 60)),)
+    gas = GasSpring(force=800, length=0.5, column=0.8, kappa=1.2)
+    return Robot(
+        "arm",
+        (
+            replace(upper, inertia=(1.0, 4.0, 4.0)),
+            Body("b", "a", Placement((0.8, 0, 0)), fore, 30, (0.35, 0.1, 0.1), (0.5, 2, 2)),
+            Body("c", "b", Placement((0.6, 0, 0)), wrist, 8, (0.1, 0.1, 0.05), 0.1),
+        ),
+        compensators=(Compensator("g", (Anchor("base", (-0.2, 0, 0.3)), Anchor("a", (0.3, 0, 0.1))), gas=gas),),
+    )
+
+
+def torque_of(spring: Spring, x: np.ndarray) -> np.ndarray:
+    """The law tau(Delta) as the model has it, read off a weightless beam whose motor is turned by Delta."""
+    model = serial(replace(beam(spring, 10.0), gravity=(0.0, 0.0, 0.0)))
+    q = np.vstack([np.zeros_like(x), x])
+    found: np.ndarray = model.potential_gradient.map(len(x))(q, model.theta).full()[1]
+    return found
+
+
+def at_rest(model: ElasticModel, angle: float) -> tuple[float, float]:
+    """Deflection and tangent stiffness of the only spring."""
+    point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+    load = preloads(model, model.theta, [point])[0]
+    return float(load.deflection[0]), float(load.tangent[0])
+
+
+X = np.linspace(-3e-3, 3e-3, 61)
+
+
+def test_polynomial_laws() -> None:
+    """tau = k D + k2 D^2 + k2s D |D| + k3 D^3, D = q_m - q_a, positive on the motor where it is ahead."""
+    spring = Spring(1e6, quadratic=4e7, symmetric_quadratic=-6e7, cubic=3e11)
+    expected = 1e6 * X + 4e7 * X**2 - 6e7 * X * np.abs(X) + 3e11 * X**3
+    np.testing.assert_allclose(torque_of(spring, X), expected, rtol=1e-12, atol=1e-9)
+
+
+def test_backlash_is_the_smooth_dead_zone() -> None:
+    """tau = k/2 [2 D + sqrt((D-b)^2 + e^2) - sqrt((D+b)^2 + e^2)]; e -> 0 gives the dead zone, at the rate of e."""
+    k, b = 1e6, 1e-3
+    dead_zone = k * np.sign(X) * np.maximum(np.abs(X) - b, 0)
+    errors = []
+    for part in (0.1, 0.05, 0.025):
+        e = part * b
+        found = torque_of(Spring(k, backlash=b, rounding=part), X)
+        expected = k / 2 * (2 * X + np.sqrt((X - b) ** 2 + e**2) - np.sqrt((X + b) ** 2 + e**2))
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        errors.append(np.abs(found - dead_zone).max())
+    assert errors[0] == pytest.approx(k * 1e-4 / 2, rel=0.05)
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 2.0, rtol=0.05)
+
+
+def test_a_gear_that_hardens_in_a_kink() -> None:
+    """The gear of the four-mass benchmark: 16.7 Nm/rad while it is hardly loaded, 100 beyond, in one smooth law."""
+    x = np.linspace(-1, 1, 2001)
+    tau = torque_of(Spring(100, backlash=0.064, inner_stiffness=16.7), x)
+    slope = np.gradient(tau, x)
+    assert slope[np.abs(x) < 0.03] == pytest.approx(16.7, rel=0.06)
+    assert slope[np.abs(x) > 0.3][5:-5] == pytest.approx(100, rel=0.001)
+    np.testing.assert_allclose(tau, -tau[::-1], atol=1e-12)
+
+
+def test_the_four_mass_benchmark_rests_on_the_soft_part_of_its_gear() -> None:
+    """Moberg & Ohr (2005), printed for k1 = 16.7: resonances of the chain at rest, the stiff part of no effect."""
+    springs = (
+        Spring(100, 0.08, backlash=0.02, inner_stiffness=16.7, rounding=0.01),
+        Spring(110, 0.06),
+        Spring(80, 0.08),
+    )
+    bodies = []
+    for i, (spring, inertia) in enumerate(zip(springs, (2e-3, 0.02, 0.02), strict=True), start=1):
+        joint = Joint(str(i), spring=spring, motor=Motor(5e-3) if i == 1 else None)
+        bodies.append(Body(f"m{i}", f"m{i - 1}" if i > 1 else "base", joints=(joint,), inertia=inertia))
+    model = serial(Robot("four masses", tuple(bodies), gravity=(0.0, 0.0, 0.0)))
+    linear = linearise(model, HORIZONTAL, model.theta, ("motor 1",), "acceleration")
+    undamped = replace(linear, D=0 * linear.D)
+    found = modes(undamped, linear.theta_ref).freq_hz
+    np.testing.assert_allclose(found, [8.763, 14.472, 41.773], atol=2e-3)
+
+
+@given(st.lists(st.floats(-2e-3, 2e-3), min_size=7, max_size=7))
+@settings(deadline=None, max_examples=25)
+def test_torques_and_stiffness_are_derivatives_of_one_potential(numbers: list[float]) -> None:
+    """f at rest is dV/dq, K its Jacobian, by central differences about any deflection, in gaps and at their edges."""
+    model = serial(arm())
+    q = np.array(numbers)
+    f = model.force(q, np.zeros(model.n_q), model.theta).full()[:, 0]
+    np.testing.assert_allclose(f, model.potential_gradient(q, model.theta).full()[:, 0], rtol=1e-9, atol=1e-7)
+    h = 1e-7
+    shifted = [
+        [model.force(q + side * h * unit, np.zeros(model.n_q), model.theta).full()[:, 0] for side in (1, -1)]
+        for unit in np.eye(model.n_q)
+    ]
+    differences = np.column_stack([(up - down) / (2 * h) for up, down in shifted])
+    K = model.stiffness(q, [], model.theta).full()
+    np.testing.assert_allclose(K, differences, atol=2e-4 * np.abs(K).max())
+
+
+@pytest.mark.parametrize(("weight", "factor"), [(1000.0, 1.62), (3000.0, 3.45)])
+def test_the_response_sees_the_tangent_at_the_gravity_preload(weight: float, factor: float) -> None:
+    """a0 = 1e6, a2 = 3e11: the tangent is 1.62 times a0 under 1 kNm and 3.45 times under 3 kNm."""
+    model = serial(beam(Spring(1e6, cubic=3e11), weight))
+    deflection, tangent = at_rest(model, 0.0)
+    assert tangent / 1e6 == pytest.approx(factor, abs=0.005)
+    assert tangent == pytest.approx(1e6 + 9e11 * deflection**2, rel=1e-12)
+    linear = linearise(model, HORIZONTAL, model.theta, ("motor 1",), "acceleration")
+    assert linear.K[1, 1] == pytest.approx(tangent, rel=1e-12)
+
+
+def test_gravity_hides_the_backlash() -> None:
+    """Under a preload beyond b the tangent is that without gap, but for (e / D)^2; inside the gap nearly nothing."""
+    k, b = 1e6, 2e-4
+    model = serial(beam(Spring(k, backlash=b, rounding=0.01), 1000.0))
+    deflection, tangent = at_rest(model, 0.0)
+    assert abs(deflection) == pytest.approx(b + 1e-3, rel=1e-3)
+    assert tangent == pytest.approx(k, rel=1e-5)
+    hanging, free = at_rest(model, math.pi / 2)
+    assert abs(hanging) < 1e-9
+    assert free < 1e-4 * k
+
+
+def test_upright_in_its_gap_a_beam_leans_on_the_flank() -> None:
+    """Between the flanks gravity topples it, at the flank the gear holds it: the rest is the minimum of V."""
+    k, b, weight = 1e6, 1e-3, 1000.0
+    model = serial(beam(Spring(k, backlash=b, rounding=1e-3), weight))
+    for tilt in (1e-3, -1e-3):
+        deflection, tangent = at_rest(model, -math.pi / 2 + tilt)
+        assert -deflection * math.copysign(1.0, tilt) == pytest.approx(b, rel=5e-3)
+        assert tangent > weight
+
+
+@pytest.mark.parametrize("stiffer", [1e12, 1e15, 1e18, 1e21])
+def test_statics_converge_from_the_rigid_posture_for_stiff_cubic_springs(stiffer: float) -> None:
+    """k + k3 D^2 with a start that is a millionth as stiff as the end."""
+    model = serial(beam(Spring(1e3, cubic=stiffer), 3000.0))
+    point = equilibrium(model, model.theta, HORIZONTAL)
+    x = point.q[1] - point.q[0]
+    assert 1e3 * x + stiffer * x**3 == pytest.approx(-3000 * math.cos(point.q[0]), rel=1e-9)
+
+
+@given(
+    rounding=st.floats(-8, 0).map(lambda power: 10**power),
+    b=st.floats(-5, -2).map(lambda power: 10**power),
+    angle=st.floats(-3.1, 3.1),
+)
+@settings(deadline=None, max_examples=40)
+def test_statics_converge_across_any_gap(rounding: float, b: float, angle: float) -> None:
+    """From the middle of a gap without stiffness to a flank, whatever the width, the edge and the direction."""
+    model = serial(beam(Spring(1e6, backlash=b, rounding=rounding), 500.0))
+    point = equilibrium(model, model.theta, Configuration("c", (angle,)))
+    assert abs(point.q[1] - point.q[0]) < 2.1 * b + 1e-3
+    torque = model.potential_gradient(point.q, model.theta).full()[:, 0]
+    assert abs(torque[0]) < 1e-4
+    assert point.u[0] == pytest.approx(-500 * math.cos(point.q[0]), abs=1e-3)
+
+
+def test_slopes_follow_the_operating_point() -> None:
+    """dG / dtheta of every parameter equals differences through the whole statics and linearisation anew, to 1e-6."""
+    model = serial(arm())
+    linearisation, outputs = Linearisation.of(model), ("motor 1", "motor 2", "joint 2x", "motor 3")
+    configuration, freq_hz = Configuration("c", (0.3, -0.7, 0.4)), np.linspace(1, 60, 30)
+
+    def response(theta: np.ndarray) -> np.ndarray:
+        linear = linearisation.at(configuration, theta, outputs, "acceleration")
+        return frequency_response(linear, linear.theta_ref, freq_hz)
+
+    linear = linearisation.at(configuration, model.theta, outputs, "acceleration")
+    G, dG = Kernel(linear, freq_hz, model.parameters).evaluate(linear.theta_ref)
+    assert linearisation.follows
+    for i, name in enumerate(model.parameters):
+        if np.abs(dG[i]).max() == 0:
+            continue
+        h = 1e-3 * (model.theta[i] or 0.01) * np.eye(len(model.theta))[i]
+        near, far = (response(model.theta + s * h) - response(model.theta - s * h) for s in (1, 2))
+        difference = (8 * near - far) / (12 * h[i])
+        rounding = 1e-11 * np.abs(G).max() / abs(h[i])
+        error = np.abs(dG[i] - difference).max()
+        assert error < 1e-6 * np.abs(difference).max() + rounding, name
+
+
+def test_a_held_operating_point_would_mislead() -> None:
+    """A stiffer cubic spring deflects less: its slope is about half of what the held point makes it."""
+    model = serial(beam(Spring(1e6, cubic=3e11), 3000.0))
+    at = model.parameters.index("k3_1")
+    linear = linearise(model, HORIZONTAL, model.theta, ("motor 1",), "acceleration")
+    followed = linear.slopes["k3_1"].K[1, 1]
+    deflection, tangent = at_rest(model, 0.0)
+    # k D + k3 D^3 = tau:  dD/dk3 = -D^3 / k_t,  so that dk_t/dk3 = 3 D^2 - 6 k3 D^4 / k_t.
+    held = 3 * deflection**2
+    assert followed == pytest.approx(held - 6 * model.theta[at] * deflection**4 / tangent, rel=1e-3)
+    assert followed < 0.6 * held
+
+
+def test_linear_springs_keep_one_term_a_spring() -> None:
+    """Where no spring is nonlinear the operating point is held, and the slope of a stiffness has rank one."""
+    model = serial(beam(Spring(1e6), 1000.0))
+    linearisation = Linearisation.of(model)
+    assert not linearisation.follows
+    slope = linearisation.at(HORIZONTAL, model.theta, ("motor 1",), "acceleration").slopes["k_1"]
+    assert slope.M is None
+    assert np.linalg.matrix_rank(slope.K) == 1
+
+
+def test_nonlinear_springs_are_cheap_to_simulate() -> None:
+    """A few instructions a spring in the force that a simulation evaluates at every step."""
+    plain = serial(beam(Spring(1e6), 100.0)).force.n_instructions()
+    for spring, cost in ((Spring(1e6, cubic=1e11), 12), (Spring(1e6, backlash=1e-4), 32)):
+        assert serial(beam(spring, 100.0)).force.n_instructions() - plain <= cost
+
+
+def test_a_spring_inside_its_gap_is_named() -> None:
+    """Joint, configurations, deflection against b; silent where gravity presses the gear onto a flank."""
+    model = serial(beam(Spring(1e6, backlash=2e-4), 1000.0))
+    points = [
+        equilibrium(model, model.theta, Configuration(name, (angle,)))
+        for name, angle in (("level", 0.0), ("hanging", math.pi / 2), ("nearly", math.pi / 2 + 1e-2))
+    ]
+    (word,) = spring_words(model, model.theta, points)
+    assert word.startswith("joint 1 rests inside its backlash of +-0.0002 rad in hanging (deflected by")
+    assert "nearly" in word
+    assert "level" not in word
+    assert "amplitude" in word
+    assert spring_words(model, model.theta, points[:1]) == ()
+
+
+def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
+    """Gravity alone holds a hanging beam behind the top of its spring's law, k D + k2 D^2 at D = -1.1 k / 2 k2."""
+    model = serial(beam(Spring(1e4, quadratic=0.0, cubic=0.0), 2000.0))
+    theta = model.theta.copy()
+    theta[model.parameters.index("k2_1")] = 3e6
+    x = -1.1 * 1e4 / 6e6
+    motor = math.asin((1e4 * x + 3e6 * x**2) / 2000) + x
+    point = equilibrium(model, theta, Configuration("hanging", (math.pi / 2 + motor,)))
+    load = preloads(model, theta, [point])[0]
+    assert load.deflection == pytest.approx(x)
+    assert load.tangent == pytest.approx(-1000)
+    (word,) = spring_words(model, theta, [point])
+    assert word.startswith("the spring of joint 1 is unstable in hanging: deflected by -0.0018 it pulls further, with")
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"cubic": -1.0}, "loses its stiffness at a positive deflection of"),
+        ({"quadratic": 1e9, "cubic": 1e11}, "loses its stiffness at a negative deflection of 0.0005"),
+        ({"symmetric_quadratic": -1e9}, "loses its stiffness at a positive deflection of 0.0005"),
+        ({"backlash": 1e-4, "quadratic": 1e6}, "inside the backlash"),
+        ({"backlash": 0.0}, "backlash is 0 rad, half the gap; it must be positive, or left out"),
+        ({"inner_stiffness": 10.0}, "inner_stiffness is that inside the backlash, and there is none"),
+        ({"backlash": 1e-4, "inner_stiffness": -1.0}, "inner_stiffness is -1 N"),
+        ({"backlash": 1e-4, "rounding": 0.0}, "rounding is 0"),
+    ],
+)
+def test_springs_that_pull_are_refused(fields: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Spring(1e6, **fields)
+
+
+def test_monotone_springs_are_accepted() -> None:
+    """quadratic^2 < 3 k cubic, and hardening to both sides without a cubic term."""
+    Spring(1e6, quadratic=9e8, cubic=3e11)
+    Spring(1e6, symmetric_quadratic=1e9)
+    Spring(1e6, symmetric_quadratic=-9e8, cubic=3e11)
+
+
+def test_names_are_those_of_what_a_spring_has() -> None:
+    """A linear spring has k and d, a polynomial its coefficients, a gap b, ki, e."""
+    names = {
+        "k_1 d_1": Spring(1.0),
+        "k_1 d_1 k3_1": Spring(1.0, cubic=0.0),
+        "k_1 d_1 k2_1 k2s_1": Spring(1.0, quadratic=0.0, symmetric_quadratic=0.0),
+        "k_1 d_1 b_1 ki_1 e_1": Spring(1.0, backlash=1e-3),
+    }
+    for expected, spring in names.items():
+        assert " ".join(spring.numbers("1")) == expected
+    changed = beam(Spring(1e6, cubic=0.0), 10.0).with_parameters({"k3_1": 2e11})
+    assert changed.joints[0].spring.cubic == 2e11
+
+
+def test_a_soft_spring_lets_its_arm_fall() -> None:
+    """Away from the upright the beam falls over: named with the angle that it falls by."""
+    model = serial(beam(Spring(600.0), 1000.0))
+    with pytest.raises(StudyError, match=r"configuration up: joint 1 tips over, it comes to rest .* from where"):
+        equilibrium(model, model.theta, Configuration("up", (-math.pi / 2 + 0.01,)))
+
+
+def sampled_response(model: ElasticModel, q0: np.ndarray, lines_hz: np.ndarray, rate_hz: float) -> np.ndarray:
+    """Motor position per torque behind a zero-order hold, discretised by the matrix exponential."""
+    M, D, K = (
+        form.full()
+        for form in (
+            model.mass(q0, model.theta),
+            model.damping(q0, model.theta),
+            model.stiffness(q0, [], model.theta),
+        )
+    )
+    n, n_u = model.B.shape
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    B = np.vstack([np.zeros((n, n_u)), np.linalg.solve(M, model.B)])
+    step = expm(np.block([[A, B], [np.zeros((n_u, 2 * n + n_u))]]) / rate_hz)
+    z = np.exp(2j * np.pi * lines_hz / rate_hz)[:, None, None]
+    states = np.linalg.solve(z * np.eye(2 * n) - step[: 2 * n, : 2 * n], step[: 2 * n, 2 * n :].astype(complex))
+    return np.asarray(model.B.T @ states[:, :n])
+
+
+def test_the_rig_tends_to_the_tangent_as_the_square_of_the_amplitude() -> None:
+    """A cubic spring under preload: half the torque, a quarter of the distance from the linearised response."""
+    spring = Spring(2e4, 60, cubic=5e9)
+    machine = Robot(
+        "beam",
+        (Body("beam", joints=(Joint("1", "y", spring, Motor(1e-3, 100)),), mass=30, center_of_mass=(0.5, 0, 0)),),
+    )
+    machine = replace(machine, bodies=(replace(machine.bodies[0], inertia=2.0),))
+    lines = np.arange(3, 120, 2)
+    phases = np.exp(2j * np.pi * np.random.default_rng(3).random(lines.size))
+    errors = []
+    for rms in (48.0, 24.0, 12.0):
+        R = (rms * math.sqrt(2 / lines.size) * phases)[None, None, None, :, None]
+        plan = Plan((HORIZONTAL,), machine.motor_locations, 1000.0, 4000, 1, 2, lines, R)
+        study = ExperimentSpec({"horizontal": (0.0,)}, simulated=SimulatedSpec(substeps=2))
+        rig = SimulatedRig(machine, study, plan, 1)
+        record = rig.measure(rig.experiments[0])
+        Y, U = (np.fft.rfft(signal[:, 0])[lines] for signal in (record.y, record.u))
+        model = serial(machine)
+        q0 = equilibrium(model, model.theta, HORIZONTAL).q
+        G = sampled_response(model, q0, lines / 4.0, 1000.0)[:, 0, 0]
+        errors.append(np.linalg.norm(Y / U - G) / np.linalg.norm(G))
+    assert errors[0] < 0.2
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.15)
