@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from elastid.fit.result import FitResult
+from elastid.friction.placed import frictions
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
@@ -28,10 +29,12 @@ def truth(study: Study) -> dict[str, float] | None:
     if simulated is None:
         return None
     numbers = {name: value for name, (value, _) in study.robot.parameters().items()} | {DELAY: 0.0}
-    # Coulomb friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
+    # Dry friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
-    rough = [joint for joint in study.robot.driven if joint.motor is not None and joint.motor.coulomb]
-    sticking = {f"fm_{joint.name}" for joint in rough} | {f"f_{joint.name}" for joint in rough if not joint.is_flexible}
+    rough = {law.place for law in frictions(study.robot)}
+    sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
+    rigid = {joint.name for joint in study.robot.driven if not joint.is_flexible}
+    sticking |= {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
 
 

@@ -48,6 +48,12 @@ TABLE: dict[str, tuple[str, float]] = {
     "N*m/rad^3": ("N*m/rad^3", 1.0),
     "N*m*s/rad": ("N*m*s/rad", 1.0),
     "kN*m*s/rad": ("N*m*s/rad", 1e3),
+    "N*m*s^2/rad^2": ("N*m*s^2/rad^2", 1.0),
+    "N*m/s": ("N*m/s", 1.0),
+    "N*m/K": ("N*m/K", 1.0),
+    "rad/(s*K)": ("rad/(s*K)", 1.0),
+    "degC": ("degC", 1.0),
+    "K": ("K", 1.0),
     "kg": ("kg", 1.0),
     "g": ("kg", 1e-3),
     "kg*m^2": ("kg*m^2", 1.0),
@@ -59,6 +65,7 @@ TABLE: dict[str, tuple[str, float]] = {
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
     "us": ("s", 1e-6),
+    "min": ("s", 60.0),
     "Hz": ("Hz", 1.0),
     "kHz": ("Hz", 1e3),
 }
@@ -148,6 +155,8 @@ Ratio: TypeAlias = Annotated[float, InUnit("1")]
 Stiffness: TypeAlias = Annotated[float, InUnit("N*m/rad")]
 Time: TypeAlias = Annotated[float, InUnit("s")]
 Torque: TypeAlias = Annotated[float, InUnit("N*m")]
+Temperature: TypeAlias = Annotated[float, InUnit("degC")]
+TemperatureRise: TypeAlias = Annotated[float, InUnit("K")]
 TorqueConstant: TypeAlias = Annotated[float, InUnit("N*m/A")]
 
 # A quantity whose dimension only its name tells (a parameter of the robot); `study` reads it into SI.

@@ -11,14 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.errors import DataError
-from elastid.friction.static import SLIDING_VELOCITY, coulomb
+from elastid.friction.placed import PlacedLaw
+from elastid.friction.static import SLIDING_VELOCITY, Tustin, coulomb
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.record import Configuration
-from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import CHUNK, ClosedLoop, Commands, closed_loop, simulate
+from elastid.simulation.contacts import Contacts, contacts
 from elastid.simulation.controller import Gains, feed_forward, rigid_motion, tuned
+from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import acceleration, fastest_rate, runge_kutta
 
 FREE = np.array([[-np.inf, np.inf]] * 2)
@@ -70,10 +73,16 @@ def quiet(model: ElasticModel, q0: np.ndarray, n: int, torque: np.ndarray | None
     return Commands(z + model.B.T @ q0, z, z + held + (0 if torque is None else torque), z, z)
 
 
+def rough(model: ElasticModel, level: float) -> Contacts:
+    """Coulomb friction of so many Nm, link side, at every motor."""
+    return contacts(model, [PlacedLaw(place, Tustin(), Friction(level), 1.0) for place in model.inputs if level])
+
+
 def loop(model: ElasticModel, coulomb: float = 0.0, count: float = 0.0) -> ClosedLoop:
     """Closed at 1 kHz with two steps a sample, motors free to go anywhere."""
     n_u = model.n_u
-    return closed_loop(model, np.full(n_u, coulomb), FREE[:n_u], 1000.0, 2, np.full(n_u, count))
+    drives = Drives(np.full(n_u, count), np.full(n_u, np.inf))
+    return closed_loop(model, rough(model, coulomb), FREE[:n_u], 1000.0, 2, drives)
 
 
 @given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
@@ -117,7 +126,7 @@ def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states()
     columns = [np.concatenate([r.full()[:, 0] for r in advance(e[:2], e[2:], 0)]) for e in 1e-6 * np.eye(4)]
     poles = np.log(np.linalg.eigvals(np.array(columns).T / 1e-6).astype(complex)) / step
     pole = poles[np.argmax(poles.imag)]
-    omega = fastest_rate(model, np.zeros(1), np.zeros(2))
+    omega = fastest_rate(model, rough(model, 0.0), np.zeros(2))
     y = omega * step
     np.testing.assert_allclose(1 - pole.imag / omega, y**4 / 120, rtol=0.1)
     np.testing.assert_allclose(-pole.real / omega, y**5 / 144, rtol=0.1)
@@ -126,12 +135,12 @@ def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states()
 def test_the_fastest_rate_is_friction_at_standstill_or_the_stiffest_mode() -> None:
     """F_c / (v_s J) for a motor with friction; sqrt(k (1/J_m + 1/J)) for an elastic joint."""
     model = serial(motor())
-    np.testing.assert_allclose(fastest_rate(model, np.array([10.0]), np.zeros(1)), 10 / (SLIDING_VELOCITY * 20))
+    np.testing.assert_allclose(fastest_rate(model, rough(model, 10.0), np.zeros(1)), 10 / (SLIDING_VELOCITY * 20))
     robot = arm(gravity=0.0)
     single = serial(replace(robot, bodies=robot.bodies[:1]))
     J, J_m = 1.5 + MASS[0] * OFFSET[0] ** 2, 2e-3 * 80**2
     expected = math.sqrt(STIFFNESS[0] * (1 / J + 1 / J_m))
-    np.testing.assert_allclose(fastest_rate(single, np.zeros(1), np.zeros(2)), expected)
+    np.testing.assert_allclose(fastest_rate(single, rough(single, 0.0), np.zeros(2)), expected)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])

@@ -26,6 +26,7 @@ from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, weigh
+from elastid.friction.placed import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -148,14 +149,14 @@ class Prospect:
     def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
         """(I + F G_q)^-1 (F, n_u, n_u): what the controller leaves of injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        k_p, k_d = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
-        F = k_p[:, None] + k_d[:, None] * s
+        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
+        F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
-        coulomb = np.array([abs(j.motor.ratio) * j.motor.coulomb for j in self.robot.driven if j.motor is not None])
+        coulomb = coulomb_levels(self.robot)
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
@@ -168,7 +169,8 @@ class Prospect:
         """C_V (F, n_y, n_y), of the mean over the periods."""
         noise = self.level.noise
         hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
-        torque = hold[:, None, None] * (noise.torque_std**2 + noise.disturbance_std**2)
+        power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
+        torque = (hold * power)[:, None, None]
         omega = 2 * np.pi * self.freq_hz[:, None]
         angle = omega ** (2 * MOTION_ORDER[self.quantity]) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
@@ -176,13 +178,14 @@ class Prospect:
         return error
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 (n_y,) of a sample: sensor noise, and the counts of a motor's encoder."""
+        """rad^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
-        variances = np.full(len(self.outputs), noise.angle_std**2)
+        white = noise.variances("angle", self.freq_hz, self.rate_hz)
+        variances = np.tile(white[:, None], (1, len(self.outputs)))
         for i, place in enumerate(self.outputs):
             if noise.encoder_counts and place in self.robot.motor_locations:
                 ratio = self.robot.ratio(place.removeprefix("motor "))
-                variances[i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+                variances[:, i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
         return variances
 
 
@@ -240,12 +243,12 @@ def _linearisation(robot: Robot, formulation: ModelSpec) -> Linearisation:
 @lru_cache(maxsize=1024)
 def _gains(
     robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
-) -> tuple[FloatArray, FloatArray]:
-    """k_p and k_d (n_u,) of the simulated joint controller in a configuration."""
+) -> tuple[FloatArray, ...]:
+    """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
     model = _linearisation(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
-    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio)
-    return gains.kp, gains.kd
+    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    return gains.kp, gains.kd, gains.ki
 
 
 def _diagonal(matrices: ComplexArray) -> FloatArray:

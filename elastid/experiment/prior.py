@@ -8,7 +8,7 @@ which damps, is left out. Link side, SI.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,6 +16,7 @@ import numpy as np
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.excitation.spec import Signal
 from elastid.experiment.spec import ControllerSpec
+from elastid.linear.chain import torque_elements
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import frequency_response
@@ -46,13 +47,15 @@ def closed_loop_response(
     linearisation = _linearisation(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
+    linear = replace(linear, chain=torque_elements(robot.chain))  # the controller reads what no filter has seen
     q0 = equilibrium(model, model.theta, configuration).q
-    gains = tuned(model, q0, controller.bandwidth_hz, controller.damping_ratio)
+    gains = tuned(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
     s = 2j * np.pi * freq_hz[:, None, None]
     z_inverse = np.exp(-s / rate_hz)
     hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]
     P = hold * frequency_response(linear, linear.theta_ref, freq_hz)
     F = np.diag(gains.kp) + (1 - z_inverse) * rate_hz * np.diag(gains.kd)
+    F = (1 + gains.ki / rate_hz * z_inverse / (1 - z_inverse)) * F
     torque = np.linalg.inv(np.eye(model.n_u) + F @ P)
     position = P @ torque
     return ClosedLoopResponse(torque, position, s * position, s**2 * position)

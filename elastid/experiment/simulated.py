@@ -18,8 +18,10 @@ from elastid.errors import DataError, StudyError
 from elastid.experiment.movement import check_movement
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.references import Reference, reference
-from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
-from elastid.linear.equilibrium import equilibrium
+from elastid.experiment.rig_hardware import Noise, drawn, drives, filtered, friction_of_a_run
+from elastid.experiment.spec import EncoderRippleSpec, ExperimentSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.friction.placed import frictions
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
@@ -27,6 +29,7 @@ from elastid.record import Motion, Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
 from elastid.simulation.constrained import violation
+from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
 from elastid.simulation.spec import StabilisationSpec
@@ -34,6 +37,8 @@ from elastid.units import Quantity, to_si
 
 # m between the ends of a loop that a simulation may leave without a word.
 OPEN = 1e-6
+# Part of the measured samples in which a motor may be at its torque limit.
+MOSTLY_CLIPPED = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,6 +69,11 @@ class SimulatedRig:
             )
         for place in self.outputs:
             self.robot.check_location(place)
+        if self.robot.chain.differentiator is not None:
+            raise StudyError(
+                f"robot {self.robot.name}: chain.differentiator: the simulated rig logs positions, which nothing "
+                "differentiates; leave it out of the robot's chain"
+            )
         if self.simulated.carrier is not None:
             check_movement(self.simulated.carrier, self.plan, self.robot)
 
@@ -87,12 +97,16 @@ class SimulatedRig:
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
         plan = self.plan
-        plant, q0, given = self._prepared(experiment)
-        noise = _draw(self.simulated.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
+        plant, point, given = self._prepared(experiment)
+        q0 = point.q
+        noise = self._noise(experiment)
         end = plan.run_samples - plan.first_sample  # the way out is not measured
-        trajectory = self._moved(plant, q0, given, experiment, noise, 1.0, end)
+        trajectory = self._moved(plant, point, given, experiment, noise, 1.0, end)
         measured = slice(end - plan.periods * plan.period_samples, end)
-        u, y = trajectory.u + noise.torque[:end], _sensed(trajectory, plant.model, q0, self.outputs, noise)
+        u, y = (
+            trajectory.u + noise.torque[:end],
+            _sensed(trajectory, plant.model, q0, self.outputs, noise, plan.rate_hz),
+        )
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model, q0)
             u, y = u - given.feed_forward[:end], y - (given.position[:end] - experiment.configuration.angles) @ C.T
@@ -111,6 +125,7 @@ class SimulatedRig:
             y=y[measured],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=(
+                *_clipped(trajectory.u[measured], plant, experiment),
                 *_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
                 *_opened(plant.model, trajectory),
             ),
@@ -122,64 +137,54 @@ class SimulatedRig:
 
         DataError where a motor is lost, StudyError where the steps are too long for the robot.
         """
-        plant, q0, given = self._prepared(experiment)
-        noise = _draw(self.simulated.noise, self.plan, len(self.outputs), (self.seed, *_indices(self.plan, experiment)))
-        trajectory = self._moved(plant, q0, given, experiment, noise, factor, self.plan.run_samples)
+        plant, point, given = self._prepared(experiment)
+        noise = self._noise(experiment)
+        trajectory = self._moved(plant, point, given, experiment, noise, factor, self.plan.run_samples)
         return trajectory.q @ plant.model.B, trajectory.u
 
-    def _prepared(self, experiment: Experiment) -> tuple[_Plant, FloatArray, Reference]:
+    def _noise(self, experiment: Experiment) -> Noise:
+        plan = self.plan
+        return drawn(self.simulated.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
+
+    def _prepared(self, experiment: Experiment) -> tuple[_Plant, OperatingPoint, Reference]:
         """The true robot, its equilibrium, and what its controller is given."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
-        plant = _plant(
-            true_robot(self.robot, spec.truth),
-            spec.model,
-            spec.loops,
-            rate_hz,
-            spec.substeps,
-            spec.noise.encoder_counts,
-        )
-        q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
-        _check_steps(plant, q0, experiment, spec.substeps, rate_hz)
-        return plant, q0, reference(self.plan, spec.carrier, plant.model, q0, experiment.configuration)
+        hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
+        plant = _plant(true_robot(self.robot, spec.truth), spec.model, spec.loops, rate_hz, spec.substeps, *hardware)
+        point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
+        _check_steps(plant, point.q, experiment, spec.substeps, rate_hz)
+        return plant, point, reference(self.plan, spec.carrier, plant.model, point.q, experiment.configuration)
 
     def _moved(
         self,
         plant: _Plant,
-        q0: FloatArray,
+        point: OperatingPoint,
         given: Reference,
         experiment: Experiment,
-        noise: _Noise,
+        noise: Noise,
         factor: float,
         n: int,
     ) -> Trajectory:
         """The first n samples of a run, from rest where the reference begins."""
-        spec = self.simulated
-        gains = tuned(plant.model, q0, spec.controller.bandwidth_hz, spec.controller.damping_ratio)
+        spec, q0 = self.simulated, point.q
+        controller, sliding = spec.controller, plant.loop.contacts
+        integral_time = controller.velocity_integral_time
+        gains = tuned(plant.model, q0, controller.bandwidth_hz, controller.damping_ratio, integral_time)
+        curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment, self.seed)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
         (start,) = rigid_path(plant.model, q0, experiment.configuration.angles, given.position[:1])
-        return _run(plant.loop, gains, commands, start, experiment)
+        return _run(plant.loop, gains, commands, start, curves[:n] if curves.ndim > 1 else curves, experiment)
 
 
 @dataclass(frozen=True, eq=False)
 class _Plant:
-    """The true robot as equations, alone and in its loop; coulomb (n_u,) in Nm, link side."""
+    """The true robot as equations, alone and in its loop."""
 
     model: ElasticModel
     loop: ClosedLoop
-    coulomb: FloatArray
-
-
-@dataclass(frozen=True)
-class _Noise:
-    """White noise over the whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), rad (n, n_y)."""
-
-    torque: FloatArray
-    reading: FloatArray
-    disturbance: FloatArray
-    outputs: FloatArray
 
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
@@ -196,16 +201,22 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 
 @lru_cache(maxsize=4)
 def _plant(
-    robot: Robot, equations: ModelSpec, loops: StabilisationSpec, rate_hz: float, substeps: int, encoder_counts: int
+    robot: Robot,
+    equations: ModelSpec,
+    loops: StabilisationSpec,
+    rate_hz: float,
+    substeps: int,
+    encoder_counts: int,
+    encoder_ripple: tuple[EncoderRippleSpec, ...],
+    torque_ripple: tuple[TorqueRippleSpec, ...],
+    saturation: bool,
 ) -> _Plant:
     """Built once in a process: CasADi expressions do not pickle."""
     model = formulate(robot, equations)
-    motors = [(joint.motor, joint.limits) for joint in robot.driven if joint.motor is not None]
-    coulomb = np.array([abs(motor.ratio) * motor.coulomb for motor, _ in motors])
-    per_turn = [encoder_counts * abs(motor.ratio) for motor, _ in motors]
-    resolution = np.array([2 * math.pi / counts if counts else 0.0 for counts in per_turn])
-    limits = np.array([limits.angle for _, limits in motors])
-    return _Plant(model, closed_loop(model, coulomb, limits, rate_hz, substeps, resolution, loops), coulomb)
+    limits = np.array([joint.limits.angle for joint in robot.driven])
+    hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
+    sliding = contacts(model, frictions(robot))
+    return _Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops))
 
 
 def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
@@ -213,21 +224,11 @@ def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
     return names.index(experiment.configuration.name), experiment.realisation, experiment.experiment
 
 
-def _draw(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> _Noise:
-    n = plan.run_samples
-    random = np.random.default_rng(np.random.SeedSequence(seed))
-    n_u = len(plan.inputs)
-    return _Noise(
-        torque=spec.torque_std * random.standard_normal((n, n_u)),
-        reading=spec.angle_std * random.standard_normal((n, n_u)),
-        disturbance=spec.disturbance_std * random.standard_normal((n, n_u)),
-        outputs=spec.angle_std * random.standard_normal((n, n_y)),
-    )
-
-
-def _run(loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, experiment: Experiment) -> Trajectory:
+def _run(
+    loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, curves: FloatArray, experiment: Experiment
+) -> Trajectory:
     try:
-        return simulate(loop, gains, commands, q0)
+        return simulate(loop, gains, commands, q0, curves)
     except DataError as error:
         raise DataError(
             f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
@@ -237,18 +238,18 @@ def _run(loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, exp
 
 
 def _check_steps(plant: _Plant, q0: FloatArray, experiment: Experiment, substeps: int, rate_hz: float) -> None:
-    rate = fastest_rate(plant.model, plant.coulomb, q0)
+    rate = fastest_rate(plant.model, plant.loop.contacts, q0)
     needed = math.ceil(rate / rate_hz / STABLE_STEP)
     if substeps < needed:
         raise StudyError(
             f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
             f"{plant.model.robot.name} in configuration {experiment.configuration.name} (a pole of {rate:.4g} 1/s: its "
-            f"stiffest mode, or Coulomb friction at standstill); take at least {needed}"
+            f"stiffest mode, or friction at standstill); take at least {needed}, or raise excitation.rate_hz"
         )
 
 
 def _sensed(
-    trajectory: Trajectory, model: ElasticModel, q0: FloatArray, outputs: tuple[str, ...], noise: _Noise
+    trajectory: Trajectory, model: ElasticModel, q0: FloatArray, outputs: tuple[str, ...], noise: Noise, rate_hz: float
 ) -> FloatArray:
     """What the log reads (n, n_y): encoders, joint angles, and C (q - q0) for a body, to first order."""
     C = model.output_jacobian(q0, outputs)
@@ -258,7 +259,28 @@ def _sensed(
             y[:, column] = trajectory.reading[:, model.inputs.index(place)]
         elif place.startswith("body "):
             y[:, column] -= C[column] @ q0
-    return y
+    return filtered(model.robot, y, rate_hz)
+
+
+def _clipped(u: FloatArray, plant: _Plant, experiment: Experiment) -> tuple[str, ...]:
+    """A word for every motor whose measured torque u (n, n_u) was clipped; DataError where it mostly was."""
+    part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
+    words = []
+    for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
+        if share > MOSTLY_CLIPPED:
+            raise DataError(
+                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} N*m in {share:.0%} of the "
+                "measured samples, so that nothing is controlled; lower excitation.torque_rms, move the configuration "
+                "to where gravity takes less, or correct limits.torque"
+            )
+        if share > 0:
+            words.append(
+                f"{name} was clipped at its torque limit of {limit:.4g} N*m in {max(share, 1e-4):.2%} of the measured "
+                f"samples of configuration {experiment.configuration.name}, realisation {experiment.realisation}, "
+                f"experiment {experiment.experiment}: the response is no longer linear; lower excitation.torque_rms"
+            )
+    return tuple(words)
 
 
 def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 
 from elastid.experiment.plan import Plan
 from elastid.experiment.spec import CarrierSpec
+from elastid.friction.placed import coulomb_levels
 from elastid.robot import Robot
 
 # A multisine whose peaks are three times its rms still slides where Coulomb friction is a third of that rms.
@@ -22,8 +23,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[str
     power = np.sum(np.abs(plan.R) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
     words = []
-    for joint, torque in zip(robot.driven, rms.tolist(), strict=True):
-        coulomb = abs(joint.motor.ratio) * joint.motor.coulomb if joint.motor is not None else 0.0
+    for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
         if coulomb > STICKING * torque:
             words.append(
                 f"Coulomb friction of motor {joint.name} ({coulomb:.3g} N*m) is more than a third of its rms torque "

@@ -29,25 +29,31 @@ _LEAST = 1e-12
 
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
-    if model.robot.loops:
-        raise StudyError(
-            f"robot {model.robot.name} has loops ({', '.join(loop.name for loop in model.robot.loops)}), whose "
-            "rods are no bodies and have no place in this MJCF; export to casadi, c, control or matlab"
-        )
-    _check_springs(model.robot)
-    root = ET.Element("mujoco", model=model.robot.name)
-    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
-    ET.SubElement(root, "option", gravity=_numbers(model.robot.gravity), integrator="implicit", timestep="0.0005")
-    _bodies(ET.SubElement(root, "worldbody"), model.robot)
-    _tendons(root, model.robot)
-    _actuators(root, model.robot)
+    root = mjcf(model.robot)
     _keyframes(root, model)
     ET.indent(root)
     path = folder / "robot.xml"
     with text_file(path) as file:
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
+
+
+def mjcf(robot: Robot) -> ET.Element:
+    """The robot without keyframes; StudyError where it has something that MJCF cannot say."""
+    if robot.loops:
+        raise StudyError(
+            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are no bodies "
+            "and have no place in this MJCF; export to casadi, c, control or matlab"
+        )
+    _check_springs(robot)
+    root = ET.Element("mujoco", model=robot.name)
+    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
+    _bodies(ET.SubElement(root, "worldbody"), robot)
+    _tendons(root, robot)
+    _actuators(root, robot)
+    return root
 
 
 def _check_springs(robot: Robot) -> None:

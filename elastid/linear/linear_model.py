@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import FloatArray, frozen
+from elastid.linear.chain import Element
 from elastid.record import Configuration, Motion
 
 DELAY = "delay"
@@ -39,7 +40,8 @@ class LinearModel:
     """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C (n_y, n).
 
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
-    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d).  Link side, SI.
+    model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
+    chain's elements.  Link side, SI.
     """
 
     configuration: Configuration
@@ -54,6 +56,7 @@ class LinearModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
+    chain: tuple[Element, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes."""

@@ -27,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray, IntArray
+from elastid.linear.chain import elements
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
@@ -97,6 +98,7 @@ class Linearisation:
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
+            chain=elements(model.robot.chain),
         )
 
 

@@ -5,6 +5,7 @@ r"""LinearModel -> state space: what control engineers' tools read.
 .. math:: A = \begin{bmatrix} 0 & I \\ -M^{-1} K & -M^{-1} D_q \end{bmatrix}, \qquad
           B = \begin{bmatrix} 0 \\ M^{-1} B_q \end{bmatrix}
 
+The lags of the measurement chain, the same for every motor, are states of their own in front of B.
 y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q).
 """
 
@@ -15,6 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.errors import StudyError
+from elastid.linear.chain import LagElement
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.record import Configuration, Motion
 
@@ -47,7 +50,10 @@ class StateSpace:
 
 
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
-    """The state space of a LinearModel at theta (n_theta,), model.parameters in SI."""
+    """The state space of a LinearModel at theta (n_theta,), model.parameters in SI.
+
+    Raises StudyError for a differentiator in the chain: no finite number of states makes one.
+    """
     M, D, K = model.matrices(theta)
     n, n_u = model.B.shape
     motion = np.linalg.solve(M, np.hstack([-K, -D, model.B]))  # q'' = motion [q; q'; u]
@@ -59,5 +65,31 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
         "velocity": (np.hstack([still, model.C]), through),
         "acceleration": (model.C @ motion[:, : 2 * n], model.C @ motion[:, 2 * n :]),
     }[model.quantity]
+    for element in model.chain:
+        if not isinstance(element, LagElement):
+            raise StudyError(
+                f"chain.{element.name}: a state space cannot hold the difference of a motion over a time; leave it out "
+                "of the robot's chain, and estimate and export another quantity"
+            )
+        T = float(theta[model.parameters.index(element.name)])
+        A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, T)
     delay = float(theta[model.parameters.index(DELAY)]) if DELAY in model.parameters else 0.0
     return StateSpace(model.configuration, A, B, C, D_y, delay, model.inputs, model.outputs, model.quantity)
+
+
+def _behind_a_lag(
+    A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, coefficients: tuple[float, ...], T: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The same system with each input behind 1 / P(s T), P = 1 + p_1 x + p_2 x^2 ...; w = [u_1; T u_1'; ...]."""
+    n, order, n_u = len(A), len(coefficients), B.shape[1]
+    shift = np.eye(order, k=1)
+    shift[-1] = -np.array([1.0, *coefficients[:-1]]) / coefficients[-1]
+    A_lag = np.kron(shift / T, np.eye(n_u))
+    B_lag = np.kron(np.eye(order)[:, -1:] / (coefficients[-1] * T), np.eye(n_u))
+    held = np.kron(np.eye(order)[:1], np.eye(n_u))
+    return (
+        np.block([[A, B @ held], [np.zeros((order * n_u, n)), A_lag]]),
+        np.vstack([np.zeros((n, n_u)), B_lag]),
+        np.hstack([C, D @ held]),
+        np.zeros_like(D),
+    )

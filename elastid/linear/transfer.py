@@ -1,10 +1,10 @@
 r"""LinearModel -> frequency response and its exact derivatives, all lines at once.
 
 .. math:: G(j\omega) = c\, C Z^{-1} B, \qquad Z = -\omega^2 M + j\omega D + K, \qquad
-          c = (j\omega)^k e^{-j\omega T_d}
+          c = (j\omega)^k e^{-j\omega T_d} \prod_i H_i(j\omega T_i)
 
-with k = 0, 1, 2 for position, velocity, acceleration. Z is symmetric, so the solutions X = Z^-1 B and W = Z^-1 C^T give
-every derivative without another solve (plain transposes):
+with k = 0, 1, 2 for position, velocity, acceleration, H_i the elements of the measurement chain. Z is symmetric, so the
+solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without another solve (plain transposes):
 
 .. math:: dG = -c\, W^T dZ\, X = -c \sum_t (j\omega)^{k_t} \sigma_t\, (W^T y_t)(y_t^T X), \qquad
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
@@ -98,6 +98,10 @@ class Kernel:
             G[block] = self._response(s, X, theta)
             if DELAY in self.wanted:
                 dG[self.wanted.index(DELAY), block] = -s[:, None, None] * G[block]
+            for element in self.model.chain:
+                if element.name in self.wanted:
+                    slope = element.log_slope(s, _number(self.model, theta, element.name))
+                    dG[self.wanted.index(element.name), block] = slope[:, None, None] * G[block]
             YX = _times(Y, X)
             left, right = YX[:, :, columns], YX[:, :, :n_u]
             gain = _gain(self.model, theta, s)
@@ -174,10 +178,16 @@ class Kernel:
 
 
 def _gain(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
-    """s^k exp(-s T_d), of the shape of s = j omega."""
-    delay = theta[model.parameters.index(DELAY)] if DELAY in model.parameters else 0.0
+    """s^k exp(-s T_d) and the factors of the chain, of the shape of s = j omega."""
+    delay = _number(model, theta, DELAY) if DELAY in model.parameters else 0.0
     gain: ComplexArray = s ** MOTION_ORDER[model.quantity] * np.exp(-s * delay)
+    for element in model.chain:
+        gain = gain * element.response(s, _number(model, theta, element.name))
     return gain
+
+
+def _number(model: LinearModel, theta: FloatArray, name: str) -> float:
+    return float(theta[model.parameters.index(name)])
 
 
 def _times(Y: FloatArray, X: ComplexArray) -> ComplexArray:

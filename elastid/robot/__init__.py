@@ -27,7 +27,9 @@ from __future__ import annotations
 
 from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.chain import Chain
 from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
+from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.loop import Loop, Pin, Rod
@@ -41,19 +43,26 @@ __all__ = [
     "Angles3",
     "Axis",
     "Body",
+    "Chain",
     "CoilSpring",
     "Compensator",
+    "Dahl",
+    "Friction",
     "GasSpring",
     "InertiaTensor",
     "Joint",
     "Limits",
+    "LoadDependence",
     "Loop",
+    "LuGre",
+    "MaxwellSlip",
     "Motor",
     "Pin",
     "Placement",
     "Robot",
     "Rod",
     "Spring",
+    "TemperatureDependence",
     "Vector3",
     "unit_axis",
 ]

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from elastid.errors import StudyError
 from elastid.names import did_you_mean
 from elastid.robot.body import BASE, Body
+from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
 from elastid.robot.geometry import Acceleration3
 from elastid.robot.joint import Joint
@@ -17,7 +18,8 @@ from elastid.section import section
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies.
+    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies, and the
+    chain of measurement around all of it.
 
     Raises ValueError for names given twice, unknown parents and bodies, a robot without a motor.
     """
@@ -28,6 +30,7 @@ class Robot:
     loops: tuple[Loop, ...] = ()
     source: str = ""
     compensators: tuple[Compensator, ...] = ()
+    chain: Chain = Chain()
 
     def __post_init__(self) -> None:
         """Check the tree."""
@@ -128,7 +131,7 @@ class Robot:
             places |= below("loops", below(i, loop.numbers))
         for c, compensator in enumerate(self.compensators):
             places |= below("compensators", below(c, compensator.numbers))
-        return places
+        return places | below("chain", self.chain.numbers)
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import field
 
+from elastid.robot.friction import Friction
 from elastid.robot.geometry import Axis, unit_axis
 from elastid.robot.motor import Motor
 from elastid.robot.numbers import Numbers, below
@@ -32,7 +33,7 @@ class Limits:
 
 @section
 class Joint:
-    """A rotation about `axis`, with a spring, a motor, both or neither; viscous friction acts across the joint.
+    """A rotation about `axis`, with a spring, a motor, both or neither; friction acts across the joint.
 
     start: its angle where loops are put together, which decides between the two ways in which most loops close.
     """
@@ -42,6 +43,7 @@ class Joint:
     spring: Spring | None = None
     motor: Motor | None = None
     viscous: Damping = 0.0
+    friction: Friction | None = None
     limits: Limits = field(default_factory=Limits)
     start: Angle = 0.0
 
@@ -50,6 +52,8 @@ class Joint:
         unit_axis(self.axis)
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+        if self.friction is not None:
+            self.friction.check_passive(self.viscous)
 
     @property
     def is_passive(self) -> bool:

@@ -15,12 +15,17 @@ from elastid.arrays import FloatArray, frozen
 from elastid.errors import DataError
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.constrained import projection
+from elastid.simulation.contacts import Contacts
 from elastid.simulation.controller import Gains, feedback
-from elastid.simulation.dynamics import acceleration, runge_kutta
+from elastid.simulation.drives import Drives
+from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
 from elastid.simulation.spec import StabilisationSpec
 
 # Samples between two looks at the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK = 1000
+
+# What a sample hands on: q, v, states of friction and drives, the controller's integral and last reading.
+STATES = 6
 
 # rad on the link side. A joint that is a whole turn from its reference is not coming back.
 LOST = 2 * np.pi
@@ -52,7 +57,10 @@ class Commands:
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What happened, at the sampling instants: q (n, n_q) true, reading (n, n_u) of the encoders, u (n, n_u) held."""
+    """What happened, at the sampling instants: q (n, n_q) true, reading (n, n_u) of the encoders, u (n, n_u) held.
+
+    u is what the drives took: the controller's command, clipped.
+    """
 
     q: FloatArray
     reading: FloatArray
@@ -70,57 +78,104 @@ class ClosedLoop:
     limits: FloatArray
     B: FloatArray
     rate_hz: float
+    contacts: Contacts
+    drives: Drives
     function: ca.Function
 
 
 def closed_loop(
     model: ElasticModel,
-    coulomb: FloatArray,
+    contacts: Contacts,
     limits: FloatArray,
     rate_hz: float,
     substeps: int,
-    resolution: FloatArray,
+    drives: Drives,
     loops: StabilisationSpec = PROJECTED,
 ) -> ClosedLoop:
-    """Close the loop around a model with Coulomb friction (n_u,) in Nm, link side.
+    """Close the loop around a model with its friction and its drives.
 
-    substeps: Runge-Kutta steps in a sample.  resolution (n_u,): rad per encoder count, link side, 0 for unlimited.
-    loops: how they are kept closed.
+    substeps: Runge-Kutta steps in a sample.  loops: how those of a linkage are kept closed.
     """
-    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-    names = ("last", "position", "velocity", "torque", "disturbance", "reading_noise", "kp", "kd")
-    signals = [ca.SX.sym(name, model.n_u) for name in names]
-    last, position, velocity, torque, disturbance, noise, kp, kd = signals
-    reading = _counted(ca.DM(model.B).T @ q + noise, resolution)
-    u = torque + feedback(reading, last, position, velocity, kp, kd, rate_hz)
-    step = runge_kutta(acceleration(model, coulomb, loops.alpha, loops.beta), 1 / (rate_hz * substeps), substeps)
-    q_next, v_next = step(q, v, u + disturbance)
+    names = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
+    names |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
+    names |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
+    given = {name: ca.SX.sym(name, size) for name, size in names.items()}
+    q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
+    reading = drives.reading(ca.DM(model.B).T @ q, given["noise"])
+    last, position, velocity = given["last"], given["position"], given["velocity"]
+    error = feedback(reading, last, position, velocity, given["kp"], given["kd"], rate_hz)
+    command = given["torque"] + error + given["ki"] * given["integral"]
+    u = drives.clipped(command)
+    # A drive at its limit would wind the integral up.
+    integral = given["integral"] + ca.if_else(u == command, error / rate_hz, 0)
+    free = free_acceleration(model, loops.alpha, loops.beta)
+    q, v, z, w = _moved(
+        free, ca.DM(model.B), contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps
+    )
     if model.n_c and loops.project:
-        q_next, v_next = projection(model)(q_next, v_next)
-    sample = ca.Function("sample", [q, v, *signals], [q_next, v_next, reading, u])
-    return ClosedLoop(model.inputs, limits, model.B, rate_hz, sample.mapaccum("closed_loop", CHUNK, 3, {}))
+        q, v = projection(model)(q, v)
+    results = [q, v, z, w, integral, reading, u]
+    sample = ca.Function("sample", list(given.values()), results)
+    function = sample.mapaccum("closed_loop", CHUNK, STATES, {})
+    return ClosedLoop(model.inputs, limits, model.B, rate_hz, contacts, drives, function)
 
 
-def simulate(loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray) -> Trajectory:
+def _moved(
+    free: ca.Function,
+    B: ca.DM,
+    contacts: Contacts,
+    drives: Drives,
+    state: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
+    u: ca.SX,
+    given: dict[str, ca.SX],
+    step: float,
+    steps: int,
+) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+    """(q, v, z, w) after the steps of a sample in which the command u is held."""
+    curves = given["curves"]
+
+    def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
+        driving = drives.on_motors(torque, B.T @ q) + given["disturbance"]
+        return free(q, v, B @ driving - contacts.torque(v, z, curves))
+
+    def advanced(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
+        return contacts.advanced(v, z, curves, step)
+
+    q, v, z, w = state
+    for _ in range(steps):
+        torques = [drives.lagged(w, u, part * step) for part in (0.0, 0.5, 1.0)]
+        q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [torque for torque, _ in torques], step)
+        w = torques[-1][1]
+    return q, v, z, w
+
+
+def simulate(
+    loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, curves: FloatArray | None = None
+) -> Trajectory:
     """Run the loop from rest in q0 (n_q,) over the n samples of the commands.
 
+    curves (n, 5 n_f) or (5 n_f,): the friction's numbers, by default those without load at the reference temperature.
     Raises DataError where a motor leaves its limits or is lost.
     """
     n, n_u = commands.position.shape
+    numbers = loop.contacts.curves if curves is None else curves
     signals = [getattr(commands, field.name) for field in fields(commands)]
-    signals += [np.broadcast_to(gain, (n, n_u)) for gain in (gains.kp, gains.kd)]
-    state = [q0, np.zeros(len(q0)), loop.B.T @ q0]
+    signals += [np.broadcast_to(gain, (n, n_u)) for gain in (gains.kp, gains.kd, gains.ki)]
+    signals.append(np.broadcast_to(numbers, (n, numbers.shape[-1])))
+    z = np.zeros(loop.contacts.n_states)
+    state = [q0, np.zeros(len(q0)), z, loop.drives.start(commands.torque[0]), np.zeros(n_u), loop.B.T @ q0]
     chunks = []
     for start in range(0, n, CHUNK):
         block = [signal[start : start + CHUNK] for signal in signals]
         padding = ((0, CHUNK - len(block[0])), (0, 0))
-        q, v, reading, u = (
+        results = [
             np.array(result.full())
             for result in loop.function(*state, *(np.pad(part, padding, mode="edge").T for part in block))
-        )
+        ]
+        q, reading, u = results[0], *results[-2:]
         chunks.append((np.column_stack([state[0], q[:, :-1]]).T, reading.T, u.T))
         _check(loop, reading.T[: len(block[0])], commands.position, start)
-        state = [q[:, -1], v[:, -1], reading[:, -1]]
+        state = [result[:, -1] for result in results[:STATES]]
     return Trajectory(*(np.concatenate(parts)[:n] for parts in zip(*chunks, strict=True)))
 
 
@@ -136,8 +191,3 @@ def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: i
         f"{reading[sample, motor]:.3g} rad, should be at {reference[sample, motor]:.3g} rad and may be within "
         f"[{lower[motor]:.3g}, {upper[motor]:.3g}] rad"
     )
-
-
-def _counted(angle: ca.SX, resolution: FloatArray) -> ca.SX:
-    widths = enumerate(resolution)
-    return ca.vertcat(*(width * ca.floor(angle[i] / width + 0.5) if width > 0 else angle[i] for i, width in widths))

@@ -1,14 +1,17 @@
 r"""The sampled joint controller that keeps the robot in its configuration, or on a slow movement about it.
 
-.. math:: u_k = u_{ff,k} + k_p (q_{ref,k} - y_k) + k_d (\dot q_{ref,k} - (y_k - y_{k-1}) / T_s) + r_k
+.. math:: u_k = u_{ff,k} + e_k + k_i T_s \sum_{j<k} e_j + r_k, \qquad
+          e_k = k_p (q_{ref,k} - y_k) + k_d (\dot q_{ref,k} - (y_k - y_{k-1}) / T_s)
 
 y: reading of the motor encoder, u_ff: torque of the rigid robot on its reference, r: the injected multisine. u_k is
-computed from the reading of the same sample and held until the next: there is no delay but that of the hold.
+computed from the reading of the same sample and held until the next: there is no delay but that of the hold. With k_i
+this is the cascade of robot controllers: a proportional loop of position, k_p / k_d, around a loop of velocity with
+proportional gain k_d and integral time 1 / k_i.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import casadi as ca
 import numpy as np
@@ -23,15 +26,19 @@ STEP = 1e-4
 
 @dataclass(frozen=True)
 class Gains:
-    """Feedback of motor position and velocity: kp (n_u,) in Nm/rad and kd (n_u,) in Nm s/rad, link side."""
+    """Feedback of motor position and velocity: kp (n_u,) in Nm/rad, kd (n_u,) in Nm s/rad, link side, ki (n_u,) in 1/s.
+
+    ki: 0 without integral action.
+    """
 
     kp: FloatArray
     kd: FloatArray
+    ki: FloatArray = field(default_factory=lambda: np.zeros(1))
 
     def __post_init__(self) -> None:
         """Freeze the gains."""
-        object.__setattr__(self, "kp", frozen(self.kp))
-        object.__setattr__(self, "kd", frozen(self.kd))
+        for name in ("kp", "kd", "ki"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
@@ -57,15 +64,19 @@ def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position:
     return path
 
 
-def tuned(model: ElasticModel, q: FloatArray, bandwidth_hz: float, damping_ratio: float) -> Gains:
+def tuned(
+    model: ElasticModel, q: FloatArray, bandwidth_hz: float, damping_ratio: float, integral_time: float | None = None
+) -> Gains:
     """Gains that give the rigid robot, each axis on its own, a loop of this bandwidth and damping ratio in q (n_q,).
 
-    kp = J omega^2, kd = 2 zeta omega J with J = diag(T^T M(q) T), links and motor together.
+    kp = J omega^2, kd = 2 zeta omega J with J = diag(T^T M(q) T), links and motor together.  integral_time: of the
+    velocity loop of a cascade, in s; without it there is no integral.
     """
     T = rigid_motion(model, q)
     inertia = np.diag(T.T @ model.mass(q, model.theta).full() @ T)
     omega = 2 * np.pi * bandwidth_hz
-    return Gains(inertia * omega**2, 2 * damping_ratio * omega * inertia)
+    ki = np.full(model.n_u, 0.0 if integral_time is None else 1 / integral_time)
+    return Gains(inertia * omega**2, 2 * damping_ratio * omega * inertia, ki)
 
 
 def feed_forward(

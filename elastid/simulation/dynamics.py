@@ -1,32 +1,39 @@
-r"""Accelerations of an elastic model with friction, and their integration over one sample.
+r"""Accelerations of an elastic model, and their integration together with the states of its friction.
 
-.. math:: \ddot q = M(q)^{-1} [B (u - \tau_f(B^T \dot q)) - f(q, \dot q)]
+.. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
 
 eqs. (2.9) and (2.11) of Niglis & Oberg (2015); with constraints `constrained`. Link side, SI.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.friction.static import SLIDING_VELOCITY, coulomb_expression
+from elastid.friction.static import coulomb_expression
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.partition import motions
 from elastid.model.springs import on_the_flanks
 from elastid.simulation.constrained import constrained_acceleration
+from elastid.simulation.contacts import Contacts
 
 # RK4 damps or keeps |h lambda| up to 2.785 on the negative real axis and 2.828 on the imaginary one.
 STABLE_STEP = 2.5
 
 
-def free_acceleration(model: ElasticModel) -> ca.Function:
+def free_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
     """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
+
+    alpha, beta: of Baumgarte's terms, where the model has constraints (`constrained`).
 
     M = L D L^T is factorised in symbols with its zeros: without pivots, which a positive definite M does not need, and
     free for the motors, whose rows of M are diagonal.
     """
+    if model.n_c:
+        return constrained_acceleration(model, alpha, beta)
     q, v, torque = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("torque", model.n_q)
     D, LT, order = ca.ldl(ca.sparsify(model.mass(q, model.theta)))
     a = ca.ldl_solve(torque - model.force(q, v, model.theta), D, LT, order)
@@ -36,13 +43,12 @@ def free_acceleration(model: ElasticModel) -> ca.Function:
 def acceleration(model: ElasticModel, coulomb: FloatArray, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
     """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) of the motors in Nm.
 
-    alpha, beta: of Baumgarte's terms, where the model has constraints (`constrained`).
+    alpha, beta: as for `free_acceleration`.
     """
     q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
     B = ca.DM(model.B)
     torque = B @ (u - coulomb_expression(B.T @ v, coulomb))
-    a = constrained_acceleration(model, alpha, beta) if model.n_c else free_acceleration(model)
-    return ca.Function("acceleration", [q, v, u], [a(q, v, torque)], {"cse": True})
+    return ca.Function("acceleration", [q, v, u], [free_acceleration(model, alpha, beta)(q, v, torque)], {"cse": True})
 
 
 def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Function:
@@ -53,21 +59,47 @@ def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Functi
     """
     n, n_u = acceleration.size1_in(0), acceleration.size1_in(2)
     q0, v0, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", n_u)
-    q, v = q0, v0
+    q, v, z = q0, v0, ca.SX(0, 1)
     for _ in range(steps):
-        a1 = acceleration(q, v, u)
-        v2 = v + step / 2 * a1
-        a2 = acceleration(q + step / 2 * v, v2, u)
-        v3 = v + step / 2 * a2
-        a3 = acceleration(q + step / 2 * v2, v3, u)
-        v4 = v + step * a3
-        a4 = acceleration(q + step * v3, v4, u)
-        q = q + step / 6 * (v + 2 * v2 + 2 * v3 + v4)
-        v = v + step / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
+        q, v, z = runge_kutta_step(lambda q, v, z, u: acceleration(q, v, u), _unmoved, q, v, z, (u, u, u), step)
     return ca.Function("runge_kutta", [q0, v0, u], [q, v])
 
 
-def fastest_rate(model: ElasticModel, coulomb: FloatArray, q: FloatArray) -> float:
+Acceleration = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
+Advance = Callable[[ca.SX, ca.SX, float], ca.SX]
+
+
+def runge_kutta_step(
+    acceleration: Acceleration,
+    advanced: Advance,
+    q: ca.SX,
+    v: ca.SX,
+    z: ca.SX,
+    u: Sequence[ca.SX],
+    step: float,
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """(q, v, z) after one classical Runge-Kutta step, u the torque at its beginning, middle and end.
+
+    acceleration(q, v, z, u).  advanced(z, v, step): z after `step` at constant v. The friction states go with the same
+    velocities as q does, stage by stage: bristles that stick are then a spring that is integrated as every other, and
+    bristles that slip, however fast their rate sigma_0 |v| / g, take the exact update, which has no limit of stability.
+    """
+    a1 = acceleration(q, v, z, u[0])
+    v2 = v + step / 2 * a1
+    a2 = acceleration(q + step / 2 * v, v2, advanced(z, v, step / 2), u[1])
+    v3 = v + step / 2 * a2
+    a3 = acceleration(q + step / 2 * v2, v3, advanced(z, v2, step / 2), u[1])
+    v4 = v + step * a3
+    a4 = acceleration(q + step * v3, v4, advanced(z, v3, step), u[2])
+    mean = (v + 2 * v2 + 2 * v3 + v4) / 6
+    return q + step * mean, v + step / 6 * (a1 + 2 * a2 + 2 * a3 + a4), advanced(z, mean, step)
+
+
+def _unmoved(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
+    return z
+
+
+def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> float:
     """|lambda| in 1/s of the fastest pole at rest in q (n_q,): the stiffest mode, or friction about zero velocity.
 
     Gears with backlash count with the stiffness of their flanks, which motion meets.
@@ -80,8 +112,8 @@ def fastest_rate(model: ElasticModel, coulomb: FloatArray, q: FloatArray) -> flo
             model.stiffness(q, np.zeros(model.n_c), on_the_flanks(model.parameters, model.theta)),
         )
     )
-    D = D + model.B @ np.diag(coulomb / SLIDING_VELOCITY) @ model.B.T
+    stiffness, damping = contacts.at_rest()
     Z = motions(model, model.constraint_jacobian(q, model.theta).full())
-    M, D, K = (Z.T @ matrix @ Z for matrix in (M, D, K))
+    M, D, K = (Z.T @ matrix @ Z for matrix in (M, D + damping, K + stiffness))
     A = np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return float(np.abs(np.linalg.eigvals(A)).max())

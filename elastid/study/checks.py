@@ -31,6 +31,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     yield from _configurations(study)
     yield from check_design(study, base)
     yield from _references(study)
+    yield from _hardware(study)
     if study.experiment.recorded is not None:
         yield from _files(study.experiment.recorded, study, base)
         yield from _channels(study.experiment.recorded.channels, study)
@@ -110,6 +111,43 @@ def _excitation(study: Study) -> Iterator[Problem]:
             ("excitation", "torque_rms"),
             f"{len(torque_rms)} torques for {len(driven)} motors; give one for all or one for each of joints {names}",
         )
+
+
+def _hardware(study: Study) -> Iterator[Problem]:
+    """Torque limits to clip at; a chain that the simulated rig can have; temperatures that friction bears."""
+    simulated, driven = study.experiment.simulated, study.robot.driven
+    if simulated is None:
+        return
+    path: KeyPath = ("experiment", "simulated")
+    if simulated.saturation and all(math.isinf(joint.limits.torque) for joint in driven):
+        yield Problem(
+            (*path, "saturation"),
+            "no joint has a limit of its torque, so that nothing can be clipped; give limits: {torque: ...} in the "
+            "robot's file",
+        )
+    if study.robot.chain.differentiator is not None:
+        yield Problem(
+            path,
+            "the simulated rig logs positions, which nothing differentiates; leave it out of the robot's chain",
+            at_key=True,
+        )
+    warming = simulated.warming
+    if warming is None or warming.temperature is None:
+        return
+    from elastid.friction.placed import frictions  # brings CasADi, which few checks need
+
+    laws = [law for law in frictions(study.robot) if law.spec.temperature is not None]
+    if not laws:
+        yield Problem(
+            (*path, "warming", "temperature"),
+            "no friction of the robot depends on temperature; give a `temperature` to its friction, or leave this out",
+        )
+    for law in laws:
+        for temperature in warming.temperature:
+            try:
+                law.curve(0.0, temperature)
+            except ValueError as error:
+                yield Problem((*path, "warming", "temperature"), str(error))
 
 
 def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:

@@ -1,0 +1,147 @@
+"""From a study's words about the simulated rig to its drives, its noise and the friction of each run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import StudyError
+from elastid.experiment.plan import Experiment, Plan
+from elastid.experiment.spec import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
+from elastid.linear.chain import LagElement, sensor_elements, torque_elements
+from elastid.linear.equilibrium import OperatingPoint
+from elastid.robot import Robot
+from elastid.simulation.contacts import Contacts
+from elastid.simulation.drives import Drives, Lag, Ripple
+
+
+@dataclass(frozen=True)
+class Noise:
+    """All noise over a whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), rad (n, n_y)."""
+
+    torque: FloatArray
+    reading: FloatArray
+    disturbance: FloatArray
+    outputs: FloatArray
+
+
+def drawn(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> Noise:
+    """The noise of a run; white and colored parts come from the same seed, one after the other."""
+    n, n_u = plan.run_samples, len(plan.inputs)
+    random = np.random.default_rng(np.random.SeedSequence(seed))
+    signals = {
+        "torque": spec.torque_std * random.standard_normal((n, n_u)),
+        "reading": spec.angle_std * random.standard_normal((n, n_u)),
+        "disturbance": spec.disturbance_std * random.standard_normal((n, n_u)),
+        "outputs": spec.angle_std * random.standard_normal((n, n_y)),
+    }
+    frequencies: FloatArray = np.fft.rfftfreq(n, 1 / plan.rate_hz).astype(np.float64)
+    for color in spec.colored:
+        shape = color.amplitude(frequencies)
+        shape[0] = 0.0
+        shape *= color.std / math.sqrt(np.mean(shape**2))
+        for name in ("reading", "outputs") if color.signal == "angle" else (color.signal,):
+            white = random.standard_normal(signals[name].shape)
+            signals[name] = signals[name] + np.fft.irfft(shape[:, None] * np.fft.rfft(white, axis=0), n, axis=0)
+    return Noise(**signals)
+
+
+def drives(
+    robot: Robot,
+    encoder_counts: int,
+    encoder_ripple: Sequence[EncoderRippleSpec],
+    torque_ripple: Sequence[TorqueRippleSpec],
+    saturation: bool,
+) -> Drives:
+    """The drives of a robot, link side; StudyError where torques are to be clipped and no joint has a limit."""
+    ratio = np.array([robot.ratio(joint.name) for joint in robot.driven])
+    limit = np.array([joint.limits.torque if saturation else math.inf for joint in robot.driven])
+    if saturation and not np.isfinite(limit).any():
+        raise StudyError(
+            "experiment.simulated.saturation: no joint has limits.torque, so that nothing can be clipped; give "
+            "limits: {torque: ...} in the robot's file"
+        )
+    resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
+    T = robot.chain.torque_lag
+    lags = [Lag(one.coefficients, T) for one in torque_elements(robot.chain) if T is not None]
+    return Drives(
+        resolution,
+        limit,
+        tuple(_ripple(one, one.amplitude / np.abs(ratio), ratio) for one in encoder_ripple),
+        tuple(_ripple(one, one.amplitude * np.abs(ratio), ratio) for one in torque_ripple),
+        lags[0] if lags else None,
+    )
+
+
+def _ripple(spec: EncoderRippleSpec | TorqueRippleSpec, amplitude: FloatArray, ratio: FloatArray) -> Ripple:
+    return Ripple(amplitude, spec.periods * ratio, np.full(len(ratio), spec.phase))
+
+
+def friction_of_a_run(
+    contacts: Contacts, robot: Robot, point: OperatingPoint, warming: WarmingSpec | None, plan: Plan, run: Experiment,
+    seed: int,
+) -> FloatArray:  # fmt: skip
+    """The friction's numbers (n, 5 n_f) of every sample, or (5 n_f,) where nothing drifts: load, warmth, level.
+
+    The load on a joint is the torque that holds it in its configuration.  StudyError where load or warmth leave
+    friction that no contact has.
+    """
+    loads = [_load(robot, one.place, point) for one in contacts.laws]
+    try:
+        if warming is None:
+            return _numbers([one.curve(load) for one, load in zip(contacts.laws, loads, strict=True)])
+        n = plan.run_samples
+        index = [one.name for one in plan.experiments].index(run.name)
+        t = index * (n / plan.rate_hz + warming.pause) + np.arange(n) / plan.rate_hz
+        cold = np.exp(-t / warming.time_constant)
+        factor = np.random.default_rng(np.random.SeedSequence((seed, index, 1))).lognormal(0.0, warming.spread)
+        level = (1 + warming.amplitude * cold) * factor
+        ends = warming.temperature
+        # Numbers change slowly: they are worked out at a hundred moments and lie on straight lines between.
+        moments = np.unique(np.linspace(0, n - 1, 100).astype(int))
+        knots = np.array([
+            _numbers([
+                one.curve(load, None if ends is None else ends[1] + (ends[0] - ends[1]) * cold[i], level[i])
+                for one, load in zip(contacts.laws, loads, strict=True)
+            ])
+            for i in moments
+        ])  # fmt: skip
+    except ValueError as error:
+        raise StudyError(f"configuration {run.configuration.name}: {error}") from None
+    return np.stack([np.interp(np.arange(n), moments, column) for column in knots.T], axis=1).reshape(n, -1)
+
+
+def _numbers(curves: Sequence[FloatArray]) -> FloatArray:
+    return np.concatenate([np.zeros(0), *curves])
+
+
+def _load(robot: Robot, place: str, point: OperatingPoint) -> float:
+    """Nm that friction at a place feels: the holding torque of a driven joint, the spring's of another."""
+    name = place.split(" ", 1)[1]
+    driven = [joint.name for joint in robot.driven]
+    if name in driven:
+        return float(abs(point.u[driven.index(name)]))
+    index = [joint.name for joint in robot.joints].index(name)
+    spring = robot.joints[index].spring
+    return 0.0 if spring is None else float(abs(spring.stiffness * point.q[index]))
+
+
+def filtered(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
+    """Motions (n, n_y), at rest before they begin, behind the low-pass filter of the robot's chain.
+
+    The filter is the continuous one between samples joined by straight lines: right to (pi f / rate)^2 / 3.
+    """
+    from scipy.signal import cont2discrete, lfilter  # slow to import, seldom needed
+
+    for element in sensor_elements(robot.chain):
+        T = robot.chain.sensor_lag
+        if isinstance(element, LagElement) and T is not None:
+            powers = T ** np.arange(len(element.coefficients) + 1)
+            continuous = ([1.0], (np.array([1.0, *element.coefficients]) * powers)[::-1])
+            b, a, _ = cont2discrete(continuous, 1 / rate_hz, method="foh")
+            y = y[0] + lfilter(np.ravel(b), a, y - y[0], axis=0)
+    return y

@@ -1,0 +1,178 @@
+r"""Dynamic friction: bristles that bend before they slide.
+
+.. math::
+   \text{Dahl, LuGre:} &\quad \dot z = v - \frac{\sigma_0 |v|}{g(v)} z, \qquad
+        \tau_f = \sigma_0 z + \sigma_1(v)\, \dot z \\
+   \text{generalised Maxwell slip:} &\quad \dot z_i = v \text{ (sticks)}, \quad
+        \dot z_i = C_i (\mathrm{sgn}(v) - z_i / \bar z_i) \text{ (slips)}, \qquad
+        \tau_f = \sum_i \sigma_{0i} z_i + \sigma_{1i} \dot z_i
+
+with zbar_i = nu_i g(v) / sigma_0i > 0 and C_i = C nu_i / sigma_0i; eqs. (2.18) to (2.20) of Niglis & Oberg (2015) with
+their signs. The sign of the velocity stands before the 1 and not before the bracket: sgn(v) (1 - z / zbar) runs away
+for v < 0. |v| and sgn(v) are not smoothed: a smoothed |v| lets the bristles of a joint at rest relax, so that it creeps
+under load; at v = 0 both have the derivative 0, which is that of the equilibrium branch (a spring sigma_0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.friction.law import Curve, Expression, relaxed
+
+# z / zbar from which an element of the smooth Maxwell slip begins to slip; at 1 it slips altogether, so that steady
+# sliding takes g(v) exactly. (A switch centred at 1 saturates beyond it, and is 3 to 5 % wrong for ever.)
+ONSET = 0.9
+
+
+@dataclass(frozen=True)
+class Bristle:
+    """LuGre, sigma_1(v) = sigma_1 exp(-(v / v_d)^2); Dahl without sigma_1 and F_s. inverse_v_d: 0 for a constant."""
+
+    sigma_0: float
+    sigma_1: float = 0.0
+    inverse_v_d: float = 0.0
+
+    @property
+    def n_states(self) -> int:
+        """The mean deflection z of the bristles, rad."""
+        return 1
+
+    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """sigma_0 z + sigma_1(v) dz/dt, and what grows with v."""
+        torque = self.sigma_0 * z + curve.growing(v)
+        if self.sigma_1 > 0:
+            damping = self.sigma_1 * ca.exp(-((v * self.inverse_v_d) ** 2)) if self.inverse_v_d > 0 else self.sigma_1
+            torque += damping * self.rate(v, z, curve)
+        return torque
+
+    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """v - sigma_0 |v| z / g(v)."""
+        return v - self.sigma_0 * ca.fabs(v) * z / curve.level(v)
+
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+        """z e^-a + v step phi_1(-a), a = sigma_0 |v| step / g: exact at constant v, and |z| <= F_s / sigma_0 always."""
+        return relaxed(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
+
+    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
+        """A spring and a damper to ground."""
+        return self.sigma_0, self.sigma_1
+
+
+@dataclass(frozen=True)
+class MaxwellElements:
+    """What smooth and switched Maxwell slip have in common: sigma_0, nu, sigma_1 of every element (n,), C in Nm/s."""
+
+    sigma_0: tuple[float, ...]
+    nu: tuple[float, ...]
+    sigma_1: tuple[float, ...]
+    C: float
+
+    def bounds(self, v: Expression, curve: Curve) -> ca.SX:
+        """zbar (n,) > 0 at v: where the elements slip."""
+        return ca.DM(np.divide(self.nu, self.sigma_0)) * curve.level(v)
+
+    def torque(self, v: Expression, z: ca.SX, rate: ca.SX, curve: Curve) -> ca.SX:
+        """Of deflections and rates (n,)."""
+        return ca.dot(ca.DM(self.sigma_0), z) + ca.dot(ca.DM(self.sigma_1), rate) + curve.growing(v)
+
+    def at_rest(self) -> tuple[float, float]:
+        """All elements stick."""
+        return sum(self.sigma_0), sum(self.sigma_1)
+
+
+@dataclass(frozen=True)
+class SmoothMaxwellSlip:
+    """dz_i/dt = v (1 - S_i) + S_i C_i (sgn(v) - z_i / zbar_i), S_i a smooth step of z_i sgn(v) / zbar_i up to 1.
+
+    The switch has no memory of its own: where zbar grows as a motion slows down, elements stick again that by events
+    would go on slipping; between the two are a few per cent of F_c at single transitions.
+    """
+
+    elements: MaxwellElements
+
+    @property
+    def n_states(self) -> int:
+        """Deflections z_i, rad."""
+        return len(self.elements.nu)
+
+    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """sum sigma_0i z_i + sigma_1i dz_i/dt, and what grows with v."""
+        return self.elements.torque(v, z, self.rate(v, z, curve), curve)
+
+    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """dz/dt (n,)."""
+        gain, slope = self._linear(v, z, curve)
+        return gain - slope * z
+
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+        """The switch held over the step; no element leaves its bound, so that |z_i| <= nu_i F_s / sigma_0i."""
+        gain, slope = self._linear(v, z, curve)
+        bound = ca.fmax(self.elements.bounds(v, curve), ca.fabs(z))
+        return ca.fmax(-bound, ca.fmin(bound, relaxed(z, gain, slope, step)))
+
+    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
+        """All elements stick."""
+        return self.elements.at_rest()
+
+    def _linear(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX]:
+        """dz/dt = gain - slope z with the switch at z."""
+        bound, sign = self.elements.bounds(v, curve), ca.sign(v)
+        x = ca.fmax(0.0, ca.fmin(1.0, (z * sign / bound - ONSET) / (1 - ONSET)))
+        S = x**2 * (3 - 2 * x)
+        slope = S * self.elements.C / curve.level(v)
+        return v * (1 - S) + slope * bound * sign, slope
+
+
+@dataclass(frozen=True)
+class SwitchedMaxwellSlip:
+    """Sticking until z_i sgn(v) reaches zbar_i, then slipping until v changes its sign.
+
+    States: z_i, then for each element the direction in which it slips, 0 where it sticks.
+    """
+
+    elements: MaxwellElements
+
+    @property
+    def n_states(self) -> int:
+        """Two an element."""
+        return 2 * len(self.elements.nu)
+
+    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """sum sigma_0i z_i + sigma_1i dz_i/dt, and what grows with v."""
+        n = len(self.elements.nu)
+        return self.elements.torque(v, z[:n], self.rate(v, z, curve)[:n], curve)
+
+    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """dz_i/dt of the deflections, zeros for the directions: they jump."""
+        deflection, slips, bound, sign = self._seen(v, z, curve)
+        slope = self.elements.C / curve.level(v)
+        return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.elements.nu)))
+
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+        """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
+        deflection, slips, bound, sign = self._seen(v, z, curve)
+        slope = self.elements.C / curve.level(v)
+        slid = relaxed(deflection, slope * bound * sign, slope, step)
+        moved = deflection + v * step
+        arrives = sign * moved >= bound
+        stuck = ca.if_else(arrives, sign * bound, moved)
+        direction = ca.if_else(ca.logic_or(slips, arrives), sign, 0.0)
+        n = len(self.elements.nu)
+        held = ca.if_else(sign == 0, z[n:], direction)
+        return ca.vertcat(ca.if_else(slips, slid, stuck), held)
+
+    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
+        """All elements stick."""
+        return self.elements.at_rest()
+
+    def _seen(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
+        """Deflections, whether they slip at v, their bounds, sgn(v)."""
+        n = len(self.elements.nu)
+        deflection, direction, sign = z[:n], z[n:], ca.sign(v)
+        bound = self.elements.bounds(v, curve)
+        beyond = ca.logic_and(sign != 0, sign * deflection >= bound)
+        slips = ca.logic_or(ca.logic_and(direction != 0, direction == sign), beyond)
+        return deflection, slips, bound, sign

@@ -1,0 +1,75 @@
+r"""The contract of a friction law, and the curve of sliding friction that all laws share.
+
+.. math:: \tau_f = h(v, z), \qquad \dot z = \Omega(v, z), \qquad
+          g(v) = F_c + (F_s - F_c) e^{-(v / \nu_s)^2}
+
+A positive torque brakes a positive velocity: it stands on the side of M q'' + f + tau_f = B u. Viscous friction is not
+here; it is linear and part of the model's force f. Sources: Niglis & Oberg (2015), eqs. (2.15) to (2.20).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import casadi as ca
+
+Expression: TypeAlias = ca.SX | float
+
+# Numbers of a Curve, which an experiment may change from sample to sample: load, temperature.
+CURVE = ("F_c", "F_s", "inverse_nu_s", "alpha_3", "alpha_T")
+
+
+@dataclass(frozen=True)
+class Curve:
+    """F_c, F_s (Nm), 1 / nu_s (s/rad; 0 without Stribeck effect), alpha_3 of v |v|, alpha_T added to viscous friction.
+
+    On the side of v, each an expression or a number.
+    """
+
+    F_c: Expression
+    F_s: Expression
+    inverse_nu_s: Expression
+    alpha_3: Expression = 0.0
+    alpha_T: Expression = 0.0
+
+    def level(self, v: Expression) -> ca.SX:
+        """g(v), Nm: what sliding steadily at v takes, without the parts that grow with v."""
+        return self.F_c + (self.F_s - self.F_c) * ca.exp(-((v * self.inverse_nu_s) ** 2))
+
+    def growing(self, v: Expression) -> ca.SX:
+        """alpha_3 v |v| + alpha_T v, Nm."""
+        return v * (self.alpha_3 * ca.fabs(v) + self.alpha_T)
+
+
+class Law(Protocol):
+    """A friction law at one place, states z (n_states,); v in rad/s, torque in Nm on one side."""
+
+    @property
+    def n_states(self) -> int:
+        """How many states the law has; 0 where the torque hangs on v alone."""
+
+    def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """tau_f(v, z)."""
+
+    def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
+        """dz/dt (n_states,)."""
+
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+        """z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
+
+    def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
+        """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: how fast the law can move its place."""
+
+
+def relaxed(z: Expression, rate: Expression, slope: Expression, step: float) -> ca.SX:
+    """Solution of z' = rate - slope z after `step`, both constant: z e^-x + rate step phi_1(-x), x = slope step."""
+    x = slope * step
+    return z * ca.exp(-x) + rate * step * phi_1(x)
+
+
+def phi_1(x: Expression) -> ca.SX:
+    """(1 - e^-x) / x of x >= 0, by its series where x is small; its derivatives are right at 0 up to the third."""
+    small = x < 1e-3
+    divisor = ca.if_else(small, 1.0, x)
+    return ca.if_else(small, 1 - x / 2 * (1 - x / 3 * (1 - x / 4)), -ca.expm1(-divisor) / divisor)

@@ -1,0 +1,477 @@
+"""The simulated rig's hardware does what its numbers say, and an identification finds the chain around the robot."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import butter, freqs, welch
+
+from elastid.errors import DataError, StudyError
+from elastid.experiment.plan import Plan
+from elastid.experiment.rig_hardware import drawn, friction_of_a_run
+from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.spec import (
+    CarrierSpec,
+    ColoredNoiseSpec,
+    ControllerSpec,
+    EncoderRippleSpec,
+    ExperimentSpec,
+    NoiseSpec,
+    SimulatedSpec,
+    TorqueRippleSpec,
+    WarmingSpec,
+)
+from elastid.fit.choose import choose
+from elastid.fit.elastic import elastic_fit
+from elastid.fit.solvers import solve
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weights import weigh
+from elastid.friction.placed import frictions
+from elastid.linear.chain import DifferenceElement, elements
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
+from elastid.linear.statespace import state_space
+from elastid.linear.transfer import Kernel, frequency_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import (
+    Body,
+    Chain,
+    Friction,
+    Joint,
+    Limits,
+    LoadDependence,
+    LuGre,
+    MaxwellSlip,
+    Motor,
+    Robot,
+    Spring,
+    TemperatureDependence,
+)
+from elastid.simulation.contacts import contacts
+
+ARM = (0.3,)
+
+
+def arm(
+    limits: Limits = Limits(),  # noqa: B008
+    chain: Chain = Chain(),  # noqa: B008
+    friction: Friction | None = None,
+    ratio: float = 80.0,
+) -> Robot:
+    """One link in a vertical plane on an elastic gear: a mode at 11 Hz."""
+    joint = Joint("1", "y", Spring(4e4, 20.0), Motor(2e-3, ratio, 1e-3, friction=friction), limits=limits)
+    body = Body("upper", joints=(joint,), mass=30.0, center_of_mass=(0.4, 0, 0), inertia=1.5)
+    return Robot("arm", (body,), chain=chain)
+
+
+def plan(rms: float, runs: int = 1, seed: int = 7, period: int = 2, shape: float = 0.0) -> Plan:
+    """One configuration, so many realisations; odd lines from 1.5 to 60 Hz, falling or rising with frequency."""
+    lines = np.arange(2 * period - 1, 60 * period, 2)
+    phases = np.exp(2j * np.pi * np.random.default_rng(seed).random((runs, len(lines))))
+    amplitude = (lines / lines.max()) ** shape
+    R = (rms * math.sqrt(2) / np.linalg.norm(amplitude) * amplitude * phases)[None, :, None, :, None]
+    return Plan((Configuration("c1", np.array(ARM)),), ("motor 1",), 1000.0, 1000 * period, 2, 2, lines, R)
+
+
+def rig(robot: Robot, spec: SimulatedSpec = SimulatedSpec(), rms: float = 100.0, **changes: int) -> SimulatedRig:  # noqa: B008
+    return SimulatedRig(robot, ExperimentSpec({"c1": ARM}, simulated=spec), plan(rms, **changes), 1)
+
+
+def response(simulated: SimulatedRig) -> np.ndarray:
+    """Y / U (F,) over all runs, the hold taken out."""
+    ratios = []
+    for run in simulated.experiments:
+        record = simulated.measure(run)
+        u, y = (
+            np.fft.rfft(part.reshape(-1, record.period_samples).mean(axis=0))[simulated.plan.lines]
+            for part in (record.u[:, 0], record.y[:, 0])
+        )
+        ratios.append(y / u / record.hold_response(simulated.plan.freq_hz))
+    return np.asarray(np.mean(ratios, axis=0))
+
+
+def linear(robot: Robot, freq_hz: np.ndarray) -> np.ndarray:
+    model = serial(robot)
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "position")
+    return frequency_response(point, point.theta_ref, freq_hz)[:, 0, 0]
+
+
+# --- friction with states in the loop -------------------------------------------------------------------------------
+
+
+def axis_with(friction: Friction) -> Robot:
+    """A rotor of 20 kg m^2, link side, with friction of the link side, ratio one."""
+    return Robot("axis", (Body("rotor", joints=(Joint("1", "z", motor=Motor(20.0, friction=friction)),), mass=1.0),))
+
+
+LUGRE_OF_A_MOTOR = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
+LUGRE = Friction(30.0, 45.0, 0.02, lugre=LuGre(1e5, 300.0, 0.5))
+
+
+def moved(friction: Friction, torque: np.ndarray, step: float) -> np.ndarray:
+    """Velocities (n,) at the ends of steps of held torque (n,), by the loop's own Runge-Kutta step."""
+    import casadi as ca
+
+    from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
+
+    model = serial(axis_with(friction))
+    sliding = contacts(model, frictions(model.robot))
+    free, curves = free_acceleration(model), ca.DM(sliding.curves)
+    q, v, z, u = ca.SX.sym("q"), ca.SX.sym("v"), ca.SX.sym("z", sliding.n_states), ca.SX.sym("u")
+    after = runge_kutta_step(
+        lambda q, v, z, u: free(q, v, u - sliding.torque(v, z, ca.SX(curves))),
+        lambda z, v, h: sliding.advanced(v, z, ca.SX(curves), h),
+        *(q, v, z), (u, u, u), step,
+    )  # fmt: skip
+    walk = ca.Function("step", [q, v, z, u], [*after]).mapaccum("walk", len(torque), 3, {})
+    return walk(0, 0, np.zeros(sliding.n_states), torque[None])[1].full()[0]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_rotor_with_bristles_moves_as_radau_says(seed: int) -> None:
+    """Over pushes that stick, slip and turn back the velocity is right to 1e-3 of its peak; finer steps, better."""
+    law, J = LUGRE.lugre, 20.0
+    assert law is not None
+    pushes = np.random.default_rng(seed).normal(0, 80, 20)
+
+    def rate(t: float, x: np.ndarray) -> list[float]:
+        v, z = x
+        g = LUGRE.coulomb + (LUGRE.break_away - LUGRE.coulomb) * math.exp(-((v / 0.02) ** 2))
+        dz = v - law.stiffness * abs(v) * z / g
+        friction = law.stiffness * z + law.damping * math.exp(-((v / 0.5) ** 2)) * dz
+        return [(pushes[min(int(t / 0.05), 19)] - friction) / J, dz]
+
+    x, found = np.zeros(2), []
+    for i in range(20):
+        x = solve_ivp(rate, (i * 0.05, (i + 1) * 0.05 - 1e-12), x, "Radau", rtol=1e-9, atol=1e-12).y[:, -1]
+        found.append(x[0])
+    truth = np.array(found)
+    errors = []
+    for steps in (100, 400):
+        ends = moved(LUGRE, np.repeat(pushes, steps), 0.05 / steps)[steps - 1 :: steps]
+        errors.append(np.abs(ends - truth).max() / np.abs(truth).max())
+    assert errors[0] < 1e-3
+    assert errors[1] < errors[0] / 4
+
+
+def test_friction_acts_on_the_coordinate_of_its_place() -> None:
+    """M q'' = B u - f - P tau_f, a joint's friction on the joint's side of the gear, a motor's on the motor's."""
+    import casadi as ca
+
+    from elastid.simulation.dynamics import free_acceleration
+
+    machine = arm(friction=LUGRE_OF_A_MOTOR)
+    (joint,) = machine.joints
+    machine = replace(
+        machine, bodies=(replace(machine.bodies[0], joints=(replace(joint, friction=Friction(4.0, quadratic=0.5)),)),)
+    )
+    model = serial(machine)
+    sliding = contacts(model, frictions(machine))
+    q, v, z, u = np.array([0.3, 0.31]), np.array([0.4, -0.7]), np.array([1e-6]), 30.0
+    torque = sliding.torque(ca.SX(v), ca.SX(z), ca.SX(sliding.curves))
+    found = free_acceleration(model)(q, v, model.B[:, 0] * u - ca.DM(torque)).full()[:, 0]
+    g = 80 * (0.3 + 0.15 * math.exp(-((80 * 0.7 / 1.5) ** 2)))
+    bend = 6400 * 70 * 1e-6
+    dz = -0.7 - 6400 * 70 * 0.7 * 1e-6 / g
+    motor = bend + 6400 * 0.02 * math.exp(-((80 * 0.7 / 30) ** 2)) * dz
+    right = np.array([-4.0 - 0.5 * 0.16, u - motor]) - model.force(q, v, model.theta).full()[:, 0]
+    np.testing.assert_allclose(found, np.linalg.solve(model.mass(q, model.theta).full(), right), rtol=1e-9)
+
+
+def test_friction_too_stiff_for_the_sample_rate_is_refused_with_the_steps_needed() -> None:
+    """Bristles of 1e9 Nm/rad on 13 kg m^2 swing at 9000 rad/s."""
+    stiff = Friction(0.3, lugre=LuGre(1e9 / 6400, 0.02))
+    simulated = rig(arm(friction=stiff))
+    with pytest.raises(StudyError, match=r"substeps: 2 steps .* friction at standstill.; take at least 4, or raise"):
+        simulated.measure(simulated.experiments[0])
+
+
+@pytest.mark.parametrize("stiffness", [1e5, 1e6, 1e7])
+@pytest.mark.parametrize("kind", ["lugre", "smooth", "events"])
+def test_stiff_bristles_never_blow_up(stiffness: float, kind: str) -> None:
+    """At a rad/s their rate is 2e5 1/s and more; steps of 0.5 ms stay bounded, and a push below break-away holds."""
+    if kind == "lugre":
+        friction = Friction(30.0, 45.0, 0.02, lugre=LuGre(stiffness, 300.0, 0.4))
+    else:
+        parts = (0.25,) * 4
+        switching = "smooth" if kind == "smooth" else "events"
+        slip = MaxwellSlip((stiffness / 4,) * 4, parts, 1e3, (75.0,) * 4, switching)  # type: ignore[arg-type]
+        friction = Friction(30.0, 45.0, 0.02, maxwell_slip=slip)
+    fast = moved(friction, np.repeat([400.0, -400.0, 400.0, -400.0], 500), 5e-4)
+    assert np.abs(fast).max() < 400 / 20 * 0.5
+    assert np.abs(fast).max() > 2.0
+    held = moved(friction, np.full(8000, 25.0), 5e-4)
+    creep = abs(np.sum(held[4000:]) * 5e-4)
+    assert creep < 0.05 * 25.0 / stiffness + 1e-6
+
+
+# --- controller -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("kind", "left"), [("pd", 1.0), ("cascade", 0.0)])
+def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_over_kp(kind: str, left: float) -> None:
+    """A ripple so slow that it is a constant torque pushes; the velocity loop's integral takes it up."""
+    push = 3.0
+    ripple = TorqueRippleSpec(push / 80.0, 1, phase=math.pi / 2 - 80 * ARM[0])
+    spec = SimulatedSpec(controller=ControllerSpec(2.0, kind=kind), torque_ripple=(ripple,))  # type: ignore[arg-type]
+    simulated = rig(arm(), spec, rms=1e-6)
+    record = simulated.measure(simulated.experiments[0])
+    model = serial(arm())
+    from elastid.simulation.controller import tuned
+
+    kp = tuned(model, equilibrium(model, model.theta, simulated.plan.configurations[0]).q, 2.0, 0.8).kp[0]
+    # The motor turns by push / kp rad, 80 times as much on its own side, where the ripple's cosine has hardly fallen.
+    np.testing.assert_allclose((record.y[-1, 0] - ARM[0]) * kp / push, left, atol=0.03)
+
+
+def test_a_cascade_that_cannot_be_stable_is_refused() -> None:
+    """Routh's bound is in the message."""
+    with pytest.raises(ValueError, match=r"integral_time is 0.01 s; the loop is stable above 0.22\d* s"):
+        ControllerSpec(1.5, 0.2, "cascade", 0.01)
+    with pytest.raises(ValueError, match="pd controller has none"):
+        ControllerSpec(integral_time=1.0)
+
+
+# --- encoders and drives --------------------------------------------------------------------------------------------
+
+
+def test_encoders_ripple_with_the_motors_turns() -> None:
+    """The reading's error is a sin(N n q + phi), with a on the motor side, for a motor that turns the other way too."""
+    for ratio in (80.0, -80.0):
+        simulated = rig(arm(ratio=ratio), SimulatedSpec(encoder_ripple=(EncoderRippleSpec(1e-3, 2, 0.4),)), rms=600.0)
+        run, design = simulated.experiments[0], simulated.plan
+        angle = simulated.rehearse(run)[0][design.run_samples - design.first_sample - 4000 :][:4000, 0]
+        ripple = 1e-3 / 80 * np.sin(2 * ratio * angle + 0.4)
+        assert np.ptp(ripple) > 1e-5
+        np.testing.assert_allclose(simulated.measure(run).y[:, 0] - angle, ripple, atol=1e-12)
+
+
+def test_torque_ripple_is_found_at_standstill() -> None:
+    """With integral action the motor stands on its angle, and its torque is the holding torque less the ripple."""
+    spec = SimulatedSpec(
+        controller=ControllerSpec(3.0, kind="cascade"), torque_ripple=(TorqueRippleSpec(0.05, 6, 1.0),)
+    )
+    simulated = rig(arm(), spec, rms=1e-6)
+    record = simulated.measure(simulated.experiments[0])
+    held = equilibrium(serial(arm()), serial(arm()).theta, simulated.plan.configurations[0]).u[0]
+    np.testing.assert_allclose(record.u[-1, 0] - held, -0.05 * 80 * math.sin(6 * 80 * ARM[0] + 1.0), rtol=0.03)
+
+
+def test_torque_is_clipped_at_its_limit_and_the_record_says_how_often() -> None:
+    """Gravity takes 112 Nm; with 40 Nm rms of multisine a limit of 180 Nm is met now and then, and never exceeded."""
+    limits = Limits(torque=180.0)
+    record = rig(arm(limits), SimulatedSpec(saturation=True), rms=40.0).measure(plan(40.0).experiments[0])
+    assert np.abs(record.u).max() == 180.0
+    share = np.mean(np.abs(record.u) == 180.0)
+    assert 0 < share < 0.5
+    (note,) = record.notes
+    assert f"clipped at its torque limit of 180 N*m in {share:.2%} of the measured samples" in note
+    free = rig(arm(limits), rms=40.0).measure(plan(40.0).experiments[0])
+    assert np.abs(free.u).max() > 180.0
+
+
+def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
+    """Where gravity takes more than the motor has, the run ends in words; so does clipping without limits."""
+    simulated = rig(arm(Limits(torque=60.0, angle=(-3.0, 3.0))), SimulatedSpec(saturation=True), rms=1.0)
+    with pytest.raises(DataError, match=r"is lost|is at its torque limit of 60"):
+        simulated.measure(simulated.experiments[0])
+    simulated = rig(arm(), SimulatedSpec(saturation=True))
+    with pytest.raises(StudyError, match=r"saturation: no joint has limits.torque"):
+        simulated.measure(simulated.experiments[0])
+
+
+# --- noise and drift ------------------------------------------------------------------------------------------------
+
+
+def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
+    """The spectrum falls by the given dB a decade above the corner; a table is followed; white noise stays."""
+    design = plan(1.0, period=60)
+    white = drawn(NoiseSpec(torque_std=1.0), design, 1, (1,))
+    fall = ColoredNoiseSpec("disturbance", 2.0, corner_hz=5.0, slope=-40.0)
+    peak = ColoredNoiseSpec("torque", 3.0, table=((10.0, 1.0), (50.0, 10.0), (250.0, 1.0)))
+    both = drawn(NoiseSpec(torque_std=1.0, colored=(fall, peak)), design, 1, (1,))
+    np.testing.assert_array_equal(both.outputs, white.outputs)
+    np.testing.assert_allclose(both.disturbance.std(), 2.0, rtol=0.03)
+    np.testing.assert_allclose((both.torque - white.torque).std(), 3.0, rtol=0.03)
+    f, power = welch(both.disturbance[:, 0], 1000.0, nperseg=8192)
+    level = [10 * np.log10(power[(f > low) & (f < 1.3 * low)].mean()) for low in (30.0, 300.0)]
+    np.testing.assert_allclose(level[1] - level[0], -40.0, atol=1.5)
+    f, power = welch((both.torque - white.torque)[:, 0], 1000.0, nperseg=8192)
+    at = [10 * np.log10(power[(f > one / 1.1) & (f < one * 1.1)].mean()) for one in (10.0, 50.0, 250.0)]
+    np.testing.assert_allclose([at[1] - at[0], at[1] - at[2]], [20, 20], atol=2.0)
+
+
+def test_colored_noise_has_the_power_that_the_forecast_counts_with() -> None:
+    """Per line, as if it were white: within the scatter of the estimate at 3, 30 and 300 Hz."""
+    design = plan(1.0, period=60)
+    spec = NoiseSpec(torque_std=0.5, colored=(ColoredNoiseSpec("torque", 2.0, corner_hz=20.0),))
+    f, power = welch(drawn(spec, design, 1, (1,)).torque[:, 0], 1000.0, nperseg=4096)
+    for line in (3.0, 30.0, 300.0):
+        around = (f > line / 1.25) & (f < line * 1.25)
+        white = power[around].mean() * 500.0  # a one-sided density over half the rate
+        counted = spec.variances("torque", f[around], 1000.0).mean()
+        np.testing.assert_allclose(white, counted, rtol=0.25)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        (lambda: ColoredNoiseSpec("torque", 1.0), "either corner_hz"),
+        (lambda: ColoredNoiseSpec("torque", 0.0, 1.0), "std is 0"),
+        (lambda: ColoredNoiseSpec("torque", 1.0, table=((5.0, 1.0), (2.0, 1.0))), "must be positive and rise"),
+        (lambda: EncoderRippleSpec(1e-3, 0), "periods is 0"),
+        (lambda: WarmingSpec(0.0), "time_constant is 0"),
+        (lambda: WarmingSpec(60.0, -1.0), "amplitude is -1"),
+        (lambda: Chain(torque_lag=0.0), "torque_lag is 0 s"),
+        (lambda: Chain(sensor_lag=-1e-3), "sensor_lag is -0.001 s"),
+    ],
+)
+def test_hardware_that_cannot_be_is_refused(wrong: object, word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        wrong()  # type: ignore[operator]
+
+
+def test_friction_drifts_from_run_to_run_and_within_them() -> None:
+    """Level 1 + a exp(-t / T) over all runs and pauses; temperature on the same clock; load from the holding torque."""
+    warm = TemperatureDependence(20.0, stiction=-0.002, stribeck_velocity=0.0, viscous=0.01, decay=20.0)
+    friction = Friction(0.1, 0.3, 1.0, load=LoadDependence(0.02, 0.02), temperature=warm)
+    robot, warming = arm(friction=friction), WarmingSpec(60.0, 0.5, 0.0, 30.0, (20.0, 60.0))
+    simulated = rig(robot, SimulatedSpec(warming=warming), runs=3)
+    design, model = simulated.plan, serial(robot)
+    point = equilibrium(model, model.theta, design.configurations[0])
+    sliding = contacts(model, frictions(robot))
+    for index, run in enumerate(simulated.experiments):
+        curves = friction_of_a_run(sliding, robot, point, warming, design, run, 1)
+        t = index * (design.run_samples / 1000 + 30.0) + np.arange(design.run_samples) / 1000
+        cold = np.exp(-t / 60.0)
+        level, temperature = 1 + 0.5 * cold, 60 - 40 * cold
+        load = 0.02 * abs(point.u[0]) / 80
+        np.testing.assert_allclose(curves[:, 0], level * 80 * (0.1 + load), rtol=1e-4)
+        np.testing.assert_allclose(curves[:, 1], level * 80 * (0.3 + load - 0.002 * (temperature - 20)), rtol=1e-4)
+        np.testing.assert_allclose(curves[:, 4], level * 6400 * 0.01 * np.expm1(-(temperature - 20) / 20), atol=1e-3)
+    first, again = (rig(robot, SimulatedSpec(warming=replace(warming, spread=0.1)), runs=2) for _ in range(2))
+    assert first.measure(first.experiments[1]).y.tobytes() == again.measure(again.experiments[1]).y.tobytes()
+
+
+# --- the chain ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+def test_the_sensor_filter_is_butterworths(order: int) -> None:
+    """Of the corner 1 / (2 pi T), as scipy has it."""
+    f, T = np.array([0.1, 1.0, 5.0, 20.0, 90.0]), 1 / (2 * np.pi * 20.0)
+    (element,) = elements(Chain(sensor_lag=T, sensor_order=order))  # type: ignore[arg-type]
+    b, a = butter(order, 2 * np.pi * 20.0, analog=True)
+    np.testing.assert_allclose(element.response(2j * np.pi * f, T), freqs(b, a, 2 * np.pi * f)[1], rtol=1e-10)
+
+
+def test_a_difference_is_a_derivative_averaged() -> None:
+    """(1 - e^-x) / x, to rounding from small x to large, and its slope."""
+    element, T = DifferenceElement("differentiator"), 1e-3
+    s = 2j * np.pi * np.array([1e-6, 1e-2, 0.16, 1.0, 100.0, 490.0])
+    np.testing.assert_allclose(element.response(s, T), -np.expm1(-s * T) / (s * T), rtol=1e-8)
+    numeric = np.log(element.response(s, T * 1.0001) / element.response(s, T / 1.0001)) / (T * (1.0001 - 1 / 1.0001))
+    np.testing.assert_allclose(element.log_slope(s, T), numeric, rtol=2e-5, atol=1e-8)
+
+
+def test_the_kernel_differentiates_the_chain_exactly() -> None:
+    """dG / dT of every element equals central differences."""
+    robot = arm(chain=Chain(2e-3, 2, 0.6, 1.5e-3, 3, 1e-3))
+    model = serial(robot)
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "velocity")
+    names = ("torque_lag", "sensor_lag", "differentiator", "k_1")
+    kernel = Kernel(point, np.array([2.0, 9.0, 40.0]), names)
+    G, dG = kernel.evaluate(point.theta_ref)
+    np.testing.assert_allclose(G, frequency_response(point, point.theta_ref, kernel.freq_hz), rtol=1e-12)
+    for name, slope in zip(names, dG, strict=True):
+        step = np.zeros(len(point.theta_ref))
+        step[point.parameters.index(name)] = 1e-5 * point.theta_ref[point.parameters.index(name)]
+        above, below = kernel.response(point.theta_ref + step), kernel.response(point.theta_ref - step)
+        np.testing.assert_allclose(slope, (above - below) / (2 * step.sum()), rtol=1e-6)
+
+
+@pytest.mark.parametrize("quantity", ["position", "acceleration"])
+def test_the_state_space_holds_the_lags(quantity: str) -> None:
+    """Its response is that of the kernel; a differentiator is refused."""
+    model = serial(arm(chain=Chain(2e-3, 2, 0.6, 1.5e-3, 3)))
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), quantity)  # type: ignore[arg-type]
+    freq_hz = np.array([2.0, 11.0, 70.0])
+    expected = frequency_response(point, point.theta_ref, freq_hz)
+    np.testing.assert_allclose(state_space(point, point.theta_ref).response(freq_hz), expected, rtol=1e-9)
+    model = serial(arm(chain=Chain(differentiator=1e-3)))
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "velocity")
+    with pytest.raises(StudyError, match=r"chain.differentiator: a state space cannot"):
+        state_space(point, point.theta_ref)
+
+
+@pytest.mark.parametrize(
+    "chain",
+    [Chain(torque_lag=3e-3), Chain(torque_lag=2e-3, torque_order=2), Chain(sensor_lag=4e-3, sensor_order=2)],
+)
+def test_identification_finds_the_chain_of_the_simulated_rig(chain: Chain) -> None:
+    """From a start of half the lag and a wrong stiffness: both to half a per cent, and the response with them."""
+    truth = arm(chain=chain)
+    name = next(iter(chain.numbers))
+    value = float(getattr(chain, name))
+    simulated = rig(truth, SimulatedSpec(substeps=4), rms=20.0)
+    G, freq_hz = response(simulated), simulated.plan.freq_hz
+    np.testing.assert_allclose(G, linear(truth, freq_hz), rtol=0.02)
+    start = truth.with_parameters({name: value / 2, "k_1": 3e4})
+    parameters = choose(FitSpec(parameters={n: ParameterSpec() for n in (name, "k_1", "d_1")}), start)
+    from elastid.response import Covariance, FrequencyResponse
+
+    model = serial(start)
+    point = linearise(model, Configuration("c1", np.array(ARM)), model.theta, ("motor 1",), "position")
+    level = Covariance((0.01 * np.abs(G[:, None, None])) ** 2, math.inf)
+    measured = FrequencyResponse(
+        freq_hz, G[:, None, None], ("motor 1",), ("motor 1",), "position", point.configuration, total=level
+    )
+    problem = elastic_fit([measured], [point], [weigh(measured, FitSpec())], parameters, "log").problem
+    found = dict(zip(parameters.names, parameters.expand(solve(problem, parameters.x).x), strict=True))
+    np.testing.assert_allclose(found[name], value, rtol=0.01)
+    np.testing.assert_allclose(found["k_1"], 4e4, rtol=0.005)
+
+
+def test_the_simulated_rig_has_no_differentiator() -> None:
+    with pytest.raises(StudyError, match="differentiator: the simulated rig logs positions"):
+        rig(arm(chain=Chain(differentiator=1e-3)))
+
+
+# --- towards the linear model ---------------------------------------------------------------------------------------
+
+
+def departure(robot: Robot, rms: float, reference: np.ndarray | None, **spec: object) -> tuple[np.ndarray, float]:
+    """The response of the rig, and its rms relative distance from a reference response."""
+    simulated = rig(robot, SimulatedSpec(**spec), rms=rms, runs=2)  # type: ignore[arg-type]
+    G = response(simulated)
+    return G, 0.0 if reference is None else float(np.sqrt(np.mean(np.abs(G / reference - 1) ** 2)))
+
+
+def test_without_friction_the_response_tends_to_the_linear_one_with_the_square_of_the_amplitude() -> None:
+    """Gravity bends with the angle; what is even in it misses the odd lines, so the error falls as amplitude^2."""
+    least, _ = departure(arm(), 2.0, None)
+    errors = [departure(arm(), rms, least)[1] for rms in (800.0, 400.0, 200.0)]
+    rates = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
+    np.testing.assert_allclose(rates, 2.0, atol=0.15)
+    freq_hz = plan(1.0).freq_hz
+    np.testing.assert_allclose(least, linear(arm(), freq_hz), rtol=2e-3)
+
+
+@pytest.mark.parametrize("kind", ["coulomb", "lugre"])
+def test_with_friction_the_response_tends_to_the_linear_one_with_friction_over_amplitude(kind: str) -> None:
+    """A joint that slides under its carrier: half the friction is half the error, for static and dynamic friction."""
+
+    def robot(level: float) -> Robot:
+        bristles = LuGre(40 * level, 0.02 * level, 5.0) if kind == "lugre" else None
+        return arm(friction=Friction(level, lugre=bristles))
+
+    carrier = CarrierSpec(0.02, cycles=1)
+    none, _ = departure(arm(), 60.0, None, carrier=carrier, substeps=4)
+    errors = [departure(robot(level), 60.0, none, carrier=carrier, substeps=4)[1] for level in (0.02, 0.01, 0.005)]
+    rates = np.log2([errors[0] / errors[1], errors[1] / errors[2]])
+    np.testing.assert_allclose(rates, 1.0, atol=0.25)

@@ -1,0 +1,160 @@
+"""Friction, drives and the measurement chain as a study gives them: read, simulated, identified, refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from elastid import stages
+from elastid.console import Console
+from elastid.errors import StudyError
+from elastid.experiment.plan import make_plan
+from elastid.experiment.sticking import sticking
+from elastid.friction.dynamic import Bristle, SwitchedMaxwellSlip
+from elastid.friction.placed import frictions
+from elastid.outcome import truth
+from elastid.run import Run
+from elastid.study import load
+
+FRICTION = """\
+        friction:
+          coulomb: 4 mN*m
+          stiction: 6 mN*m
+          stribeck_velocity: 0.05
+          quadratic: 1e-6 N*m*s^2/rad^2
+          load: {coulomb: 0.01}
+          temperature: {reference: 25 degC, stiction: 1e-5 N*m/K, viscous: 1e-4, decay: 20 K}
+          lugre: {stiffness: 20, damping: 1e-3, damping_velocity: 2}
+"""
+MOTOR = "{inertia: 1e-3, ratio: 1, viscous: 1e-3}"
+RIG = """\
+    controller: {kind: cascade, bandwidth_hz: 1.5, integral_time: 0.4}
+    saturation: true
+    encoder_ripple: [{amplitude: 1e-7, periods: 2}]
+    torque_ripple: [{amplitude: 1e-4, periods: 6, phase: 30 deg}]
+    warming: {time_constant: 2 min, amplitude: 0.3, spread: 0.02, pause: 5 s, temperature: [25, 40 degC]}
+    carrier: {amplitude: 5 deg, cycles: 4}
+    substeps: 4
+"""
+
+
+def rewritten(study: Path, robot: tuple[str, str] = ("", ""), rig: str = "", extra: str = "") -> Path:
+    """The tiny study with a piece of its robot replaced, keys added to its rig and to its robot."""
+    path = study.parent / "robot.yml"
+    text = path.read_text()
+    assert robot[0] in text
+    path.write_text(text.replace(*robot, 1) + extra)
+    assert "    noise:" in study.read_text()
+    study.write_text(study.read_text().replace("    noise:", rig + "    noise:"))
+    return study
+
+
+def refusal(study: Path) -> str:
+    with pytest.raises(StudyError) as refused:
+        load(study)
+    return str(refused.value)
+
+
+def lugre_robot() -> tuple[str, str]:
+    """The tiny robot's motor in lines of its own, with friction under it."""
+    law = "".join("  " + line + "\n" for line in FRICTION.splitlines())
+    return f"motor: {MOTOR}\n", "motor:\n          inertia: 1e-3\n          viscous: 1e-3\n" + law
+
+
+def test_a_study_with_lugre_friction_and_a_lag_finds_stiffness_and_lag(tiny: Path) -> None:
+    """From YAML to the interval: the joint slides under its carrier; the rig lags, ripples and warms."""
+    study = rewritten(tiny, lugre_robot(), RIG, "chain: {torque_lag: 1 ms}\n")
+    text = study.read_text().replace("truth: {k_1: 60 N*m/rad}", "truth: {k_1: 60 N*m/rad, torque_lag: 2 ms}")
+    text = text.replace("    d_1: {}", "    d_1: {}\n    fm_1: {}\n    torque_lag: {}")
+    study.write_text(text.replace("torque_rms: 0.1", "torque_rms: 0.05"))
+    path = study.parent / "robot.yml"
+    path.write_text(
+        path.read_text().replace("limits: {angle: [-90 deg, 90 deg]}", "limits: {torque: 1, angle: [-2, 2]}")
+    )
+    loaded = load(study)
+    (law,) = frictions(loaded.study.robot)
+    assert law.law == Bristle(20.0, 1e-3, 0.5)
+    assert "fm_1" not in (truth(loaded.study) or {})
+    stages.run_all(Run(loaded, study.parent / "run", 1, Console(-1)))
+    found = json.loads((study.parent / "run" / "summary.json").read_text())["parameters"]
+    assert found["k_1"]["value"] == pytest.approx(60, rel=0.01)
+    assert found["torque_lag"]["value"] == pytest.approx(2e-3, rel=0.03)
+    assert found["torque_lag"]["unit"] == "s"
+
+
+def test_joints_may_slip_by_events(tiny: Path) -> None:
+    """Generalised Maxwell slip across the joint, link side."""
+    law = "{coulomb: 0.1, maxwell_slip: {stiffness: [50, 20], shares: [0.4, 0.6], attraction: 5, switching: events}}"
+    study = rewritten(tiny, ("        spring:", f"        friction: {law}\n        spring:"))
+    (found,) = frictions(load(study).study.robot)
+    assert found.place == "joint 1"
+    assert isinstance(found.law, SwitchedMaxwellSlip)
+
+
+def test_sticking_is_told_for_every_law(tiny: Path) -> None:
+    """LuGre's Coulomb level against the rms torque."""
+    robot = lugre_robot()
+    law = robot[1].replace("coulomb: 4 mN*m", "coulomb: 0.1").replace("stiction: 6 mN*m", "stiction: 0.2")
+    study = load(rewritten(tiny, (robot[0], law))).study
+    assert study.excitation is not None
+    plan = make_plan(study.excitation, study.experiment, study.robot, 0)
+    (word,) = sticking(plan, study.robot, None)
+    assert "motor 1 (0.1 N*m) is more than a third" in word
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("coulomb: 4 mN*m", "colomb: 4 mN*m", "unknown key; did you mean 'coulomb'?"),
+        ("stiction: 6 mN*m", "stiction: 1 mN*m", "stiction (F_s) is 0.001 N*m, below coulomb (F_c) of 0.004"),
+        ("coulomb: 4 mN*m", "coulomb: -4 mN*m", "coulomb (F_c) is -0.004; it must be positive"),
+        ("stiffness: 20", "stiffness: -20", "stiffness (sigma_0) is -20"),
+        ("stiffness: 20", "stifness: 20", "unknown key; did you mean 'stiffness'?"),
+        ("damping: 1e-3, damping_velocity: 2", "damping: 0.01", "not passive, it can give energy"),
+        ("damping: 1e-3, damping_velocity: 2", "damping: 1, damping_velocity: 2", "the law can give energy; lower it"),
+        ("stiffness: 20", "stiffness: 20 kg", "unit 'kg' measures kg, not N*m/rad"),
+    ],
+)
+def test_wrong_friction_is_refused_at_its_line(tiny: Path, old: str, new: str, word: str) -> None:
+    """With file, line, column."""
+    robot = lugre_robot()
+    assert old in robot[1]
+    said = refusal(rewritten(tiny, (robot[0], robot[1].replace(old, new))))
+    assert word in said
+    assert "robot.yml:" in said
+
+
+@pytest.mark.parametrize(
+    ("key", "word"),
+    [
+        ("saturaton: true", "did you mean 'saturation'?"),
+        ("controller: {kind: pid}", "expected one of pd, cascade"),
+        ("controller: {kind: cascade, integral_time: -1}", "integral_time is -1 s"),
+        ("torque_ripple: [{amplitude: 1, periods: 0}]", "periods is 0"),
+        ("saturation: true", "no joint has a limit of its torque"),
+        ("warming: {time_constant: 5, temperature: [20, 30]}", "no friction of the robot depends on temperature"),
+        ("warming: {time_constant: 5, spread: 2}", "spread is 2; it must be within [0, 0.3)"),
+    ],
+)
+def test_wrong_hardware_is_refused_at_its_line(tiny: Path, key: str, word: str) -> None:
+    said = refusal(rewritten(tiny, rig=f"    {key}\n"))
+    assert word in said
+    assert "study.yml:" in said
+
+
+def test_a_temperature_that_friction_does_not_bear_is_refused_at_its_line(tiny: Path) -> None:
+    """Stiction that falls by 1 mNm a degree is gone at 40 degC."""
+    robot = lugre_robot()
+    law = robot[1].replace("stiction: 1e-5 N*m/K", "stiction: -1e-3 N*m/K")
+    rig = "    warming: {time_constant: 5, temperature: [25, 40 degC]}\n"
+    said = refusal(rewritten(tiny, (robot[0], law), rig))
+    assert "study.yml:" in said
+    assert "friction of motor 1 under a load of 0 N*m at 40 degC: stiction falls to -0.009 N*m" in said
+
+
+def test_a_wrong_chain_is_refused_at_its_line(tiny: Path) -> None:
+    assert "torque_lag is -0.001 s; it must be positive" in refusal(
+        rewritten(tiny, extra="chain: {torque_lag: -1 ms}\n")
+    )
