@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from elastid.frf.estimators import estimate
     from elastid.linear.linearise import linearise
     from elastid.linear.transfer import frequency_response
+    from elastid.model.formulation import formulate
     from elastid.model.serial import serial
     from elastid.record import Configuration, Record
     from elastid.response import FrequencyResponse
@@ -61,6 +62,7 @@ _HOME = {
     "Robot": "elastid.robot",
     "SimulatedRig": "elastid.experiment.simulated",
     "estimate": "elastid.frf.estimators",
+    "formulate": "elastid.model.formulation",
     "frequency_response": "elastid.linear.transfer",
     "identify": "elastid.fit.identify",
     "linearise": "elastid.linear.linearise",
@@ -82,6 +84,7 @@ __all__ = [  # noqa: RUF022  (in the order of the work)
     "Record",
     "estimate",
     "FrequencyResponse",
+    "formulate",
     "serial",
     "linearise",
     "frequency_response",
