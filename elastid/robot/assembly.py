@@ -18,8 +18,8 @@ from elastid.section import section
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies, and the
-    chain of measurement around all of it.
+    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies, and
+    the chain of measurement around all of it.
 
     Raises ValueError for names given twice, unknown parents and bodies, a robot without a motor.
     """
