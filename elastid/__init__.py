@@ -10,7 +10,8 @@ Two wings end in the same value, FrequencyResponse, and meet in the fit:
                `----> linear ---------------------'
 
 Values (floor 1): `units` and `section` (how a study's numbers and sections are read), `parameters` (names and vectors),
-`record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints, springs, motors).
+`record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints,
+springs, motors; from a table of Denavit and Hartenberg, or a URDF).
 
 Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; the simulated and the
 recorded rig; responses of other programs), `frf` (records to responses and their covariance).

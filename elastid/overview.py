@@ -31,7 +31,8 @@ def _robot(study: Study) -> Iterator[str]:
     loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
     formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
     variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
-    yield f"  {coordinates}{loops}, {formulation} model{variant}"
+    carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
+    yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
 
 
 def _nonlinear(study: Study) -> Iterator[str]:

@@ -2,7 +2,8 @@
 
 A signal is named by where it acts, the same text in a study, a record, a response and a model:
 `motor 1` (torque or angle of the motor that drives joint 1, referred to the link), `joint 1` (relative angle of a
-joint), `body arm z` (absolute rotation of a body about one of its own axes).
+joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame about one of its own axes),
+`frame tool z` (motion of a frame's origin along its axis), `accelerometer tool z` (the same less gravity along it).
 """
 
 from __future__ import annotations
@@ -14,11 +15,21 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.units import of_translation
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]
 MOTION_UNIT: dict[str, str] = {"position": "rad", "velocity": "rad/s", "acceleration": "rad/s^2"}
 MOTION_ORDER: dict[str, int] = {"position": 0, "velocity": 1, "acceleration": 2}
+
+
+def motion_unit(quantity: Motion, slides: bool) -> str:
+    """The SI unit of a motion.
+
+    >>> motion_unit("acceleration", True)
+    'm/s^2'
+    """
+    return of_translation(MOTION_UNIT[quantity]) if slides else MOTION_UNIT[quantity]
 
 
 @dataclass(frozen=True)
@@ -45,6 +56,7 @@ class Record:
     `zero-order` where u is the controller's command, constant from each sample to the next.  half_wave: odd lines
     only, so that the second half of a period is minus the first and each half counts as a repetition.  repairs: what
     was mended in the log, and how often.  left_out: repetitions, counted from 0, that are no measurement but filled in.
+    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.
 
     Raises ValueError where shapes disagree or no whole period is there.
     """
@@ -67,6 +79,7 @@ class Record:
     half_wave: bool = False
     repairs: Mapping[str, int] = field(default_factory=dict)
     left_out: tuple[int, ...] = ()
+    sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes, names and length."""
@@ -91,6 +104,12 @@ class Record:
                 f"record {self.name}: {n} samples are {n / self.period_samples:.2f} periods of {self.period_samples}; "
                 "at least one is needed"
             )
+
+    @property
+    def output_units(self) -> tuple[str, ...]:
+        """The unit of each output."""
+        pairs = zip(self.quantities, self.outputs, strict=True)
+        return tuple(motion_unit(quantity, place in self.sliding) for quantity, place in pairs)
 
     @property
     def n_samples(self) -> int:

@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
 from elastid.quality import Quality
-from elastid.record import MOTION_UNIT, Configuration, Motion
+from elastid.record import Configuration, Motion, motion_unit
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
@@ -78,6 +78,7 @@ class FrequencyResponse:
     distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
     distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
     quality: how well it was measured, or None.  repairs: what was mended in its records, and how often.
+    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -95,6 +96,7 @@ class FrequencyResponse:
     distortion: Covariance | None = None
     quality: Quality | None = None
     repairs: Mapping[str, int] = field(default_factory=dict)
+    sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check them."""
@@ -121,8 +123,15 @@ class FrequencyResponse:
 
     @property
     def unit(self) -> str:
-        """Unit of G."""
-        return f"({MOTION_UNIT[self.quantity]})/(N*m)"
+        """Unit of G; several where some places turn and others slide."""
+        torques = dict.fromkeys("N" if place in self.sliding else "N*m" for place in self.inputs)
+        return f"({self.output_unit})/({' or '.join(torques)})"
+
+    @property
+    def output_unit(self) -> str:
+        """Unit of the outputs; several where some turn and others slide."""
+        units = dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs)
+        return " or ".join(units)
 
     @property
     def uncertainty(self) -> Covariance | None:

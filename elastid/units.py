@@ -1,6 +1,7 @@
 """Units of a study: a plain number is SI, a text such as '2.5 kN*m/rad' comes from a closed table.
 
-`Annotated[float, InUnit("N*m/rad")]` makes a dataclass field read both and refuse every other dimension.
+`Annotated[float, InUnit("N*m/rad")]` makes a dataclass field read both and refuse every other dimension; with
+`InUnit("N*m/rad", "N/m")` it takes either, as a `Measured` number that remembers which, for its owner to check.
 Frequencies are in Hz everywhere; nothing here turns Hz into rad/s.
 """
 
@@ -29,6 +30,7 @@ TABLE: dict[str, tuple[str, float]] = {
     "N/m": ("N/m", 1.0),
     "kN/m": ("N/m", 1e3),
     "N/mm": ("N/m", 1e3),
+    "kN/mm": ("N/m", 1e6),
     "MN/m": ("N/m", 1e6),
     "N*s/m": ("N*s/m", 1.0),
     "kN*s/m": ("N*s/m", 1e3),
@@ -61,6 +63,8 @@ TABLE: dict[str, tuple[str, float]] = {
     "kg*cm^2": ("kg*m^2", 1e-4),
     "m": ("m", 1.0),
     "mm": ("m", 1e-3),
+    "m/s": ("m/s", 1.0),
+    "mm/s": ("m/s", 1e-3),
     "m/s^2": ("m/s^2", 1.0),
     "s": ("s", 1.0),
     "ms": ("s", 1e-3),
@@ -114,36 +118,95 @@ def to_si(value: Any, dimension: str) -> float:
     return float(value)
 
 
-@dataclass(frozen=True)
+class Measured(float):
+    """A float in SI that remembers what the unit measures that it was written with."""
+
+    dimension: str
+
+    def __new__(cls, value: float, dimension: str) -> Measured:
+        """The number and what it measures."""
+        number = super().__new__(cls, value)
+        number.dimension = dimension
+        return number
+
+    def __getnewargs__(self) -> tuple[float, str]:  # type: ignore[override]
+        return float(self), self.dimension
+
+
+def to_si_of(value: Any, dimensions: tuple[str, ...]) -> float:
+    """As `to_si`, for any of several dimensions; of a text with a unit the dimension stays known.
+
+    >>> to_si_of("5 N/mm", ("N*m/rad", "N/m")).dimension
+    'N/m'
+    """
+    if len(dimensions) == 1 or not isinstance(value, str):
+        return to_si(value, dimensions[0])
+    match = _QUANTITY.match(value)
+    unit = match[2].strip() if match and match[2] else ""
+    measured = TABLE.get(unit, (dimensions[0], 1.0))[0]
+    if measured in dimensions:
+        number = to_si(value, measured)
+        return Measured(number, measured) if unit in TABLE else number
+    fitting = ", ".join(name for dimension in dimensions for name in units_of(dimension))
+    raise ValueError(
+        f"unit '{unit}' measures {measured}, not {' or '.join(dimensions)}; units that fit here: {fitting}"
+    )
+
+
+def of_translation(unit: str) -> str:
+    """The unit that a translation has where a rotation has `unit`.
+
+    >>> of_translation("N*m*s/rad")
+    'N*s/m'
+    """
+    return unit.replace("N*m", "N").replace("rad", "m")
+
+
+@dataclass(frozen=True, init=False)
 class InUnit:
-    """Marks a float field with its SI unit; the study loader reads numbers and texts with units through it."""
+    """Marks a float field with its SI unit; the study loader reads numbers and texts with units through it.
+
+    others: further dimensions that the field may have instead.
+    """
 
     unit: str
+    others: tuple[str, ...] = ()
+
+    def __init__(self, unit: str, *others: str) -> None:
+        object.__setattr__(self, "unit", unit)
+        object.__setattr__(self, "others", others)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The SI units of all dimensions that the field may have."""
+        return (self.unit, *self.others)
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         """How pydantic validates the field; imported here so that value types stay free of pydantic."""
         from pydantic_core import core_schema
 
         return core_schema.no_info_plain_validator_function(
-            lambda value: to_si(value, self.unit),
+            lambda value: to_si_of(value, self.units),
             metadata={"pydantic_js_functions": []},
         )
 
     def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
         """A number in SI, or a text with one of the units that fit."""
-        names = "|".join(re.escape(name) for name in units_of(self.unit))
+        fitting = [name for unit in self.units for name in units_of(unit)]
+        names = "|".join(re.escape(name) for name in fitting)
         return {
-            "description": f"in {self.unit}, or a text with a unit: {', '.join(units_of(self.unit))}",
+            "description": f"in {' or '.join(self.units)}, or a text with a unit: {', '.join(fitting)}",
             "anyOf": [{"type": "number"}, {"type": "string", "pattern": rf"^\s*[-+0-9.eE]+\s*({names})?$"}],
         }
 
 
+Acceleration: TypeAlias = Annotated[float, InUnit("m/s^2")]
 AxialDamping: TypeAlias = Annotated[float, InUnit("N*s/m")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
 AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]
 CubicStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^3")]
-Damping: TypeAlias = Annotated[float, InUnit("N*m*s/rad")]
+Damping: TypeAlias = Annotated[float, InUnit("N*m*s/rad", "N*s/m")]
 Force: TypeAlias = Annotated[float, InUnit("N")]
 Frequency: TypeAlias = Annotated[float, InUnit("Hz")]
 Inertia: TypeAlias = Annotated[float, InUnit("kg*m^2")]
@@ -152,11 +215,16 @@ LinearStiffness: TypeAlias = Annotated[float, InUnit("N/m")]
 Mass: TypeAlias = Annotated[float, InUnit("kg")]
 QuadraticStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^2")]
 Ratio: TypeAlias = Annotated[float, InUnit("1")]
-Stiffness: TypeAlias = Annotated[float, InUnit("N*m/rad")]
+Stiffness: TypeAlias = Annotated[float, InUnit("N*m/rad", "N/m")]
 Time: TypeAlias = Annotated[float, InUnit("s")]
 Torque: TypeAlias = Annotated[float, InUnit("N*m")]
 Temperature: TypeAlias = Annotated[float, InUnit("degC")]
 TemperatureRise: TypeAlias = Annotated[float, InUnit("K")]
+# Of a joint, which may turn or slide.
+JointPosition: TypeAlias = Annotated[float, InUnit("rad", "m")]
+JointVelocity: TypeAlias = Annotated[float, InUnit("rad/s", "m/s")]
+JointAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2")]
+JointTorque: TypeAlias = Annotated[float, InUnit("N*m", "N")]
 TorqueConstant: TypeAlias = Annotated[float, InUnit("N*m/A")]
 
 # A quantity whose dimension only its name tells (a parameter of the robot); `study` reads it into SI.

@@ -11,8 +11,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from pydantic import TypeAdapter
-from ruamel.yaml import YAML
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.cli import run_command
@@ -31,12 +29,14 @@ from elastid.linear.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import Anchor, CoilSpring, Compensator, Robot
+from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = {
     "manutec": ROOT / "configs" / "robots" / "manutec_r3.yml",
     "arm": ROOT / "elastid" / "templates" / "serial" / "robot.yml",
     "bench": ROOT / "configs" / "robots" / "two_inertia_bench.yml",
+    "table": ROOT / "configs" / "robots" / "kr300_twelve_springs.yml",
 }
 LINES = np.geomspace(0.5, 100, 40)
 DELAY = 4e-4
@@ -55,7 +55,7 @@ def result_of(robot: Robot) -> FitResult:
 
 @pytest.fixture(params=ROBOTS)
 def model(request: pytest.FixtureRequest) -> Identified:
-    robot: Robot = TypeAdapter(Robot).validate_python(YAML(typ="safe").load(ROBOTS[request.param].read_text()))
+    robot = load_robot(ROBOTS[request.param])
     n_u, result = len(robot.driven), result_of(robot)
     responses = []
     for name, angles in (("one", np.linspace(0.3, -0.4, n_u)), ("two", np.linspace(-0.5, 0.6, n_u))):

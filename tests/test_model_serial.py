@@ -5,7 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
+from elastid.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
 from elastid.model.serial import serial
+from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 MOTOR = Motor(1e-3, -80, viscous=2e-3)
@@ -103,3 +106,21 @@ def test_model_survives_pickling():
     q = np.linspace(0.1, 0.5, model.n_q)
     np.testing.assert_array_equal(sent.mass(q, sent.theta).full(), model.mass(q, model.theta).full())
     assert sent.coordinates == model.coordinates
+
+
+def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
+    """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be told apart. Bent, the robot stands."""
+    elastic = [Joint(name, axis, Spring(1e4), MOTOR) for name, axis in (("4", "z"), ("5", "y"), ("6", "z"))]
+    wrist = Robot(
+        "wrist",
+        (
+            Body("b4", joints=(elastic[0],)),
+            Body("b5", "b4", joints=(elastic[1],)),
+            Body("hand", "b5", joints=(elastic[2],), mass=5, inertia=(0.1, 0.1, 0.05)),
+        ),
+    )
+    model = serial(wrist)
+    with pytest.raises(StudyError, match="straight: the mass matrix is singular, motion of joint 4, joint 6"):
+        equilibrium(model, model.theta, Configuration("straight", [0.3, 0.0, 0.2]))
+    bent = equilibrium(model, model.theta, Configuration("bent", [0.3, 0.8, 0.2]))
+    np.testing.assert_allclose(bent.q[:3], [0.3, 0.8, 0.2], atol=1e-9)

@@ -289,7 +289,7 @@ def test_a_rig_that_cannot_run_is_refused_when_it_is_made() -> None:
         rig(machine, SimulatedSpec(truth={"k_9": 1.0}), design)
     with pytest.raises(StudyError, match="stiffness is -1"):
         rig(machine, SimulatedSpec(truth={"k_1": -1.0}), design)
-    with pytest.raises(StudyError, match="truth: unit 'N' measures N, not"):
+    with pytest.raises(StudyError, match=r"truth: unit 'N' measures N, not N\*m/rad"):
         rig(machine, SimulatedSpec(truth={"k_1": "5 N"}), design)
     with pytest.raises(StudyError, match="'joint 9' is not a place"):
         rig(machine, SimulatedSpec(outputs=("joint 9",)), design)

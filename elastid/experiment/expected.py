@@ -22,6 +22,7 @@ import numpy as np
 from elastid.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.experiment.friction_level import friction_level
+from elastid.experiment.sensors import logged_quantity, output_stds
 from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
@@ -95,7 +96,7 @@ class Prospect:
         )
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
-        G, model = every[:, n_u:], replace(both, C=both.C[n_u:], outputs=self.outputs)
+        G, model = every[:, n_u:], replace(both, C=both.C[n_u:], T=both.tilt[n_u:], outputs=self.outputs)
         covariance = self._covariance(G, every[:, :n_u], configuration, realisations or self.realisations)
         response = FrequencyResponse(
             self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
@@ -172,16 +173,18 @@ class Prospect:
         power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
         torque = (hold * power)[:, None, None]
         omega = 2 * np.pi * self.freq_hz[:, None]
-        angle = omega ** (2 * MOTION_ORDER[self.quantity]) * self._output_variances()
+        measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
+        angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
         per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
         error: ComplexArray = per_sample * (4 / (self.period_samples * self.periods))
         return error
 
     def _output_variances(self) -> FloatArray:
-        """rad^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
+        """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
         noise = self.level.noise
-        white = noise.variances("angle", self.freq_hz, self.rate_hz)
-        variances = np.tile(white[:, None], (1, len(self.outputs)))
+        color = noise.variances("angle", self.freq_hz, self.rate_hz) - noise.angle_std**2
+        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        variances: FloatArray = output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle)
         for i, place in enumerate(self.outputs):
             if noise.encoder_counts and place in self.robot.motor_locations:
                 ratio = self.robot.ratio(place.removeprefix("motor "))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -68,7 +68,8 @@ class RecordedRig:
         gathered = gather(recorded, file, self.base, self.robot)
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(named(c) for c in gathered.channels), rate_hz, gathered.first)
-        return _record(experiment, recorded, gathered, log)
+        record = _record(experiment, recorded, gathered, log)
+        return replace(record, sliding=self.robot.sliding((*record.inputs, *record.outputs)))
 
 
 def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, log: Log) -> Record:

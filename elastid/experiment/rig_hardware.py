@@ -11,6 +11,7 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.experiment.plan import Experiment, Plan
+from elastid.experiment.sensors import logged_quantity, output_stds
 from elastid.experiment.spec import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.linear.chain import LagElement, sensor_elements, torque_elements
 from elastid.linear.equilibrium import OperatingPoint
@@ -21,7 +22,7 @@ from elastid.simulation.drives import Drives, Lag, Ripple
 
 @dataclass(frozen=True)
 class Noise:
-    """All noise over a whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), rad (n, n_y)."""
+    """All noise over a whole run: Nm (n, n_u), rad (n, n_u), Nm (n, n_u), of the outputs (n, n_y)."""
 
     torque: FloatArray
     reading: FloatArray
@@ -29,7 +30,7 @@ class Noise:
     outputs: FloatArray
 
 
-def drawn(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> Noise:
+def drawn(spec: NoiseSpec, plan: Plan, outputs: Sequence[str], seed: tuple[int, ...]) -> Noise:
     """The noise of a run; white and colored parts come from the same seed, one after the other."""
     n, n_u = plan.run_samples, len(plan.inputs)
     random = np.random.default_rng(np.random.SeedSequence(seed))
@@ -37,7 +38,7 @@ def drawn(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> Noise
         "torque": spec.torque_std * random.standard_normal((n, n_u)),
         "reading": spec.angle_std * random.standard_normal((n, n_u)),
         "disturbance": spec.disturbance_std * random.standard_normal((n, n_u)),
-        "outputs": spec.angle_std * random.standard_normal((n, n_y)),
+        "outputs": output_stds(spec, outputs) * random.standard_normal((n, len(outputs))),
     }
     frequencies: FloatArray = np.fft.rfftfreq(n, 1 / plan.rate_hz).astype(np.float64)
     for color in spec.colored:
@@ -46,7 +47,10 @@ def drawn(spec: NoiseSpec, plan: Plan, n_y: int, seed: tuple[int, ...]) -> Noise
         shape *= color.std / math.sqrt(np.mean(shape**2))
         for name in ("reading", "outputs") if color.signal == "angle" else (color.signal,):
             white = random.standard_normal(signals[name].shape)
-            signals[name] = signals[name] + np.fft.irfft(shape[:, None] * np.fft.rfft(white, axis=0), n, axis=0)
+            noise = np.fft.irfft(shape[:, None] * np.fft.rfft(white, axis=0), n, axis=0)
+            if name == "outputs":  # accelerations have no noise of an angle
+                noise = noise * [logged_quantity(place) == "position" for place in outputs]
+            signals[name] = signals[name] + noise
     return Noise(**signals)
 
 

@@ -14,9 +14,8 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
 from elastid.experiment.log_files import name_in_file
-from elastid.experiment.spec import QUANTITY_UNIT, ChannelSpec
+from elastid.experiment.spec import ChannelSpec
 from elastid.robot import Robot
-from elastid.units import factor
 
 # A jump between two samples that is so close to a whole turn is an encoder that starts again, in rad.
 _NEAR_A_TURN = 1.0
@@ -24,14 +23,14 @@ _NEAR_A_TURN = 1.0
 
 def link_side_factor(channel: ChannelSpec, robot: Robot) -> float:
     """What turns the file's numbers into SI on the link side; StudyError where unit or side are wrong."""
-    return _own_side_factor(channel) * _gear_factor(channel, robot)
+    return _own_side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[FloatArray, str]:
     """The signal (n,) in SI on the link side, and a word if an angle had to be unwrapped (an empty text if not)."""
-    signal: FloatArray = values * _own_side_factor(channel)
+    signal: FloatArray = values * _own_side_factor(channel, robot)
     turns = 0
-    if channel.quantity == "position":
+    if channel.quantity == "position" and not robot.slides(channel.at):
         known = np.isfinite(signal)
         jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
@@ -72,9 +71,9 @@ def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], column
     return any(c.role == channel.role and np.nanmax(v) > np.nanmin(v) for c, v in zip(channels, columns, strict=True))
 
 
-def _own_side_factor(channel: ChannelSpec) -> float:
+def _own_side_factor(channel: ChannelSpec, robot: Robot) -> float:
     try:
-        unit = factor(channel.unit, QUANTITY_UNIT[channel.quantity]) if channel.unit else 1.0
+        unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
     except ValueError as error:
         raise StudyError(f"{named(channel)}: {error}") from None
     return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)

@@ -19,21 +19,22 @@ from elastid.experiment.movement import check_movement
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.references import Reference, reference
 from elastid.experiment.rig_hardware import Noise, drawn, drives, filtered, friction_of_a_run
+from elastid.experiment.sensors import logged_quantity, planned, sensed
 from elastid.experiment.spec import EncoderRippleSpec, ExperimentSpec, SimulatedSpec, TorqueRippleSpec
 from elastid.friction.placed import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
-from elastid.record import Motion, Record
+from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
 from elastid.simulation.constrained import violation
 from elastid.simulation.contacts import contacts
-from elastid.simulation.controller import Gains, rigid_motion, rigid_path, tuned
+from elastid.simulation.controller import Gains, rigid_path, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
 from elastid.simulation.spec import StabilisationSpec
-from elastid.units import Quantity, to_si
+from elastid.units import Quantity, of_translation, to_si
 
 # m between the ends of a loop that a simulation may leave without a word.
 OPEN = 1e-6
@@ -47,8 +48,9 @@ class SimulatedRig:
 
     A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
     u: what the controller commands and the log sees, held from sample to sample.  y: positions, of a motor as its
-    encoder reads it, of a body as its angle from the equilibrium, small.  Under a carrier of constant velocity both are
-    about the planned movement, which does not repeat: its angles and its torque are taken out of the log.
+    encoder reads it, of a body as its angle from the equilibrium, small; of points accelerations (`sensors`).  Under a
+    carrier of constant velocity both are about the planned movement, which does not repeat: its angles, accelerations
+    and torque are taken out of the log.
 
     Raises StudyError where the robot has other motors than the plan, or the carrier meets the excitation or
     leaves the joints' limits.
@@ -103,14 +105,13 @@ class SimulatedRig:
         end = plan.run_samples - plan.first_sample  # the way out is not measured
         trajectory = self._moved(plant, point, given, experiment, noise, 1.0, end)
         measured = slice(end - plan.periods * plan.period_samples, end)
-        u, y = (
-            trajectory.u + noise.torque[:end],
-            _sensed(trajectory, plant.model, q0, self.outputs, noise, plan.rate_hz),
-        )
+        told = (plant.model, q0, self.outputs, plan.rate_hz, plan.period_samples)
+        u = trajectory.u + noise.torque[:end]
+        y = sensed(trajectory.q, trajectory.reading, *told) + noise.outputs[:end]
+        y = filtered(plant.model.robot, y, plan.rate_hz)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
-            C = plant.model.output_jacobian(q0, self.outputs) @ rigid_motion(plant.model, q0)
-            u, y = u - given.feed_forward[:end], y - (given.position[:end] - experiment.configuration.angles) @ C.T
-        position: Motion = "position"
+            moved = given.position[:end] - experiment.configuration.angles
+            u, y = u - given.feed_forward[:end], y - planned(moved, *told)
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -120,7 +121,7 @@ class SimulatedRig:
             period_samples=plan.period_samples,
             inputs=plan.inputs,
             outputs=self.outputs,
-            quantities=(position,) * len(self.outputs),
+            quantities=tuple(logged_quantity(place) for place in self.outputs),
             u=u[measured],
             y=y[measured],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
@@ -130,6 +131,7 @@ class SimulatedRig:
                 *_opened(plant.model, trajectory),
             ),
             hold="zero-order",
+            sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
@@ -144,7 +146,7 @@ class SimulatedRig:
 
     def _noise(self, experiment: Experiment) -> Noise:
         plan = self.plan
-        return drawn(self.simulated.noise, plan, len(self.outputs), (self.seed, *_indices(plan, experiment)))
+        return drawn(self.simulated.noise, plan, self.outputs, (self.seed, *_indices(plan, experiment)))
 
     def _prepared(self, experiment: Experiment) -> tuple[_Plant, OperatingPoint, Reference]:
         """The true robot, its equilibrium, and what its controller is given."""
@@ -248,20 +250,6 @@ def _check_steps(plant: _Plant, q0: FloatArray, experiment: Experiment, substeps
         )
 
 
-def _sensed(
-    trajectory: Trajectory, model: ElasticModel, q0: FloatArray, outputs: tuple[str, ...], noise: Noise, rate_hz: float
-) -> FloatArray:
-    """What the log reads (n, n_y): encoders, joint angles, and C (q - q0) for a body, to first order."""
-    C = model.output_jacobian(q0, outputs)
-    y = trajectory.q @ C.T + noise.outputs[: len(trajectory.q)]
-    for column, place in enumerate(outputs):
-        if place in model.inputs:
-            y[:, column] = trajectory.reading[:, model.inputs.index(place)]
-        elif place.startswith("body "):
-            y[:, column] -= C[column] @ q0
-    return filtered(model.robot, y, rate_hz)
-
-
 def _clipped(u: FloatArray, plant: _Plant, experiment: Experiment) -> tuple[str, ...]:
     """A word for every motor whose measured torque u (n, n_u) was clipped; DataError where it mostly was."""
     part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
@@ -307,6 +295,7 @@ def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: floa
             (speed[i], joint.limits.velocity, "rad/s"),
             (acceleration[i], joint.limits.acceleration, "rad/s^2"),
         ):
+            unit = of_translation(unit) if joint.slides else unit
             if peak > limit:
                 notes.append(
                     f"motor {joint.name} went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "

@@ -13,7 +13,20 @@ from elastid.model.spec import ModelSpec
 from elastid.record import MOTION_UNIT
 from elastid.section import section
 from elastid.simulation.spec import StabilisationSpec
-from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Temperature, Time, Torque, TorqueConstant
+from elastid.units import (
+    Acceleration,
+    Angle,
+    AngularVelocity,
+    Frequency,
+    JointPosition,
+    Quantity,
+    Temperature,
+    Time,
+    Torque,
+    TorqueConstant,
+    factor,
+    of_translation,
+)
 
 # Whatever is more is a slip of the pen.
 MOST_REALISATIONS = 10_000
@@ -193,6 +206,7 @@ class WarmingSpec:
 class NoiseSpec:
     """What the sensors add, link side: torque_std on the logged torque, angle_std on the logged angles, both white.
 
+    acceleration_std: on the logged accelerations of points, white.
     encoder_counts: resolution of the motor encoders in counts per motor turn; 0 = unlimited.
     disturbance_std: torque that acts on the motors, white, unknown to the log.
     colored: further noise of other spectra.
@@ -202,6 +216,7 @@ class NoiseSpec:
     angle_std: Angle = 0.0
     disturbance_std: Torque = 0.0
     encoder_counts: int = 0
+    acceleration_std: Acceleration = 0.0
     colored: tuple[ColoredNoiseSpec, ...] = ()
 
     def variances(
@@ -218,7 +233,8 @@ class NoiseSpec:
 
     def __post_init__(self) -> None:
         """Refuse negative spreads."""
-        if min(self.torque_std, self.angle_std, self.disturbance_std, self.encoder_counts) < 0:
+        levels = (self.torque_std, self.angle_std, self.disturbance_std, self.encoder_counts, self.acceleration_std)
+        if min(levels) < 0:
             raise ValueError("noise levels must not be negative")
 
 
@@ -226,7 +242,8 @@ class NoiseSpec:
 class SimulatedSpec:
     """A rig that is a model: the study's robot with some of its numbers replaced by the truth that the fit must find.
 
-    truth: parameter name to value.  outputs: places that are logged (default: every motor).
+    truth: parameter name to value.  outputs: places that are logged (default: every motor): `motor 1`, `joint 1`,
+    `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.
     substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
     loops: how those of a linkage are kept closed.
     saturation: motor torques are clipped at the joints' limits.torque; without it going beyond is reported.
@@ -260,7 +277,8 @@ class ChannelSpec:
 
     channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
     of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
-    at: place on the robot (`motor 1`, `joint 1`, `body arm z`).  unit: of the file after `scale`; default SI.
+    at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
+    feels gravity).  unit: of the file after `scale`; default SI.
     Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
     side: motor.  file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.  rate_hz: its own
     sampling rate where it differs; all channels are brought to the lowest one, band-limited.
@@ -294,8 +312,17 @@ class ChannelSpec:
             )
         if self.quantity == "current" and self.torque_constant is None:
             raise ValueError("a current needs torque_constant (N*m/A) to become a torque")
+        if self.at.startswith("accelerometer ") and self.quantity not in ("acceleration", "torque"):
+            raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
+
+    def unit_factor(self, slides: bool) -> float:
+        """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a unit that is wrong."""
+        unit = QUANTITY_UNIT[self.quantity]
+        if self.unit == "g" and self.quantity == "acceleration":
+            raise ValueError("unit 'g' is the gram; for multiples of gravity give scale: 9.80665 and unit: m/s^2")
+        return factor(self.unit, of_translation(unit) if slides else unit) if self.unit else 1.0
 
 
 @section
@@ -450,6 +477,7 @@ class ResponsesSpec:
 class ExperimentSpec:
     """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
 
+    Of a joint that slides the angle is its position in m.
     Further configurations are chosen where the study has a section `design`.
 
     realisations: independent draws of the random phases.  experiments: of every realisation (default: as many as
@@ -459,7 +487,7 @@ class ExperimentSpec:
     Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
     """
 
-    configurations: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
+    configurations: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
     realisations: int = 2
     periods: int = 2
     transient_periods: int = 1

@@ -1,12 +1,13 @@
 r"""Export to MuJoCo: the identified robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
 
-A flexible joint becomes two hinges of one axis on one body, motor angle and twist of the gear, q_a = q_m + twist:
+A flexible joint becomes two hinges (or slides) of one axis on one body, motor angle and twist of the gear, so that
+q_a = q_m + twist:
 
 .. math:: V = \tfrac12 k\, twist^2, \quad R = \tfrac12 d\, \dot{twist}^2 + \tfrac12 f_m \dot q_m^2
           + \tfrac12 f (\dot q_m + \dot{twist})^2, \quad T_m = \tfrac12 J_m \dot q_m^2
 
-Rotors are armatures, viscous friction of the arm a damped tendon. Everything is on the link side: an actuator exerts
-link-side torque. The keyframes are the equilibria, controls included.
+Rotors are armatures, named frames sites, viscous friction of the arm a damped tendon. Everything is on the link side:
+an actuator exerts link-side torque. The keyframes are the equilibria, controls included.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.export.identified import Identified
 from elastid.linear.equilibrium import equilibrium
-from elastid.robot import BASE, Body, Joint, Robot, unit_axis
+from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
 
 # MuJoCo refuses a moving body without mass or with a point's inertia: kg and kg m^2 that no robot notices.
@@ -67,37 +68,45 @@ def _check_springs(robot: Robot) -> None:
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:
-    elements = {BASE: world}
-    for body in robot.bodies:
-        element = ET.SubElement(
-            elements[body.parent],
-            "body",
-            name=body.name,
-            pos=_numbers(body.placement.xyz),
-            quat=_numbers(_quaternion(body.placement.rotation)),
-        )
+    elements = {BASE: (world, Placement())}  # with where the body's axes are in the element's
+    for body in robot.all_bodies:
+        parent, mounted = elements[body.parent]
+        element = ET.SubElement(parent, "body", {"name": body.name} | _seat(mounted, body.placement))
         if body.mass or np.any(body.inertia_matrix):
             _inertial(element, body)
         for joint in body.joints:
             _hinges(element, joint)
-        elements[body.name] = element
+        elements[body.name] = element, body.mounting
+    for frame in robot.frames:
+        parent, mounted = elements[frame.body]
+        ET.SubElement(parent, "site", {"name": frame.name} | _seat(mounted, frame.placement))
+
+
+def _seat(first: Placement, second: Placement) -> dict[str, str]:
+    """One placement behind another, as MJCF writes it."""
+    R = first.rotation
+    return {
+        "pos": _numbers(np.array(first.xyz) + R @ second.xyz),
+        "quat": _numbers(_quaternion(R @ second.rotation)),
+    }
 
 
 def _inertial(element: ET.Element, body: Body) -> None:
-    I = body.inertia_matrix  # noqa: E741
+    R = body.mounting.rotation
+    I = R @ body.inertia_matrix @ R.T  # noqa: E741
     I = I + max(0.0, _LEAST - np.linalg.eigvalsh(I)[0]) * np.eye(3)  # noqa: E741
     entries = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
     ET.SubElement(
         element,
         "inertial",
-        pos=_numbers(body.center_of_mass),
+        pos=_numbers(np.array(body.mounting.xyz) + R @ body.center_of_mass),
         mass=_number(max(body.mass, _LEAST)),
         fullinertia=_numbers(entries),
     )
 
 
 def _hinges(element: ET.Element, joint: Joint) -> None:
-    axis = _numbers(unit_axis(joint.axis))
+    axis = {"axis": _numbers(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
     armature, friction = 0.0, 0.0
     if joint.motor is not None:
         armature = joint.motor.ratio**2 * joint.motor.inertia
@@ -112,8 +121,8 @@ def _hinges(element: ET.Element, joint: Joint) -> None:
         _hinge(element, f"twist {joint.name}", axis, stiffness=joint.spring.stiffness, damping=joint.spring.damping)
 
 
-def _hinge(element: ET.Element, name: str, axis: str, **numbers: float) -> None:
-    ET.SubElement(element, "joint", {"name": name, "axis": axis} | {key: _number(n) for key, n in numbers.items()})
+def _hinge(element: ET.Element, name: str, axis: dict[str, str], **numbers: float) -> None:
+    ET.SubElement(element, "joint", {"name": name} | axis | {key: _number(n) for key, n in numbers.items()})
 
 
 def _driven(joint: Joint) -> str:

@@ -80,7 +80,7 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
 def _linear_names(robot: Robot) -> set[str]:
     """Those that may be zero or negative."""
     names = {DELAY}
-    for body in robot.bodies:
+    for body in robot.all_bodies:
         names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
         names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
     names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}

@@ -165,7 +165,14 @@ def matched(model: LinearModel, response: FrequencyResponse) -> LinearModel:
             )
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
-    return replace(model, B=model.B[:, inputs], C=model.C[outputs], inputs=response.inputs, outputs=response.outputs)
+    return replace(
+        model,
+        B=model.B[:, inputs],
+        C=model.C[outputs],
+        T=model.tilt[outputs],
+        inputs=response.inputs,
+        outputs=response.outputs,
+    )
 
 
 def _part(

@@ -95,6 +95,7 @@ def _from_periods(
         quantity=spec.quantity,
         configuration=first.configuration,
         rate_is_known=first.rate_is_known,
+        sliding=first.sliding,
     )
     where = first.configuration.name
     quality = measured_quality(freq_hz, data, found.G)

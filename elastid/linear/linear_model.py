@@ -2,6 +2,8 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 
 .. math:: M(\theta) \ddot q + D(\theta) \dot q + K(\theta) q = B u, \qquad y = C q, \qquad u(t) = u_{ref}(t - T_d)
 
+Of an accelerometer, which sees gravity turn as it tilts, the reading is C q'' + T q.
+
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
 centres of mass. The operating point is frozen, or followed to first order where springs are nonlinear; the fit
 linearises again at its result until nothing moves.
@@ -37,7 +39,7 @@ class Slope:
 
 @dataclass(frozen=True)
 class LinearModel:
-    """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C (n_y, n).
+    """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
 
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
@@ -56,17 +58,26 @@ class LinearModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     quantity: Motion
+    T: FloatArray | None = None
     chain: tuple[Element, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check shapes."""
-        for name in ("theta_ref", "M", "D", "K", "B", "C"):
+        """Freeze the arrays and check shapes; without T no output is an accelerometer."""
+        if self.T is None:
+            object.__setattr__(self, "T", np.zeros(self.C.shape))
+        for name in ("theta_ref", "M", "D", "K", "B", "C", "T"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         n = self.M.shape[0]
         expected = {"M": (n, n), "D": (n, n), "K": (n, n), "B": (n, len(self.inputs)), "C": (len(self.outputs), n)}
+        expected["T"] = expected["C"]
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {shape}")
+
+    @property
+    def tilt(self) -> FloatArray:
+        """T (n_y, n), zero for all outputs but accelerometers."""
+        return np.zeros(self.C.shape) if self.T is None else self.T
 
     @property
     def n(self) -> int:

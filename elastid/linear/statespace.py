@@ -5,8 +5,9 @@ r"""LinearModel -> state space: what control engineers' tools read.
 .. math:: A = \begin{bmatrix} 0 & I \\ -M^{-1} K & -M^{-1} D_q \end{bmatrix}, \qquad
           B = \begin{bmatrix} 0 \\ M^{-1} B_q \end{bmatrix}
 
+y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q);
+what gravity adds to accelerometers, [T, 0], is in the last alone.
 The lags of the measurement chain, the same for every motor, are states of their own in front of B.
-y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q).
 """
 
 from __future__ import annotations
@@ -52,8 +53,12 @@ class StateSpace:
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     """The state space of a LinearModel at theta (n_theta,), model.parameters in SI.
 
-    Raises StudyError for a differentiator in the chain: no finite number of states makes one.
+    StudyError where an accelerometer's reading is turned into a velocity or a position: gravity would be integrated;
+    and for a differentiator in the chain, which no finite number of states makes.
     """
+    if model.quantity != "acceleration" and model.tilt.any():
+        place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
+        raise StudyError(f"{place} sees gravity, which has no {model.quantity}; set estimator.quantity: acceleration")
     M, D, K = model.matrices(theta)
     n, n_u = model.B.shape
     motion = np.linalg.solve(M, np.hstack([-K, -D, model.B]))  # q'' = motion [q; q'; u]
@@ -63,7 +68,7 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     C, D_y = {
         "position": (np.hstack([model.C, still]), through),
         "velocity": (np.hstack([still, model.C]), through),
-        "acceleration": (model.C @ motion[:, : 2 * n], model.C @ motion[:, 2 * n :]),
+        "acceleration": (model.C @ motion[:, : 2 * n] + np.hstack([model.tilt, still]), model.C @ motion[:, 2 * n :]),
     }[model.quantity]
     for element in model.chain:
         if not isinstance(element, LagElement):

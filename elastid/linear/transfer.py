@@ -9,7 +9,8 @@ solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without another solv
 .. math:: dG = -c\, W^T dZ\, X = -c \sum_t (j\omega)^{k_t} \sigma_t\, (W^T y_t)(y_t^T X), \qquad
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
-Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G.
+Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. An accelerometer has
+C + T / s^2 in the place of C.
 """
 
 from __future__ import annotations
@@ -41,9 +42,8 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     """
     M, D, K = model.matrices(theta)
     s: ComplexArray = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
-    G: ComplexArray = _gain(model, theta, s) * (
-        model.C @ np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
-    )
+    X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
+    G: ComplexArray = _gain(model, theta, s) * (model.C @ X + model.tilt @ X / s**2)
     return G
 
 
@@ -93,7 +93,7 @@ class Kernel:
         n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
         G = np.empty((self.freq_hz.size, n_y, n_u), complex)
         dG = np.zeros((len(self.wanted), *G.shape), complex)
-        columns, (Y, groups) = self._right_sides[1], self._directions_and_terms
+        (_, columns, tilted, tilts), (Y, groups) = self._right_sides, self._directions_and_terms
         for block, s, X in self._solutions(theta):
             G[block] = self._response(s, X, theta)
             if DELAY in self.wanted:
@@ -104,6 +104,7 @@ class Kernel:
                     dG[self.wanted.index(element.name), block] = slope[:, None, None] * G[block]
             YX = _times(Y, X)
             left, right = YX[:, :, columns], YX[:, :, :n_u]
+            left[:, :, tilted] += YX[:, :, tilts] / s[:, None] ** 2
             gain = _gain(self.model, theta, s)
             powers = -np.stack([gain, gain * s, gain * s**2])
             for terms in groups:
@@ -112,8 +113,11 @@ class Kernel:
         return G, dG
 
     def _response(self, s: ComplexArray, X: ComplexArray, theta: FloatArray) -> ComplexArray:
-        gain = _gain(self.model, theta, s)[:, None, None]
-        G: ComplexArray = gain * (self.model.C @ X[:, :, : self.model.B.shape[1]])
+        gain, moved = _gain(self.model, theta, s)[:, None, None], X[:, :, : self.model.B.shape[1]]
+        G: ComplexArray = gain * (self.model.C @ moved)
+        tilted = self._right_sides[2]
+        if tilted.size:
+            G[:, tilted] += (gain / s[:, None, None] ** 2) * (self.model.tilt[tilted] @ moved)
         return G
 
     def _solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray]]:
@@ -147,8 +151,11 @@ class Kernel:
         return np.array(places, np.int64), np.array(stacked).reshape(len(places), 3 * n * n)
 
     @cached_property
-    def _right_sides(self) -> tuple[FloatArray, IntArray]:
-        """[B, extra] and for each output the column that holds its direction; collocated outputs need no extra one."""
+    def _right_sides(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
+        """[B, extra] and for each output the column that holds its direction; collocated outputs need no extra one.
+
+        Then the outputs that tilting changes, and the columns of their rows of T.
+        """
         sides = list(self.model.B.T)
         columns = []
         for direction in self.model.C:
@@ -156,7 +163,9 @@ class Kernel:
             if not same:
                 sides.append(direction)
             columns.append(same[0] if same else len(sides) - 1)
-        return np.column_stack(sides), np.array(columns)
+        tilted = np.flatnonzero(self.model.tilt.any(axis=1))
+        tilts = len(sides) + np.arange(len(tilted))
+        return np.column_stack([*sides, *self.model.tilt[tilted]]), np.array(columns), tilted, tilts
 
     @cached_property
     def _directions_and_terms(self) -> tuple[FloatArray, tuple[Terms, ...]]:

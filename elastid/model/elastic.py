@@ -30,7 +30,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray, IntArray, frozen
-from elastid.robot import Robot
+from elastid.robot import FRAME_AXES, Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,8 @@ class ElasticModel:
         constraint(q, theta) -> phi (n_c,)                  potential_gradient(q, theta) -> dV/dq (n_q,)
         damping(q, theta) -> D (n_q, n_q), Hessian of R     stiffness(q, lambda_, theta) -> Hessian of V + lambda^T phi
         angular_velocity(q) -> J (3 n_bodies, n_q): J v is the absolute angular velocity of each body in its own axes
+        frame_velocity(q) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
+        frame_gravity(q) -> g (3 n_f,): gravity in the axes of each named frame
         constraint_jacobian(q, theta) -> Phi (n_c, n_q)     potential(q, theta) -> V
 
     independent: None where the constraints are kept with their multipliers, else (minimal formulation) the coordinates
@@ -67,6 +69,8 @@ class ElasticModel:
     stiffness: ca.Function
     potential_gradient: ca.Function
     angular_velocity: ca.Function
+    frame_velocity: ca.Function
+    frame_gravity: ca.Function
     potential: ca.Function
     constraint_jacobian: ca.Function
     independent: tuple[str, ...] | None = None
@@ -104,18 +108,49 @@ class ElasticModel:
         return self.coordinates.index(location)
 
     def output_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
-        """C (n_y, n_q): rates of the places `motor <name>`, `joint <name>`, `body <name> <axis>` are C v at q (n_q,).
+        """C (n_y, n_q): rates of places are C v at q (n_q,); StudyError for an unknown place.
 
-        A body's rate is its absolute angular velocity about an axis fixed in it. StudyError for an unknown place.
+        `motor <name>`, `joint <name>`.  `body <name> <axis>`: absolute angular velocity about an axis fixed in it.
+        `frame <name> x`, `accelerometer <name> x`: velocity of the frame's origin along its axis; `frame <name> rx`:
+        its angular velocity.
         """
         C = np.zeros((len(locations), self.n_q))
-        rates = self.angular_velocity(q).full() if any(place.startswith("body ") for place in locations) else None
-        bodies = [body.name for body in self.robot.bodies]
+        rates = self._rates(q, locations)
         for row, place in enumerate(locations):
             self.robot.check_location(place)
-            if rates is not None and place.startswith("body "):
-                name, axis = place.removeprefix("body ").rsplit(" ", 1)
-                C[row] = rates[3 * bodies.index(name) + "xyz".index(axis)]
-            else:
+            kind, _, rest = place.partition(" ")
+            if kind in ("motor", "joint"):
                 C[row, self.index(place)] = 1.0
+            else:
+                name, axis = rest.rsplit(" ", 1)
+                C[row] = rates[kind, name, axis]
         return C
+
+    def gravity_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
+        r"""T (n_y, n_q): what tilting adds to the accelerometers, y = C q'' + T q; 0 for all other places.
+
+        An accelerometer reads the acceleration of its origin less gravity, both in its own axes. A small rotation phi
+        of these axes turns gravity in them by g x phi, so that the reading changes by -g x phi = -[g x] J_omega q.
+        """
+        T = np.zeros((len(locations), self.n_q))
+        rates, gravity = self._rates(q, locations), self.frame_gravity(q).full().reshape(-1, 3)
+        names = [frame.name for frame in self.robot.frames]
+        for row, place in enumerate(locations):
+            kind, _, rest = place.partition(" ")
+            if kind == "accelerometer":
+                name, axis = rest.rsplit(" ", 1)
+                turning = np.array([rates["frame", name, f"r{letter}"] for letter in "xyz"])
+                T[row] = -np.cross(gravity[names.index(name)], turning.T)[:, "xyz".index(axis)]
+        return T
+
+    def _rates(self, q: FloatArray, locations: Sequence[str]) -> dict[tuple[str, str, str], FloatArray]:
+        """Rows of the Jacobians of bodies and frames; of none where no location needs them."""
+        if all(place.startswith(("motor ", "joint ")) for place in locations):
+            return {}
+        angular, frames = self.angular_velocity(q).full(), self.frame_velocity(q).full()
+        bodies = [("body", body.name, axis) for body in self.robot.all_bodies for axis in "xyz"]
+        places = [("frame", frame.name, axis) for frame in self.robot.frames for axis in FRAME_AXES]
+        rows = dict(zip([*bodies, *places], [*angular, *frames], strict=True))
+        return rows | {
+            ("accelerometer", name, axis): row for (kind, name, axis), row in rows.items() if kind == "frame"
+        }

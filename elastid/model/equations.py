@@ -19,7 +19,18 @@ from elastid.arrays import FloatArray
 from elastid.model.compensators import compensators
 from elastid.model.drivetrain import drivetrain, input_matrix
 from elastid.model.elastic import ElasticModel
-from elastid.model.multibody import angular_velocities, bias, composites, inertias, mass_matrix, tree, turns
+from elastid.model.multibody import (
+    angular_velocities,
+    bias,
+    composites,
+    frame_velocities,
+    gravity_in_frames,
+    inertias,
+    mass_matrix,
+    rates,
+    tree,
+    turns,
+)
 from elastid.model.springs import nonlinear_springs
 from elastid.robot import Robot
 
@@ -29,8 +40,9 @@ class Equations:
     """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
 
     M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
-    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies, n_q): J v stacks the
-    absolute angular velocities of the bodies in their own axes.  B (n_q, n_u).
+    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies + 6 n_f, n_q): J v stacks
+    the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each named
+    frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).
     """
 
     coordinates: tuple[str, ...]
@@ -43,6 +55,7 @@ class Equations:
     D: ca.SX
     phi: ca.SX
     J: ca.SX
+    gravity: ca.SX
     B: FloatArray
 
 
@@ -70,6 +83,8 @@ def open_chain(robot: Robot) -> Equations:
     drive = drivetrain(robot, named)
     V_hard, f_hard = nonlinear_springs(robot, q, named)
     V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    moving = rates(layout, turned)
+    J = ca.vertcat(angular_velocities(layout, moving), frame_velocities(layout, moving))
     return Equations(
         coordinates=coordinates,
         q=q,
@@ -84,7 +99,8 @@ def open_chain(robot: Robot) -> Equations:
         V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
         phi=ca.SX(0, 1),
-        J=ca.horzcat(angular_velocities(layout, turned), ca.SX(3 * len(robot.bodies), n_q - n_l)),
+        J=ca.horzcat(J, ca.SX(J.size1(), n_q - n_l)),
+        gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),
     )
 
@@ -121,7 +137,7 @@ def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | No
     """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
     table = robot.parameters()
     q, v, theta = of.q, of.v, of.theta
-    lambda_ = ca.SX.sym("lambda", of.phi.size1())
+    lambda_, turning = ca.SX.sym("lambda", of.phi.size1()), 3 * len(robot.all_bodies)
     K = ca.hessian(of.V + ca.dot(lambda_, of.phi), q)[0]
     return ElasticModel(
         robot=robot,
@@ -136,10 +152,12 @@ def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | No
         damping=_function("damping", {"q": q, "theta": theta}, {"D": of.D}),
         stiffness=_function("stiffness", {"q": q, "lambda_": lambda_, "theta": theta}, {"K": K}),
         potential_gradient=_function("potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(of.V, q)}),
-        angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J}),
         potential=_function("potential", {"q": q, "theta": theta}, {"V": of.V}),
         constraint_jacobian=_function("constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(of.phi, q)}),
         independent=independent,
+        angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J[:turning, :]}),
+        frame_velocity=_function("frame_velocity", {"q": q}, {"J": of.J[turning:, :]}),
+        frame_gravity=_function("frame_gravity", {"q": q}, {"g": of.gravity}),
     )
 
 

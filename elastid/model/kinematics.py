@@ -1,6 +1,9 @@
-r"""Where a robot's bodies are: positions of joints, centres of mass and points of bodies, and the tool's Jacobian.
+r"""Where a robot's bodies are: positions of joints, centres of mass and points of bodies, frames and their Jacobians.
 
-Many postures at once, in NumPy; elastic joints that are not driven stand at 0. All in the base frame, m.
+.. math:: [v;\, \omega] = J(q)\, \dot q, \qquad \tau = J(q)^T\, [F;\, N]
+
+Many postures at once, in NumPy. Where driven joints alone are given, elastic joints that are not driven stand at 0. All
+in the axes of the base, SI. `ElasticModel.frame_velocity` is the same Jacobian in CasADi, in the frame's own axes.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import BoolArray, FloatArray
+from elastid.errors import StudyError
 from elastid.model.multibody import Attachment, Tree, tree
 from elastid.model.parallel_linkage.assembly import followed, rates
 from elastid.robot import BASE, Robot
@@ -29,6 +33,58 @@ class Skeleton:
     links: tuple[tuple[int, int], ...]
     moves: BoolArray
     tool: int
+
+
+@dataclass(frozen=True)
+class Poses:
+    """A frame in Q postures: position (Q, 3) of its origin in m, rotation (Q, 3, 3) with its axes as columns."""
+
+    position: FloatArray
+    rotation: FloatArray
+
+
+def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
+    """Forward kinematics of a named frame or body at positions q (Q, n_l) of all joints; StudyError without such."""
+    layout = tree(robot)
+    seat = _seat(robot, layout, frame)
+    R, p = _frames(layout, np.asarray(q, dtype=float))
+    turned = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
+    return Poses(_placed(R, p, seat, np.zeros(3)) if R else np.tile(seat.p, (len(q), 1)), turned @ seat.R)
+
+
+def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
+    """Geometric Jacobian J (Q, 6, n_l) of a named frame or body at q (Q, n_l), as in the equation above.
+
+    Rows: velocity of the frame's origin, then angular velocity, both in the axes of the base.
+    """
+    layout = tree(robot)
+    seat = _seat(robot, layout, frame)
+    R, p = _frames(layout, np.asarray(q, dtype=float))
+    J = np.zeros((len(q), 6, len(layout.frames)))
+    if seat.frame >= 0:
+        _fill(J, layout, R, p, seat.frame, _placed(R, p, seat, np.zeros(3)))
+    return J
+
+
+def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
+    named = dict(zip((frame.name for frame in robot.frames), layout.named, strict=True))
+    bodies = dict(zip((body.name for body in robot.all_bodies), layout.attachments, strict=True))
+    seats = bodies | named
+    if name not in seats:
+        raise StudyError(f"robot {robot.name} has no frame and no body {name}; there are {', '.join(seats)}")
+    return seats[name]
+
+
+def _fill(
+    J: FloatArray, layout: Tree, R: list[FloatArray], p: list[FloatArray], carrier: int, point: FloatArray
+) -> None:
+    """Put into J (Q, 6, n_l) what each joint below the carrying frame does to a point (Q, 3)."""
+    for i in _chain(layout, carrier):
+        axis = R[i][:, :, layout.frames[i].axis]
+        if layout.frames[i].slides:
+            J[:, :3, i] = axis
+        else:
+            J[:, :3, i], J[:, 3:, i] = np.cross(axis, point - p[i]), axis
 
 
 def skeleton(
@@ -52,11 +108,15 @@ def skeleton(
         links.append((linked_to, len(names) - 1))
         return len(names) - 1
 
-    for body, seat in zip(robot.bodies, layout.attachments, strict=True):
-        # A body's joints turn about one origin, which only what is below the first of them moves.
-        carrier = layout.frames[seat.frame - len(body.joints) + 1].parent if body.joints else seat.frame
-        name = f"joint {body.joints[0].name}" if body.joints else f"body {body.name}"
-        origin[body.name] = add(name, _placed(R, p, seat, np.zeros(3)), carrier >= 0, origin[body.parent])
+    for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
+        # A body's joints start from one origin, which only what is below the first of them moves, or its sliding.
+        if body.joints:
+            first = seat.frame - len(body.joints) + 1
+            mobile = layout.frames[first].parent >= 0 or layout.frames[first].slides
+            origin[body.name] = add(f"joint {body.joints[0].name}", p[first], mobile, origin[body.parent])
+        if not body.joints or any(body.mounting.xyz):
+            above = origin.get(body.name, origin[body.parent])
+            origin[body.name] = add(f"body {body.name}", _placed(R, p, seat, np.zeros(3)), seat.frame >= 0, above)
         tool = add(
             f"center of mass of {body.name}",
             _placed(R, p, seat, np.array(body.center_of_mass)),
@@ -74,12 +134,10 @@ def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
     layout = tree(robot)
     q = link_angles(robot, angles)
     R, p = _frames(layout, q)
-    seat = layout.attachments[-1]
-    tool = _placed(R, p, seat, np.array(robot.bodies[-1].center_of_mass))
+    seat = layout.attachments[len(robot.bodies) - 1]
     J = np.zeros((len(angles), 6, len(robot.joints)))
-    for i in _chain(layout, seat.frame):
-        axis = R[i][:, :, layout.frames[i].axis]
-        J[:, :3, i], J[:, 3:, i] = np.cross(axis, tool - p[i]), axis
+    if seat.frame >= 0:
+        _fill(J, layout, R, p, seat.frame, _placed(R, p, seat, np.array(robot.bodies[-1].center_of_mass)))
     return J @ rates(robot, q)
 
 
@@ -96,8 +154,10 @@ def _frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatAr
     for i, frame in enumerate(layout.frames):
         parent_R = R[frame.parent] if frame.parent >= 0 else np.broadcast_to(np.eye(3), (Q, 3, 3))
         parent_p = p[frame.parent] if frame.parent >= 0 else np.zeros((Q, 3))
-        R.append(parent_R @ frame.R @ _turn(frame.axis, q[:, i]))
-        p.append(parent_p + parent_R @ frame.p)
+        slid = q[:, i, None] * frame.R[:, frame.axis] if frame.slides else np.zeros((Q, 3))
+        turn = np.eye(3) if frame.slides else _turn(frame.axis, q[:, i])
+        R.append(parent_R @ frame.R @ turn)
+        p.append(parent_p + (parent_R @ (frame.p + slid)[..., None])[..., 0])
     return R, p
 
 

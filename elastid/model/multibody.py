@@ -1,4 +1,4 @@
-r"""Tree of rigid bodies with revolute joints: mass matrix, bias forces, potential and angular velocities, in CasADi.
+r"""Tree of rigid bodies with joints that turn or slide: mass matrix, bias forces, potential, velocities, in CasADi.
 
 .. math:: M(q) \ddot q + c(q, \dot q) + g(q) = \tau
 
@@ -6,7 +6,8 @@ Recursions in joint frames: M by composite rigid bodies, c + g by Newton-Euler (
 Algorithms, 2008, chapters 5 and 6), written on 3-vectors so that a turn about a coordinate axis costs six operations a
 vector instead of a 3 x 3 product. M is linear in masses and inertias, g in masses.
 
-One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis.
+One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis. A
+joint that slides moves its frame's origin along that axis and turns nothing.
 """
 
 from __future__ import annotations
@@ -18,20 +19,22 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.robot import BASE, Body, Joint, Robot, unit_axis
+from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 
 
 @dataclass(frozen=True)
 class Frame:
     """A joint's frame: constant rotation R (3, 3) and origin p (3,) in the parent frame, then a turn about `axis`.
 
-    parent: index of the frame it is carried by, -1 for the base.  axis: 0, 1, 2 of its own x, y, z.
+    parent: index of the frame it is carried by, -1 for the base.  axis: 0, 1, 2 of its own x, y, z.  slides: the joint
+    moves the frame along the axis instead of turning it about it.
     """
 
     parent: int
     R: FloatArray
     p: FloatArray
     axis: int
+    slides: bool = False
 
 
 @dataclass(frozen=True)
@@ -57,33 +60,38 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Tree:
-    """The robot as frames (one a joint, in the robot's order) and attachments (one a body)."""
+    """The robot as frames (one a joint, in the robot's order), attachments (one a body), and those of named frames."""
 
     frames: tuple[Frame, ...]
     attachments: tuple[Attachment, ...]
+    named: tuple[Attachment, ...] = ()
 
 
 def tree(robot: Robot) -> Tree:
     """Lay out the frames of a robot's joints, placements and oblique axes gone into constants."""
     frames: list[Frame] = []
     seats = {BASE: Attachment(-1, np.eye(3), np.zeros(3))}
-    for body in robot.bodies:
-        parent = seats[body.parent]
-        seat = Attachment(
-            parent.frame,
-            _clean(parent.R @ body.placement.rotation),
-            _clean(parent.p + parent.R @ np.array(body.placement.xyz)),
-        )
+    for body in robot.all_bodies:
+        seat = _placed(seats[body.parent], body.placement)
         for joint in body.joints:
             axis, align = _aligned(joint)
-            frames.append(Frame(seat.frame, _clean(seat.R @ align), seat.p, axis))
+            frames.append(Frame(seat.frame, _clean(seat.R @ align), seat.p, axis, joint.slides))
             seat = Attachment(len(frames) - 1, align.T, np.zeros(3))
-        seats[body.name] = seat
-    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.bodies))
+        seats[body.name] = _placed(seat, body.mounting)
+    named = tuple(_placed(seats[frame.body], frame.placement) for frame in robot.frames)
+    return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), named)
+
+
+def _placed(parent: Attachment, placement: Placement) -> Attachment:
+    return Attachment(
+        parent.frame,
+        _clean(parent.R @ placement.rotation),
+        _clean(parent.p + parent.R @ np.array(placement.xyz)),
+    )
 
 
 def _aligned(joint: Joint) -> tuple[int, FloatArray]:
-    """The coordinate axis to turn about, and the constant rotation that carries it onto the joint's axis."""
+    """The coordinate axis of the motion, and the constant rotation that carries it onto the joint's axis."""
     direction = unit_axis(joint.axis)
     largest = int(np.argmax(np.abs(direction)))
     if direction[largest] == 1.0:
@@ -103,7 +111,7 @@ def _clean(array: FloatArray) -> FloatArray:
 def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[Inertia, ...]:
     """What each frame carries, its bodies summed, as symbols of theta; what is fixed to the base moves nothing."""
     carried = [_nothing() for _ in layout.frames]
-    for body, seat in zip(robot.bodies, layout.attachments, strict=True):
+    for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         if seat.frame >= 0:
             carried[seat.frame] += _inertia(body, seat, theta)
     return tuple(carried)
@@ -130,11 +138,16 @@ def _tensor(body: Body, theta: Mapping[str, ca.SX]) -> list[ca.SX]:
 
 @dataclass(frozen=True)
 class Turn:
-    """A rotation about coordinate axis k by an angle of cosine c and sine s; i, j, k in cyclic order."""
+    """A rotation about coordinate axis k by an angle of cosine c and sine s; i, j, k in cyclic order.
+
+    origin (3,): of the turned frame in its parent, which changes where the joint slides; there c = 1 and s = 0, and
+    what is multiplied by them drops out.
+    """
 
     k: int
     c: ca.SX
     s: ca.SX
+    origin: ca.SX
 
     @property
     def plane(self) -> tuple[int, int]:
@@ -169,7 +182,13 @@ class Turn:
 
 def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
     """The turn of each joint at q (n,); shared by all terms, so that sine and cosine are taken once."""
-    return tuple(Turn(frame.axis, ca.cos(q[i]), ca.sin(q[i])) for i, frame in enumerate(layout.frames))
+    return tuple(_turn(frame, q[i]) for i, frame in enumerate(layout.frames))
+
+
+def _turn(frame: Frame, q: ca.SX) -> Turn:
+    if frame.slides:
+        return Turn(frame.axis, ca.SX(1), ca.SX(0), ca.DM(frame.p) + ca.DM(frame.R[:, frame.axis]) * q)
+    return Turn(frame.axis, ca.cos(q), ca.sin(q), ca.SX(ca.DM(frame.p)))
 
 
 def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> tuple[Inertia, ...]:
@@ -181,7 +200,7 @@ def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, .
 
 
 def _seen_from_parent(body: Inertia, frame: Frame, turn: Turn) -> Inertia:
-    R, p = ca.DM(frame.R), ca.DM(frame.p)
+    R, p = ca.DM(frame.R), turn.origin
     h, tensor = R @ turn.forth(body.h), R @ turn.tensor(body.I) @ R.T
     # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
     g = 2 * h + body.m * p
@@ -191,31 +210,46 @@ def _seen_from_parent(body: Inertia, frame: Frame, turn: Turn) -> Inertia:
 
 
 def mass_matrix(layout: Tree, composite: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> ca.SX:
-    """M (n, n), symmetric: row i is the momentum of all that joint i moves, turning at 1, on every joint below it."""
+    """M (n, n), symmetric: row i is the momentum of all that joint i moves, at a rate of 1, on every joint below it."""
     n = len(layout.frames)
     M = ca.SX(n, n)
     for i, frame in enumerate(layout.frames):
         angular, linear = composite[i].I[:, frame.axis], ca.cross(_unit(frame.axis), composite[i].h)
-        M[i, i] = angular[frame.axis]
+        if frame.slides:
+            angular, linear = -linear, composite[i].m * _unit(frame.axis)
+        M[i, i] = _along(frame, angular, linear)
         child, j = i, frame.parent
         while j >= 0:
             angular, linear = _force_on_parent(angular, linear, layout.frames[child], turned[child])
-            M[i, j] = M[j, i] = angular[layout.frames[j].axis]
+            M[i, j] = M[j, i] = _along(layout.frames[j], angular, linear)
             child, j = j, layout.frames[j].parent
     return M
+
+
+def _along(frame: Frame, moment: ca.SX, force: ca.SX) -> ca.SX:
+    """What of a moment (3,) about a frame's origin and a force (3,) its joint has to bear."""
+    return force[frame.axis] if frame.slides else moment[frame.axis]
 
 
 def _force_on_parent(moment: ca.SX, force: ca.SX, frame: Frame, turn: Turn) -> tuple[ca.SX, ca.SX]:
     """Moment about the origin and force (3,) of a frame, in its parent's axes and about the parent's origin."""
     R = ca.DM(frame.R)
     force = R @ turn.forth(force)
-    return R @ turn.forth(moment) + ca.cross(ca.DM(frame.p), force), force
+    return R @ turn.forth(moment) + ca.cross(turn.origin, force), force
 
 
-def bias(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...], v: ca.SX, gravity: FloatArray) -> ca.SX:
+def bias(
+    layout: Tree,
+    carried: tuple[Inertia, ...],
+    turned: tuple[Turn, ...],
+    v: ca.SX,
+    gravity: FloatArray,
+    acceleration: ca.SX | None = None,
+) -> ca.SX:
     """c + g (n,): the joint torques that hold the velocities v (n,) against Coriolis, centrifugal and gravity forces.
 
-    Newton-Euler with v' = 0, the base accelerated by -gravity. U = [alpha x] + [omega x]^2 gives the acceleration
+    With an acceleration v' (n,), the inverse dynamics M v' + c + g.
+    Newton-Euler, the base accelerated by -gravity. U = [alpha x] + [omega x]^2 gives the acceleration
     a + U r of a point r of a body; with S the second moments of its mass, the moment of U r is the axis of U S - S U^T.
     """
     still, rising = ca.SX.zeros(3), ca.SX(-ca.DM(gravity))
@@ -226,10 +260,14 @@ def bias(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...], v
         omega, a, U = motion[frame.parent] if frame.parent >= 0 else (still, rising, ca.SX.zeros(3, 3))
         alpha = alphas[frame.parent] if frame.parent >= 0 else still
         R = ca.DM(frame.R.T)
-        a = turn.back(R @ (a + U @ ca.DM(frame.p)))
+        a = turn.back(R @ (a + U @ turn.origin))
         omega, alpha = turn.back(R @ omega), turn.back(R @ alpha)
-        alpha = alpha + ca.cross(omega, _unit(frame.axis) * v[i])
-        omega = omega + _unit(frame.axis) * v[i]
+        rate, gain = _unit(frame.axis) * v[i], _unit(frame.axis) * (0 if acceleration is None else acceleration[i])
+        if frame.slides:
+            a = a + 2 * ca.cross(omega, rate) + gain
+        else:
+            alpha = alpha + ca.cross(omega, rate) + gain
+            omega = omega + rate
         U = ca.skew(alpha) + omega @ omega.T - ca.sumsqr(omega) * ca.DM.eye(3)
         motion.append((omega, a, U))
         alphas.append(alpha)
@@ -241,20 +279,64 @@ def bias(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...], v
         if parent >= 0:
             moment, force = _force_on_parent(moments[i], forces[i], layout.frames[i], turned[i])
             moments[parent], forces[parent] = moments[parent] + moment, forces[parent] + force
-    return ca.vertcat(*(moment[frame.axis] for moment, frame in zip(moments, layout.frames, strict=True)))
+    return ca.vertcat(*(_along(*each) for each in zip(layout.frames, moments, forces, strict=True)))
 
 
-def angular_velocities(layout: Tree, turned: tuple[Turn, ...]) -> ca.SX:
-    """J (3 n_bodies, n): J v stacks the absolute angular velocity of each body, in the body's own axes."""
+@dataclass(frozen=True)
+class Rates:
+    """Jacobians (3, n) of a frame: its angular velocity and the velocity of its origin, in its own axes."""
+
+    angular: ca.SX
+    linear: ca.SX
+
+    def at(self, seat: Attachment) -> Rates:
+        """The same of what is fixed in the frame at a seat."""
+        R = ca.DM(seat.R.T)
+        return Rates(R @ self.angular, R @ (self.linear - ca.DM(_skew(seat.p)) @ self.angular))
+
+
+def rates(layout: Tree, turned: tuple[Turn, ...]) -> tuple[Rates, ...]:
+    """The Jacobians of every joint's frame; last, of the base, which does not move."""
     n = len(layout.frames)
-    rows: list[ca.SX] = []
+    still = Rates(ca.SX(3, n), ca.SX(3, n))
+    found: list[Rates] = []
     for i, (frame, turn) in enumerate(zip(layout.frames, turned, strict=True)):
-        below = rows[frame.parent] if frame.parent >= 0 else ca.SX(3, n)
-        J = ca.horzcat(*(turn.back(ca.densify(ca.DM(frame.R.T) @ below[:, j])) for j in range(n)))
-        J[frame.axis, i] += 1
-        rows.append(J)
-    seats = layout.attachments
-    return ca.vertcat(*(ca.DM(seat.R.T) @ rows[seat.frame] if seat.frame >= 0 else ca.SX(3, n) for seat in seats))
+        below, R = found[frame.parent] if frame.parent >= 0 else still, ca.DM(frame.R.T)
+        angular = _back(turn, R @ below.angular)
+        linear = _back(turn, R @ (below.linear - ca.skew(turn.origin) @ below.angular))
+        moved = linear if frame.slides else angular
+        moved[frame.axis, i] += 1
+        found.append(Rates(angular, linear))
+    return (*found, still)
+
+
+def _back(turn: Turn, J: ca.SX) -> ca.SX:
+    return ca.horzcat(*(turn.back(ca.densify(J[:, j])) for j in range(J.size2())))
+
+
+def angular_velocities(layout: Tree, moving: tuple[Rates, ...]) -> ca.SX:
+    """J (3 n_bodies, n): J v stacks the absolute angular velocity of each body, in the body's own axes."""
+    return ca.vertcat(*(moving[seat.frame].at(seat).angular for seat in layout.attachments))
+
+
+def frame_velocities(layout: Tree, moving: tuple[Rates, ...]) -> ca.SX:
+    """J (6 n_f, n): J v stacks velocity of the origin and angular velocity of each named frame, in its own axes."""
+    each = [moving[seat.frame].at(seat) for seat in layout.named]
+    return ca.vertcat(ca.SX(0, len(layout.frames)), *(part for J in each for part in (J.linear, J.angular)))
+
+
+def gravity_in_frames(layout: Tree, turned: tuple[Turn, ...], gravity: FloatArray) -> ca.SX:
+    """Gravity (3 n_f,) in the axes of each named frame."""
+    seen: list[ca.SX] = []
+    for frame, turn in zip(layout.frames, turned, strict=True):
+        above = seen[frame.parent] if frame.parent >= 0 else ca.SX(ca.DM(gravity))
+        seen.append(turn.back(ca.DM(frame.R.T) @ above))
+    seen.append(ca.SX(ca.DM(gravity)))
+    return ca.vertcat(ca.SX(0, 1), *(ca.DM(seat.R.T) @ seen[seat.frame] for seat in layout.named))
+
+
+def _skew(p: FloatArray) -> FloatArray:
+    return np.array([[0.0, -p[2], p[1]], [p[2], 0.0, -p[0]], [-p[1], p[0], 0.0]])
 
 
 def _unit(axis: int) -> ca.DM:

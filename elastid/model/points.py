@@ -40,7 +40,7 @@ def position(
     p = ca.SX(at.p) + ca.DM(at.R) @ ca.vertcat(point)
     frame = at.frame
     while frame != seen_from:
-        p = ca.DM(layout.frames[frame].p) + ca.DM(layout.frames[frame].R) @ turned[frame].forth(p)
+        p = turned[frame].origin + ca.DM(layout.frames[frame].R) @ turned[frame].forth(p)
         frame = layout.frames[frame].parent
     return p
 

@@ -10,7 +10,6 @@ from matplotlib.figure import Figure
 
 from elastid.arrays import FloatArray
 from elastid.quality import Quality
-from elastid.record import MOTION_UNIT
 from elastid.report import style
 from elastid.response import FrequencyResponse
 
@@ -32,7 +31,7 @@ def levels(response: FrequencyResponse, quality: Quality, title: str) -> Figure:
     for spare in range(n_y, rows * columns):
         panels[spare // columns, spare % columns].set_axis_off()
     _finished(figure, panels[0, 0], response, title)
-    unit = style.pretty_unit(MOTION_UNIT[response.quantity])
+    unit = style.pretty_unit(response.output_unit)
     figure.supylabel(f"RMS amplitude in dB re 1 {unit}", fontsize=style.NORMAL, x=0.015)
     style.legend_above(figure, figure.axes, markerscale=2.0)
     return figure

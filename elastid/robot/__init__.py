@@ -1,7 +1,7 @@
-"""Robot: a tree of rigid bodies with revolute joints, springs, gears, motors, loops. Numbers only, no equations.
+"""Robot: a tree of rigid bodies with joints, springs, gears, motors, loops. Numbers only, no equations.
 
-From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about
-axes of the frame reached so far. A joint is
+From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about, or
+translations along, axes of the frame reached so far. A joint is
 
 - driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
 - driven rigidly:                  motor, no spring   (one coordinate)
@@ -11,7 +11,8 @@ axes of the frame reached so far. A joint is
 Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod.
 
 Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
-give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link.
+give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link. Of a
+translation, stiffness is in N/m and a ratio in rad/m.
 
 A compensator is a coil or a gas spring between points of two bodies, which carries part of the weight.
 
@@ -20,24 +21,28 @@ polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, ro
 1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
 gas column at the length L0, exponent),
 Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
+the same inertia about every axis, I_arm; m_payload, c_payload_x, I_payload of what it carries; of the rod of loop l
+m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
 """
 
 from __future__ import annotations
 
-from elastid.robot.assembly import Robot
+from elastid.robot.assembly import FRAME_AXES, Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
+from elastid.robot.frame import Frame
 from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.motor import Motor
+from elastid.robot.payload import Payload
 from elastid.robot.spring import Spring
 
 __all__ = [
     "BASE",
+    "FRAME_AXES",
     "Acceleration3",
     "Anchor",
     "Angles3",
@@ -47,6 +52,7 @@ __all__ = [
     "CoilSpring",
     "Compensator",
     "Dahl",
+    "Frame",
     "Friction",
     "GasSpring",
     "InertiaTensor",
@@ -57,6 +63,7 @@ __all__ = [
     "LuGre",
     "MaxwellSlip",
     "Motor",
+    "Payload",
     "Pin",
     "Placement",
     "Robot",

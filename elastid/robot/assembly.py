@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from functools import cached_property
 
 from elastid.errors import StudyError
 from elastid.names import did_you_mean
 from elastid.robot.body import BASE, Body
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
-from elastid.robot.geometry import Acceleration3
+from elastid.robot.frame import Frame
+from elastid.robot.geometry import Acceleration3, Placement
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.numbers import Numbers, at, below, replaced
+from elastid.robot.payload import Payload
 from elastid.section import section
+
+# A frame's places: translation of its origin along its axes, and rotation about them.
+FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @section
@@ -21,14 +27,17 @@ class Robot:
     """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies, and
     the chain of measurement around all of it.
 
-    Raises ValueError for names given twice, unknown parents and bodies, a robot without a motor.
+    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.
+    Raises ValueError for names given twice, unknown parents or frames, a robot without a motor.
     """
 
     name: str
     bodies: tuple[Body, ...]
     gravity: Acceleration3 = (0.0, 0.0, -9.81)
-    loops: tuple[Loop, ...] = ()
     source: str = ""
+    frames: tuple[Frame, ...] = ()
+    payload: Payload | None = None
+    loops: tuple[Loop, ...] = ()
     compensators: tuple[Compensator, ...] = ()
     chain: Chain = Chain()
 
@@ -43,10 +52,15 @@ class Robot:
             if body.name in known:
                 raise ValueError(f"body {body.name} is given twice")
             known.append(body.name)
-        names = [joint.name for joint in self.joints]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"joint {name} is given twice")
+        _refuse_twice("joint", [joint.name for joint in self.joints])
+        _refuse_twice("frame", [frame.name for frame in self.frames])
+        for frame in self.frames:
+            if frame.body not in known:
+                raise ValueError(
+                    f"frame {frame.name}: its body {frame.body} is not there; there are {', '.join(known)}"
+                )
+        if self.payload is not None:
+            _refuse_twice("body", [body.name for body in self.all_bodies])
         self._check_loops()
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
@@ -82,6 +96,18 @@ class Robot:
                     f"loop {loop.name}: a body, joint or loop is called so already; its numbers need a name of its own"
                 )
 
+    @cached_property
+    def all_bodies(self) -> tuple[Body, ...]:
+        """The bodies and, last, the payload."""
+        if self.payload is None:
+            return self.bodies
+        at = self.payload.at
+        bodies = {body.name: (body.name, Placement()) for body in self.bodies}
+        seats = bodies | {frame.name: (frame.body, frame.placement) for frame in self.frames}
+        if at not in seats:
+            raise ValueError(f"payload: it is at {at}, which is no frame and no body; there are {', '.join(seats)}")
+        return (*self.bodies, self.payload.body(*seats[at]))
+
     @property
     def joints(self) -> tuple[Joint, ...]:
         """All joints, in the order of the tree: the link coordinates q_l."""
@@ -111,12 +137,30 @@ class Robot:
 
     def check_location(self, location: str) -> None:
         """Refuse a place that the robot does not have; StudyError lists those it has."""
-        places = [f"motor {j.name}" for j in self.driven] + [f"joint {j.name}" for j in self.joints]
-        bodies = [f"body {body.name} {axis}" for body in self.bodies for axis in "xyz"]
-        if location not in places + bodies:
-            raise StudyError(
-                f"'{location}' is not a place on robot {self.name}; there are {', '.join(places + bodies)}"
-            )
+        if location not in self.locations:
+            raise StudyError(f"'{location}' is not a place on robot {self.name}; there are {', '.join(self.locations)}")
+
+    @cached_property
+    def locations(self) -> tuple[str, ...]:
+        """All places that a study may name."""
+        return (
+            *(f"motor {joint.name}" for joint in self.driven),
+            *(f"joint {joint.name}" for joint in self.joints),
+            *(f"body {body.name} {axis}" for body in self.all_bodies for axis in "xyz"),
+            *(f"frame {frame.name} {axis}" for frame in self.frames for axis in FRAME_AXES),
+            *(f"accelerometer {frame.name} {axis}" for frame in self.frames for axis in "xyz"),
+        )
+
+    def slides(self, location: str) -> bool:
+        """Whether a place translates, so that it is measured in m: a sliding joint and its motor, a frame's origin."""
+        kind, _, rest = location.partition(" ")
+        if kind in ("motor", "joint"):
+            return any(joint.slides for joint in self.joints if joint.name == rest)
+        return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
+
+    def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
+        """Those of some places that translate."""
+        return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
     @property
     def numbers(self) -> Numbers:
@@ -131,7 +175,8 @@ class Robot:
             places |= below("loops", below(i, loop.numbers))
         for c, compensator in enumerate(self.compensators):
             places |= below("compensators", below(c, compensator.numbers))
-        return places | below("chain", self.chain.numbers)
+        payload = below("payload", self.payload.numbers) if self.payload is not None else {}
+        return places | payload | below("chain", self.chain.numbers)
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit."""
@@ -145,3 +190,10 @@ class Robot:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")
         changed: Robot = replaced(self, {places[name][1]: value for name, value in values.items()})
         return changed
+
+
+def _refuse_twice(what: str, names: Iterable[str]) -> None:
+    listed = list(names)
+    for name in listed:
+        if listed.count(name) > 1:
+            raise ValueError(f"{what} {name} is given twice")

@@ -26,6 +26,7 @@ _TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 class Body:
     """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass.
 
+    placement: of its first joint in the parent's frame.  mounting: of its own frame behind its last joint.
     inertia: one number (the same about every axis), three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal
     ones are entries of the tensor, not products of inertia with the other sign).
     """
@@ -37,6 +38,7 @@ class Body:
     mass: Mass = 0.0
     center_of_mass: Vector3 = (0.0, 0.0, 0.0)
     inertia: InertiaTensor = 0.0
+    mounting: Placement = field(default_factory=Placement)
 
     def __post_init__(self) -> None:
         """Refuse an inertia that no body can have: principal moments obey I1 <= I2 + I3."""

@@ -17,6 +17,8 @@ Acceleration3: TypeAlias = tuple[
     Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")]
 ]
 
+# Cosine of a pitch below which roll and yaw turn about the same axis.
+LEVEL = 1e-9
 _UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -31,10 +33,22 @@ def unit_axis(axis: Axis) -> FloatArray:
 
 @section
 class Placement:
-    """Where a body's first joint sits in its parent: translation xyz (m), then roll, pitch, yaw (rad, fixed axes)."""
+    """Where something sits in its parent: translation xyz (m), then roll, pitch, yaw (rad, about fixed axes)."""
 
     xyz: Vector3 = (0.0, 0.0, 0.0)
     rpy: Angles3 = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, rotation: FloatArray, translation: FloatArray) -> Placement:
+        """The placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
+        R = rotation
+        level = float(np.hypot(R[0, 0], R[1, 0]))
+        if level > LEVEL:
+            roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+        else:
+            roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0
+        x, y, z = (float(length) for length in translation)
+        return cls((x, y, z), (float(roll), float(np.arctan2(-R[2, 0], level)), float(yaw)))
 
     @property
     def rotation(self) -> FloatArray:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import field
+from typing import Literal
 
 from elastid.robot.friction import Friction
 from elastid.robot.geometry import Axis, unit_axis
@@ -11,17 +13,28 @@ from elastid.robot.motor import Motor
 from elastid.robot.numbers import Numbers, below
 from elastid.robot.spring import Spring
 from elastid.section import section
-from elastid.units import Angle, AngularAcceleration, AngularVelocity, Damping, Torque
+from elastid.units import (
+    Damping,
+    JointAcceleration,
+    JointPosition,
+    JointTorque,
+    JointVelocity,
+    Measured,
+    of_translation,
+)
 
 
 @section
 class Limits:
-    """What a driven joint may do, link side: angle in rad, its derivatives in rad/s and rad/s^2, motor torque in Nm."""
+    """What a driven joint may do, link side: angle (rad), its derivatives (rad/s, rad/s^2), motor torque (Nm).
 
-    angle: tuple[Angle, Angle] = (-math.inf, math.inf)
-    velocity: AngularVelocity = math.inf
-    torque: Torque = math.inf
-    acceleration: AngularAcceleration = math.inf
+    Of a translation: the position in m, its derivatives in m/s and m/s^2, the force in N.
+    """
+
+    angle: tuple[JointPosition, JointPosition] = (-math.inf, math.inf)
+    velocity: JointVelocity = math.inf
+    torque: JointTorque = math.inf
+    acceleration: JointAcceleration = math.inf
 
     def __post_init__(self) -> None:
         """Refuse an empty range."""
@@ -33,9 +46,11 @@ class Limits:
 
 @section
 class Joint:
-    """A rotation about `axis`, with a spring, a motor, both or neither; friction acts across the joint.
+    """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither.
 
-    start: its angle where loops are put together, which decides between the two ways in which most loops close.
+    viscous: friction across the joint.  Of a translation stiffness is in N/m, damping and friction in N*s/m; its motor
+    turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
+    start: its position where loops are put together, which decides between the two ways in which most loops close.
     """
 
     name: str
@@ -45,13 +60,15 @@ class Joint:
     viscous: Damping = 0.0
     friction: Friction | None = None
     limits: Limits = field(default_factory=Limits)
-    start: Angle = 0.0
+    motion: Literal["rotation", "translation"] = "rotation"
+    start: JointPosition = 0.0
 
     def __post_init__(self) -> None:
-        """Check axis and friction."""
+        """Check axis, friction and units."""
         unit_axis(self.axis)
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+        self._check_units()
         if self.friction is not None:
             self.friction.check_passive(self.viscous)
 
@@ -66,8 +83,68 @@ class Joint:
         return self.motor is not None and self.spring is not None
 
     @property
+    def slides(self) -> bool:
+        """A translation, not a rotation."""
+        return self.motion == "translation"
+
+    @property
     def numbers(self) -> Numbers:
         """Of the spring, of friction across the joint (f_), of the motor."""
         spring = below("spring", self.spring.numbers(self.name)) if self.spring is not None else {}
         motor = below("motor", self.motor.numbers(self.name)) if self.motor is not None else {}
-        return spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))} | motor
+        across: Numbers = spring | {f"f_{self.name}": ("N*m*s/rad", ("viscous",))}
+        if self.slides:
+            across = {name: (of_translation(unit), path) for name, (unit, path) in across.items()}
+        return across | motor
+
+    @property
+    def unit(self) -> str:
+        """Of its position: rad or m."""
+        return "m" if self.slides else "rad"
+
+    def refusal_of(self, number: float) -> str:
+        """Why a number, written with a unit, is none of this joint's; empty where it may be."""
+        if not isinstance(number, Measured) or _turns(number.dimension) != self.slides:
+            return ""
+        hint = "" if self.slides else " (motion: translation makes it slide)"
+        return (
+            f"is given in units of {number.dimension}, but joint {self.name} is a {self.motion}{hint}; "
+            f"give it in {_other(number.dimension)}"
+        )
+
+    def _check_units(self) -> None:
+        """A number that was written with a unit must have that of the joint's motion; its motor turns."""
+        owners = {"": self, "spring: ": self.spring, "limits: ": self.limits}
+        for part, owner in owners.items():
+            for name, number in _numbers_of(owner):
+                if self.refusal_of(number):
+                    raise ValueError(f"{part}{name} {self.refusal_of(number)}")
+        for name, number in _numbers_of(self.motor):
+            if isinstance(number, Measured) and not _turns(number.dimension):
+                raise ValueError(
+                    f"motor: {name} of joint {self.name} is given in units of {number.dimension}, but a motor turns, "
+                    f"its ratio leads to the joint; give it in {_other(number.dimension)}"
+                )
+
+
+def _numbers_of(owner: object) -> Iterator[tuple[str, float]]:
+    """The numbers that a section holds itself."""
+    for name, value in vars(owner).items() if owner is not None else ():
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float):
+                yield name, number
+
+
+def _turns(dimension: str) -> bool:
+    """Whether a unit belongs to a rotation."""
+    return "rad" in dimension or dimension == "N*m"
+
+
+def _other(dimension: str) -> str:
+    """The unit that the other kind of motion has."""
+    if _turns(dimension):
+        return of_translation(dimension)
+    return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
+
+
+_OF_ROTATION = ("N*m/rad", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from elastid.quality import LINE_ARRAYS, Levels, Quality
-from elastid.record import MOTION_UNIT
 from elastid.response import FrequencyResponse
 from elastid.store.files import scale, variable
 
@@ -21,7 +20,7 @@ def write_quality(group: Any, response: FrequencyResponse, frequency: Any, outpu
     quality = response.quality
     if quality is None:
         return
-    part, unit = group.create_group("quality"), MOTION_UNIT[response.quantity]
+    part, unit = group.create_group("quality"), response.output_unit
     ranks = scale(part, "rank", list(range(quality.singular_values.shape[1])), "singular value, largest first")
     input_ranks = scale(part, "input_rank", list(range(len(response.inputs))), "singular value, largest first")
     for name, axes, what, units in (

@@ -13,7 +13,7 @@ from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
 from elastid.experiment.references import Reference
 from elastid.experiment.rehearsal import Rehearsal
-from elastid.record import MOTION_UNIT, Configuration, Record
+from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse
 from elastid.store.design import write_peaks, write_references, write_rehearsal
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
@@ -107,16 +107,16 @@ _RECORD_ATTRIBUTES = ("realisation", "experiment", "rate_hz", "period_samples", 
 def _write_record(group: Any, record: Record) -> None:
     for name in _RECORD_ATTRIBUTES:
         group.attrs[name] = getattr(record, name)
-    units = [MOTION_UNIT[quantity] for quantity in record.quantities]
     time = scale(group, "time", np.arange(record.n_samples) / record.rate_hz, "time", _rate_unit(record, "s"))
     inputs = scale(group, "input", record.inputs, "input")
     outputs = scale(group, "output", record.outputs, "output")
     variable(group, "quantity", record.quantities, [outputs], "quantity of each output")
     variable(group, "u", record.u, [time, inputs], "torque that acts, link side", "N*m")
-    variable(group, "y", record.y, [time, outputs], "motion, link side", ", ".join(dict.fromkeys(units)))
+    variable(group, "y", record.y, [time, outputs], "motion, link side", ", ".join(dict.fromkeys(record.output_units)))
     if record.r is not None:
         variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", "N*m")
     _write_configuration(group, record.configuration)
+    _write_sliding(group, record.sliding)
     scale(group, "note", record.notes, "note")
     scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that are no measurement")
     _write_repairs(group, record.repairs)
@@ -136,6 +136,7 @@ def _read_record(group: Any, name: str) -> Record:
         notes=texts(group, "note"),
         repairs=attributes(group["repairs"]),
         left_out=tuple(group["left_out"][:].tolist()),
+        sliding=_read_sliding(group),
         **{field: known[field] for field in _RECORD_ATTRIBUTES},
     )
 
@@ -192,6 +193,7 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
             variable(part, "matrix", covariance.matrix, axes, "covariance of vec G", f"({response.unit})^2")
     write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
+    _write_sliding(group, response.sliding)
     scale(group, "note", response.notes, "note")
     _write_repairs(group, response.repairs)
 
@@ -212,6 +214,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         _read_covariance(group, "distortion"),
         read_quality(group),
         repairs=attributes(group["repairs"]),
+        sliding=_read_sliding(group),
     )
 
 
@@ -228,6 +231,14 @@ def _write_repairs(group: Any, repairs: Mapping[str, int]) -> None:
     counts = group.create_group("repairs")
     for what, count in repairs.items():
         counts.attrs[what] = count
+
+
+def _write_sliding(group: Any, places: tuple[str, ...]) -> None:
+    scale(group, "sliding", places, "inputs and outputs that translate: N and m instead of N*m and rad")
+
+
+def _read_sliding(group: Any) -> tuple[str, ...]:
+    return texts(group, "sliding") if "sliding" in group else ()
 
 
 def _write_configuration(group: Any, configuration: Configuration) -> None:

@@ -6,12 +6,14 @@ The only room that knows YAML and pydantic.
 - sections:     Study, which gathers the sections that live beside the code that uses them
 - messages:     what pydantic found -> one readable sentence each
 - checks:       what only the sections together can tell; quantities into SI
+- robots:       a robot's file in any of its forms -> Robot
 - loading:      file -> Study, overrides of the command line included
 - schema:       JSON Schema for editors
 """
 
 from elastid.study.loading import LoadedStudy, load
+from elastid.study.robots import load_robot
 from elastid.study.schema import SCHEMA_NAME, schema
 from elastid.study.sections import Study
 
-__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "schema"]
+__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "load_robot", "schema"]

@@ -13,14 +13,13 @@ from elastid.excitation.lines import planned_lines
 from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.carrier_lines import refusal
-from elastid.experiment.spec import QUANTITY_UNIT, ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose
 from elastid.names import did_you_mean
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
 from elastid.study.yaml_source import KeyPath
-from elastid.units import factor
 
 
 def check(study: Study, base: Path) -> Iterator[Problem]:
@@ -217,12 +216,17 @@ def _configurations(study: Study) -> Iterator[Problem]:
             yield Problem(path, f"{len(angles)} angles for {len(driven)} driven joints ({joints})")
             continue
         for i, (angle, joint) in enumerate(zip(angles, driven, strict=True)):
+            wrong = joint.refusal_of(angle)
+            if wrong:
+                yield Problem((*path, i), wrong)
+                continue
             low, high = joint.limits.angle
             if not low <= angle - swing <= angle + swing <= high:
-                reach = f" with the carrier's {swing:.4g} rad to either side" if swing else ""
+                reach = f" with the carrier's {swing:.4g} {joint.unit} to either side" if swing else ""
                 yield Problem(
                     (*path, i),
-                    f"joint {joint.name} at {angle:.4g} rad{reach} is outside its limits [{low:.4g}, {high:.4g}] rad",
+                    f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, "
+                    f"{high:.4g}] {joint.unit}",
                 )
 
 
@@ -343,7 +347,7 @@ def _channel(channel: ChannelSpec, path: KeyPath, study: Study) -> Iterator[Prob
         yield from _place(study, (*path, "at"), channel.at)
     if channel.unit:
         try:
-            factor(channel.unit, QUANTITY_UNIT[channel.quantity])
+            channel.unit_factor(study.robot.slides(channel.at) and channel.side == "link")
         except ValueError as error:
             yield Problem((*path, "unit"), str(error))
 

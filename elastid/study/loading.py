@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from elastid.errors import StudyError
 from elastid.study.checks import check, check_lines
-from elastid.study.messages import Problem, at, booleans, problems
+from elastid.study.messages import booleans, problems, refusal
 from elastid.study.quantities import in_si
+from elastid.study.robots import robot_file, with_robot_value
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath, Place, Source, parse, read_source
 
@@ -44,15 +45,15 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
         found += [p for p in booleans(source.data, Study) if p.path not in {said.path for said in found}]
         # Where the robot's file cannot be read, that is what is wrong with the robot.
         found = [p for p in found if not robot_errors or p.path != ("robot",)]
-        raise _refusal(source, found, robot_errors) from None
+        raise refusal(source, found, robot_errors) from None
     found = booleans(source.data, Study)
     if found:
-        raise _refusal(source, found)
+        raise refusal(source, found)
     study, unresolved = in_si(study)
     found = [*check(study, path.parent), *unresolved]
     found = found or list(check_lines(study))
     if found:
-        raise _refusal(source, found)
+        raise refusal(source, found)
     return LoadedStudy(study, path, source.text)
 
 
@@ -68,6 +69,8 @@ def _source(path: Path, overrides: Sequence[str]) -> tuple[Source, str]:
     for keys, value, option in pairs:
         if keys == ("robot",):
             source = _override(source, keys, value, option)
+    robot = source.data.get("robot")
+    folder = (path.parent / robot).parent if isinstance(robot, str) else path.parent
     try:
         source = _with_robot(source, path)
     except StudyError as error:
@@ -77,7 +80,11 @@ def _source(path: Path, overrides: Sequence[str]) -> tuple[Source, str]:
         if keys != ("robot",):
             source = _override(source, keys, value, option)
     text = "".join([source.text, *(f"# --set {override}\n" for override in overrides)])
-    return replace(source, text=text), robot_errors
+    source = replace(source, text=text)
+    try:
+        return with_robot_value(source, folder), robot_errors
+    except StudyError as error:
+        return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
 
 
 def _with_robot(source: Source, path: Path) -> Source:
@@ -89,15 +96,9 @@ def _with_robot(source: Source, path: Path) -> Source:
     if not file.is_file():
         place = source.place(("robot",), of_value=True)
         raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
-    part = read_source(file, str(file), rank=1)
-    if not isinstance(part.data, dict):
-        raise StudyError(f"{file}:1:1: a robot is a mapping with the keys name and bodies")
-    places = {
-        ("robot", *keys): (replace(key, hidden=1), replace(value, hidden=1))
-        for keys, (key, value) in part.places.items()
-    }
+    part = robot_file(file)
     text = f"{source.text.rstrip()}\n\n# {robot}\n{part.text}"
-    return Source({**source.data, "robot": part.data}, {**source.places, **places}, text)
+    return Source({**source.data, **part.data}, {**source.places, **part.places}, text)
 
 
 def _split(override: str) -> tuple[KeyPath, Source, str]:
@@ -136,20 +137,3 @@ def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPat
     mapping = data if isinstance(data, dict) else {}
     entry, path = _put(mapping.get(step), rest, value, option)
     return {**mapping, step: entry}, (step, *path)
-
-
-def _refusal(source: Source, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
-    lines = sorted({_line(source, problem) for problem in found})
-    return StudyError("\n".join([message for _, message in lines] + [robot_errors] * bool(robot_errors)))
-
-
-def _line(source: Source, problem: Problem) -> tuple[Place, str]:
-    value = at(source.data, problem.path)
-    place = source.place(problem.path, of_value=not problem.at_key and value is not None)
-    shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
-    keys = _dotted(problem.path[place.hidden :])
-    return place, f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}"
-
-
-def _dotted(path: KeyPath) -> str:
-    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")

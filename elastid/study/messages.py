@@ -11,9 +11,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
+from elastid.errors import StudyError
 from elastid.names import did_you_mean
 from elastid.study.types_of_keys import describe, keys_of, type_at, words_of
-from elastid.study.yaml_source import KeyPath
+from elastid.study.yaml_source import KeyPath, Place, Source
 
 PydanticError: TypeAlias = Mapping[str, Any]
 
@@ -124,3 +125,21 @@ def at(data: Any, path: KeyPath) -> Any:
         else:
             data = data[step] if isinstance(data, list) and isinstance(step, int) else None
     return data
+
+
+def refusal(source: Source, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
+    """One line for each problem, in the order of the sources; last, what is wrong with the robot's file."""
+    lines = sorted({_line(source, problem) for problem in found})
+    return StudyError("\n".join([message for _, message in lines] + [robot_errors] * bool(robot_errors)))
+
+
+def _line(source: Source, problem: Problem) -> tuple[Place, str]:
+    value = at(source.data, problem.path)
+    place = source.place(problem.path, of_value=not problem.at_key and value is not None)
+    shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
+    keys = _dotted(problem.path[place.hidden :])
+    return place, f"{place}: {keys}{': ' if keys else ''}{problem.message}{shown}"
+
+
+def _dotted(path: KeyPath) -> str:
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).lstrip(".")

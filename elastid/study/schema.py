@@ -6,6 +6,8 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from elastid.robot.denavit_hartenberg import DenavitHartenberg
+from elastid.robot.urdf import UrdfRobot
 from elastid.study.sections import Study
 
 # The name under which `elastid new` writes it beside a study, and to which the study's first line refers.
@@ -15,9 +17,16 @@ SCHEMA_NAME = "study.schema.json"
 def schema() -> dict[str, Any]:
     """JSON Schema (draft 2020-12) of a study file: every key with its description, unit and default."""
     document = TypeAdapter(Study).json_schema()
+    for form in (DenavitHartenberg, UrdfRobot):
+        further = TypeAdapter(form).json_schema()
+        document["$defs"] |= further.pop("$defs")
+        document["$defs"][form.__name__] = further
     document["properties"]["robot"] = {
         "description": "The path of the robot's file, relative to the study, or the robot itself.",
-        "anyOf": [{"type": "string"}, {"$ref": "#/$defs/Robot"}],
+        "anyOf": [
+            {"type": "string"},
+            *({"$ref": f"#/$defs/{form}"} for form in ("Robot", "DenavitHartenberg", "UrdfRobot")),
+        ],
     }
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_for_editors(document)}
 

@@ -41,10 +41,10 @@ def describe(annotation: Any) -> str:
 def _describe(option: Any, with_example: bool = True) -> str:
     arguments, origin = get_args(option), get_origin(option)
     if origin is Annotated:
-        unit = next((mark.unit for mark in arguments if isinstance(mark, InUnit)), None)
+        unit = next((" or ".join(mark.units) for mark in arguments if isinstance(mark, InUnit)), None)
         if unit is None:
             return describe(arguments[0])
-        return f"a number in {unit}" + (f" or a text such as '1 {unit}'" if with_example else "")
+        return f"a number in {unit}" + (f" or a text such as '1 {unit.split()[0]}'" if with_example else "")
     if origin is Literal:
         return f"one of {', '.join(str(word) for word in arguments)}"
     if origin is tuple and arguments[1:] == (...,):

@@ -99,6 +99,7 @@ def link_side_response(
         configuration,
         noise=_noise(None if variance is None else variance[good] * np.abs(gain_of_elements) ** 2, np.abs(G), spec),
         notes=notes,
+        sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
     )
 
 

@@ -103,6 +103,7 @@ def local_response(
         noise=noise,
         total=total,
         rate_is_known=first.rate_is_known,
+        sliding=first.sliding,
         notes=tuple(notes),
     )
 

@@ -1,0 +1,126 @@
+r"""A robot given by Denavit and Hartenberg's parameters, in either convention, as bodies and joints.
+
+.. math:: T_i = R_z(\theta_i)\, T_z(d_i)\, T_x(a_i)\, R_x(\alpha_i) \quad (standard), \qquad
+          T_i = R_x(\alpha_i)\, T_x(a_i)\, R_z(\theta_i)\, T_z(d_i) \quad (modified)
+
+theta_i = offset_i + q_i where the joint turns, d_i + q_i instead of d_i where it slides. Frame i is that of link i.
+(standard or distal: Denavit and Hartenberg 1955, Paul 1981; modified or proximal: Craig 1986, Khalil and Kleinfinger.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import field
+from typing import Literal
+
+import numpy as np
+
+from elastid.robot.assembly import Robot
+from elastid.robot.body import BASE, Body, InertiaTensor
+from elastid.robot.frame import Frame
+from elastid.robot.geometry import Acceleration3, Placement, Vector3
+from elastid.robot.joint import Joint
+from elastid.robot.payload import Payload
+from elastid.section import section
+from elastid.units import Angle, Length, Mass
+
+TOOL = "tool"
+
+
+@section
+class Link:
+    """One row of the table, the joint that moves the link, and the link as a body in its frame i.
+
+    joint: about or along z; its `motion` says which.  elastic: further joints right behind it, in axes that have z in
+    common with it.  name: of the body; that of the joint unless given.
+    """
+
+    joint: Joint
+    d: Length = 0.0
+    a: Length = 0.0
+    alpha: Angle = 0.0
+    offset: Angle = 0.0
+    mass: Mass = 0.0
+    center_of_mass: Vector3 = (0.0, 0.0, 0.0)
+    inertia: InertiaTensor = 0.0
+    elastic: tuple[Joint, ...] = ()
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """In these conventions a joint has no choice of its axis."""
+        if self.joint.axis != "z":
+            raise ValueError(
+                f"joint {self.joint.name}: its axis is z by convention, not {self.joint.axis}; leave it out"
+            )
+
+    @property
+    def body_name(self) -> str:
+        """What the link is called as a body."""
+        return self.name or self.joint.name
+
+
+@section
+class DenavitHartenberg:
+    """A serial robot as a table of links, from the base to the tool.
+
+    inertia_about: what the links' inertia tensors are about, the centre of mass or the origin of the link's frame.
+    base: frame 0 in the base.  tool: in the last link's frame; it becomes the robot's frame `tool`.
+    """
+
+    name: str
+    convention: Literal["standard", "modified"]
+    links: tuple[Link, ...]
+    base: Placement = field(default_factory=Placement)
+    tool: Placement = field(default_factory=Placement)
+    inertia_about: Literal["center_of_mass", "origin"] = "center_of_mass"
+    gravity: Acceleration3 = (0.0, 0.0, -9.81)
+    source: str = ""
+    frames: tuple[Frame, ...] = ()
+    payload: Payload | None = None
+
+    def __post_init__(self) -> None:
+        """A robot has links, and is one that can be."""
+        if not self.links:
+            raise ValueError("links is empty; give a row for each joint, from the base to the tool")
+        self.robot()
+
+    def robot(self) -> Robot:
+        """The same robot as bodies and joints."""
+        bodies, parent, last = [], BASE, self.base
+        for link in self.links:
+            bodies.append(self._body(link, parent, last))
+            parent, last = link.body_name, Placement()
+        frames = (Frame(TOOL, parent, self.tool), *self.frames)
+        return Robot(self.name, tuple(bodies), self.gravity, self.source, frames, self.payload)
+
+    def _body(self, link: Link, parent: str, before: Placement) -> Body:
+        """before: of the frame i - 1 in its body, which only the base's is not."""
+        turn = Placement(rpy=(0.0, 0.0, link.offset))
+        across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
+        along = Placement((0.0, 0.0, link.d))
+        standard = self.convention == "standard"
+        return Body(
+            name=link.body_name,
+            parent=parent,
+            placement=before if standard else _chained(before, across),
+            joints=(link.joint, *link.elastic),
+            mass=link.mass,
+            center_of_mass=link.center_of_mass,
+            inertia=self._inertia(link),
+            mounting=_chained(turn, along, across) if standard else _chained(turn, along),
+        )
+
+    def _inertia(self, link: Link) -> InertiaTensor:
+        if self.inertia_about == "center_of_mass":
+            return link.inertia
+        c = np.array(link.center_of_mass)
+        tensor = Body("", inertia=link.inertia).inertia_matrix - link.mass * (c @ c * np.eye(3) - np.outer(c, c))
+        xx, yy, zz, xy, xz, yz = (float(tensor[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+        return xx, yy, zz, xy, xz, yz
+
+
+def _chained(*placements: Placement) -> Placement:
+    """One after the other."""
+    R, p = np.eye(3), np.zeros(3)
+    for placement in placements:
+        R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)
+    return Placement.of(R, p)

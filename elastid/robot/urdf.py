@@ -1,0 +1,286 @@
+"""A robot whose rigid part is a URDF file; springs, motors and what else a URDF does not know are given beside it.
+
+Links become bodies, a fixed link without mass becomes a named frame. Revolute, continuous, prismatic and fixed joints
+are read, with their limits and damping; of a limit's effort, the torque on the link side.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from xml.parsers import expat
+
+import numpy as np
+
+from elastid.errors import StudyError
+from elastid.robot.assembly import Robot
+from elastid.robot.body import BASE, Body
+from elastid.robot.frame import Frame
+from elastid.robot.geometry import Acceleration3, Placement
+from elastid.robot.joint import Joint, Limits
+from elastid.robot.motor import Motor
+from elastid.robot.payload import Payload
+from elastid.robot.spring import Spring
+from elastid.section import section
+from elastid.units import Damping
+
+_MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "translation"}
+
+
+@section
+class UrdfJoint:
+    """What a URDF does not tell of a joint: spring, motor, further elastic joints behind it, in the link's axes.
+
+    viscous and limits: in the place of those of the file.
+    """
+
+    spring: Spring | None = None
+    motor: Motor | None = None
+    elastic: tuple[Joint, ...] = ()
+    viscous: Damping | None = None
+    limits: Limits | None = None
+
+
+@section
+class UrdfRobot:
+    """urdf: path of the file, relative to this one.  joints: by the names of the file, all that move."""
+
+    urdf: str
+    joints: dict[str, UrdfJoint]
+    name: str = ""
+    gravity: Acceleration3 = (0.0, 0.0, -9.81)
+    source: str = ""
+    frames: tuple[Frame, ...] = ()
+    payload: Payload | None = None
+
+    def robot(self, folder: Path) -> Robot:
+        """The robot; `file:line` in the StudyError where the file tells of something that cannot be read."""
+        path = folder / self.urdf
+        if not path.is_file():
+            raise StudyError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
+        root = _parsed(path)
+        if root.tag != "robot":
+            raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")
+        bodies, frames = _Reader(root, self.joints).read()
+        name = self.name or root.attributes.get("name", path.stem)
+        return Robot(name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload)
+
+
+@dataclass(frozen=True)
+class _Element:
+    """An element of the file and where it begins."""
+
+    tag: str
+    attributes: Mapping[str, str]
+    path: Path
+    line: int
+    children: list[_Element] = field(default_factory=list)
+
+    def all(self, tag: str) -> Iterator[_Element]:
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> _Element | None:
+        return next(self.all(tag), None)
+
+    def wrong(self, message: str) -> StudyError:
+        return StudyError(f"{self.path}:{self.line}: {message}")
+
+    def text(self, key: str) -> str:
+        if key not in self.attributes:
+            raise self.wrong(f"<{self.tag}> needs {key}")
+        return self.attributes[key]
+
+    def numbers(self, key: str, count: int, default: str | None = None) -> tuple[float, ...]:
+        text = self.text(key) if default is None else self.attributes.get(key, default)
+        try:
+            values = tuple(float(word) for word in text.split())
+        except ValueError:
+            values = ()
+        if len(values) != count or not all(map(math.isfinite, values)):
+            raise self.wrong(f"{key} of <{self.tag}> must be {count} finite numbers (got '{text}')")
+        return values
+
+    def number(self, key: str, default: str | None = None) -> float:
+        return self.numbers(key, 1, default)[0]
+
+
+def _parsed(path: Path) -> _Element:
+    """The file as elements. A DOCTYPE, which could define entities, is refused."""
+    stack = [_Element("", {}, path, 1)]
+    parser = expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = _Element(tag, attributes, path, parser.CurrentLineNumber)
+        stack[-1].children.append(element)
+        stack.append(element)
+
+    def doctype(*_: object) -> None:
+        raise StudyError(f"{path}:{parser.CurrentLineNumber}: a URDF has no DOCTYPE; remove it (expand a xacro first)")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda _: stack.pop()
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        parser.Parse(path.read_bytes(), True)
+    except expat.ExpatError as error:
+        raise StudyError(f"{path}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
+    return stack[0].children[0]
+
+
+@dataclass(frozen=True)
+class _Seat:
+    """Where a link is: its body and placement in there."""
+
+    body: str
+    R: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+    p: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+
+
+class _Reader:
+    """Links and joints of a file, walked from the base."""
+
+    def __init__(self, root: _Element, known: Mapping[str, UrdfJoint]) -> None:
+        self.root, self.known = root, known
+        self.links = {link.text("name"): link for link in root.all("link")}
+        self.below: dict[str, list[_Element]] = {}
+        self.child_of: dict[str, _Element] = {}
+        for joint in root.all("joint"):
+            parent, child = (self._link_of(joint, role) for role in ("parent", "child"))
+            if child in self.child_of:
+                raise joint.wrong(f"link {child} has two parents; loops cannot be read from a URDF")
+            self.below.setdefault(parent, []).append(joint)
+            self.child_of[child] = joint
+
+    def read(self) -> tuple[tuple[Body, ...], tuple[Frame, ...]]:
+        """All bodies, parents first, and the fixed links without mass as frames."""
+        roots = [name for name in self.links if name not in self.child_of]
+        if len(roots) != 1:
+            raise self.root.wrong(f"one link must be the base; without a parent are {', '.join(roots) or 'none'}")
+        moving = [joint.text("name") for joint in self.root.all("joint") if joint.text("type") != "fixed"]
+        for name in self.known:
+            if name not in moving:
+                raise StudyError(f"joints: {self.root.path} has no moving joint {name}; there are {', '.join(moving)}")
+        bodies: list[Body] = []
+        frames = [Frame(roots[0], BASE)]
+        waiting = [(joint, _Seat(BASE, np.eye(3), np.zeros(3))) for joint in self.below.get(roots[0], [])]
+        while waiting:
+            joint, seat = waiting.pop(0)
+            child = self._link_of(joint, "child")
+            origin = _origin(joint)
+            R, p = seat.R @ origin.rotation, seat.p + seat.R @ np.array(origin.xyz)
+            link = self.links[child]
+            if joint.text("type") == "fixed" and not self._has_mass(link):
+                frames.append(Frame(child, seat.body, Placement.of(R, p)))
+                below = _Seat(seat.body, R, p)
+            else:
+                bodies.append(_body(link, seat.body, Placement.of(R, p), self._joints(joint)))
+                below = _Seat(child, np.eye(3), np.zeros(3))
+            waiting += [(further, below) for further in self.below.get(child, [])]
+        reached = {body.name for body in bodies} | {frame.name for frame in frames}
+        for name in self.links:
+            if name not in reached:
+                raise self.child_of[name].wrong(f"link {name} hangs in a circle of joints, not on {roots[0]}")
+        return tuple(bodies), tuple(frames)
+
+    def _joints(self, joint: _Element) -> tuple[Joint, ...]:
+        name, kind = joint.text("name"), joint.text("type")
+        if kind == "fixed":
+            return ()
+        if kind not in _MOVING or joint.first("mimic") is not None:
+            what = f"of type {kind}" if kind not in _MOVING else "that mimics another"
+            raise joint.wrong(
+                f"joint {name}: a joint {what} cannot be modelled; take revolute, prismatic or fixed joints"
+            )
+        if name not in self.known:
+            raise joint.wrong(
+                f"joint {name} moves and is not among the joints beside the URDF; give its motor (and spring) there, "
+                "or make it fixed"
+            )
+        if not self._mass_below(self._link_of(joint, "child")):
+            raise joint.wrong(
+                f"joint {name} moves links without mass; give link {self._link_of(joint, 'child')} an <inertial>"
+            )
+        axis_of = joint.first("axis")
+        x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
+        dynamics, told = joint.first("dynamics"), self.known[name]
+        viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
+        try:
+            return (
+                Joint(
+                    name=name,
+                    axis=(x, y, z),
+                    spring=told.spring,
+                    motor=told.motor,
+                    viscous=viscous if told.viscous is None else told.viscous,
+                    limits=_limits(joint) if told.limits is None else told.limits,
+                    motion="translation" if kind == "prismatic" else "rotation",
+                ),
+                *told.elastic,
+            )
+        except StudyError:
+            raise
+        except ValueError as error:
+            raise joint.wrong(str(error)) from None
+
+    def _link_of(self, joint: _Element, role: str) -> str:
+        element = joint.first(role)
+        if element is None:
+            raise joint.wrong(f"joint {joint.text('name')} has no <{role}>")
+        name = element.text("link")
+        if name not in self.links:
+            raise element.wrong(
+                f"joint {joint.text('name')}: no link is called {name}; there are {', '.join(self.links)}"
+            )
+        return name
+
+    def _has_mass(self, link: _Element) -> bool:
+        inertial = link.first("inertial")
+        mass = None if inertial is None else inertial.first("mass")
+        return mass is not None and mass.number("value") > 0
+
+    def _mass_below(self, link: str) -> bool:
+        children = (self._link_of(joint, "child") for joint in self.below.get(link, []))
+        return self._has_mass(self.links[link]) or any(self._mass_below(child) for child in children)
+
+
+def _origin(element: _Element) -> Placement:
+    origin = element.first("origin")
+    if origin is None:
+        return Placement()
+    x, y, z = origin.numbers("xyz", 3, "0 0 0")
+    roll, pitch, yaw = origin.numbers("rpy", 3, "0 0 0")
+    return Placement((x, y, z), (roll, pitch, yaw))
+
+
+def _limits(joint: _Element) -> Limits:
+    limit = joint.first("limit")
+    if limit is None:
+        return Limits()
+    velocity, effort = (limit.number(key, "0") or math.inf for key in ("velocity", "effort"))
+    unlimited = joint.text("type") == "continuous" or not {"lower", "upper"} & limit.attributes.keys()
+    low, high = (-math.inf, math.inf) if unlimited else (limit.number("lower", "0"), limit.number("upper", "0"))
+    try:
+        return Limits((low, high), velocity, effort)
+    except ValueError as error:
+        raise limit.wrong(f"joint {joint.text('name')}: {error} (lower {low:g}, upper {high:g})") from None
+
+
+def _body(link: _Element, parent: str, placement: Placement, joints: tuple[Joint, ...]) -> Body:
+    body = Body(link.text("name"), parent, placement, joints)
+    inertial = link.first("inertial")
+    if inertial is None:
+        return body
+    mass, tensor = inertial.first("mass"), inertial.first("inertia")
+    if mass is None or tensor is None:
+        raise inertial.wrong(f"<inertial> of link {body.name} needs <mass> and <inertia>")
+    xx, yy, zz, xy, xz, yz = (tensor.number(f"i{axes}", "0") for axes in ("xx", "yy", "zz", "xy", "xz", "yz"))
+    at = _origin(inertial)
+    I = at.rotation @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ at.rotation.T  # noqa: E741
+    xx, yy, zz, xy, xz, yz = (float(I[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))
+    try:
+        inertia = (xx, yy, zz, xy, xz, yz)
+        return replace(body, mass=mass.number("value"), center_of_mass=at.xyz, inertia=inertia)
+    except ValueError as error:
+        raise inertial.wrong(str(error)) from None

@@ -1,0 +1,269 @@
+"""Points that are measured: frames and accelerometers, in the linear model, on the simulated rig and in logs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid import cli
+from elastid.errors import StudyError
+from elastid.experiment.plan import make_plan
+from elastid.experiment.recorded import RecordedRig
+from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.spec import ChannelSpec
+from elastid.frf.estimators import estimate
+from elastid.linear.linearise import linearise
+from elastid.linear.transfer import Kernel, frequency_response
+from elastid.model.kinematics import frame_poses
+from elastid.model.serial import serial
+from elastid.record import Configuration, Record
+from elastid.response import FrequencyResponse
+from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
+from elastid.store import read_records, read_responses, write_records, write_responses
+from elastid.study import load
+
+FREQ = np.array([0.5, 2.0, 7.0, 30.0])
+
+
+def pendulum(length: float = 1.2) -> Robot:
+    """A level axis, an elastic gear, the tool at the end of the arm."""
+    joint = Joint("1", "y", Spring(3e4, 40.0), Motor(1e-3, 100))
+    arm = Body("arm", joints=(joint,), mass=20, center_of_mass=(0.6, 0, 0), inertia=2.0)
+    return Robot("pendulum", (arm,), frames=(Frame("tool", "arm", Placement((length, 0, 0))),))
+
+
+def two_axes() -> Robot:
+    """Two elastic gears and a bearing that tilts, the tool off all axes and turned."""
+    upper = (Joint("1", "z", Spring(2e5, 120), Motor(5e-3, 100, 2e-3)), Joint("1x", "x", Spring(4e5, 200)))
+    fore = (Joint("2", "y", Spring(6e4, 50), Motor(3e-3, 80, 2e-3)),)
+    return Robot(
+        "two axes",
+        (
+            Body("upper", joints=upper, mass=60, center_of_mass=(0.1, 0, 0.2), inertia=(3, 3, 4)),
+            Body("fore", "upper", Placement((0.3, 0, 0.5)), fore, 25, (0.4, 0.02, 0.05), (0.4, 2, 2)),
+        ),
+        frames=(Frame("tool", "fore", Placement((0.8, 0.1, 0.05), (0.3, -0.2, 0.4))),),
+    )
+
+
+def test_an_accelerometer_reads_the_tangential_acceleration_and_gravity_turned():
+    """By hand: -L q'' - g sin q0 q along the tool's z; -g cos q0 q along its x, where nothing moves at first order."""
+    robot, q0, L = pendulum(), 0.4, 1.2
+    model = serial(robot)
+    outputs = (
+        "joint 1",
+        "frame tool z",
+        "accelerometer tool z",
+        "frame tool x",
+        "accelerometer tool x",
+        "frame tool ry",
+    )
+    linear = linearise(model, Configuration("c", [q0]), model.theta, outputs, "acceleration")
+    G = frequency_response(linear, linear.theta_ref, FREQ)[:, :, 0]
+    s = 2j * np.pi * FREQ
+    q0 = linear_angle(model, q0)
+    joint = G[:, 0] / s**2
+    np.testing.assert_allclose(G[:, 1], -L * s**2 * joint, rtol=1e-12)
+    np.testing.assert_allclose(G[:, 2], (-L * s**2 - 9.81 * np.sin(q0)) * joint, rtol=1e-9)
+    np.testing.assert_allclose(G[:, 3], 0, atol=1e-12)
+    np.testing.assert_allclose(G[:, 4], -9.81 * np.cos(q0) * joint, rtol=1e-9)
+    np.testing.assert_allclose(G[:, 5], G[:, 0], rtol=1e-12)
+
+
+def linear_angle(model, motor_angle: float) -> float:
+    """Where the arm rests under its weight."""
+    from elastid.linear.equilibrium import equilibrium
+
+    return float(equilibrium(model, model.theta, Configuration("c", [motor_angle])).q[0])
+
+
+def test_tilt_is_the_derivative_of_gravity_in_the_axes_of_the_frame():
+    """T = -d(R^T g)/dq, by differences of the poses, for a turned tool in an oblique posture."""
+    robot = two_axes()
+    model = serial(robot)
+    q = np.array([0.3, 0.1, -0.4, 0, 0])
+    places = [f"accelerometer tool {axis}" for axis in "xyz"]
+
+    def seen(at: np.ndarray) -> np.ndarray:
+        return frame_poses(robot, at[None, :3], "tool").rotation[0].T @ robot.gravity
+
+    h = 1e-6
+    slopes = [(seen(q + h * e) - seen(q - h * e)) / (2 * h) for e in np.eye(5)]
+    np.testing.assert_allclose(model.gravity_jacobian(q, places), -np.array(slopes).T, atol=1e-8)
+    assert not model.gravity_jacobian(q, ["motor 1", "frame tool x", "body fore z"]).any()
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
+def test_derivatives_of_responses_with_accelerometers_are_exact(quantity):
+    """dG/dtheta against differences, and the kernel's G against the formula."""
+    model = serial(two_axes())
+    outputs = ("accelerometer tool z", "motor 1", "frame tool x", "accelerometer tool y")
+    linear = linearise(model, Configuration("c", [0.2, -0.5]), model.theta, outputs, quantity)
+    wanted = ("k_1", "d_2", "k_1x", "m_fore", "delay")
+    G, dG = Kernel(linear, FREQ, wanted).evaluate(linear.theta_ref)
+    np.testing.assert_allclose(G, frequency_response(linear, linear.theta_ref, FREQ), rtol=1e-10)
+    for name, slope in zip(wanted, dG, strict=True):
+        step = 1e-4 * max(abs(linear.theta_ref[linear.parameters.index(name)]), 1e-3)
+        moved = [linear.theta_ref.copy(), linear.theta_ref.copy()]
+        for sign, theta in zip((1, -1), moved, strict=True):
+            theta[linear.parameters.index(name)] += sign * step
+        ahead, behind = (frequency_response(linear, theta, FREQ) for theta in moved)
+        differences = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(slope, differences, rtol=0, atol=1e-5 * np.abs(differences).max())
+
+
+ROBOT = """
+robot:
+  name: two axes
+  bodies:
+    - name: upper
+      joints:
+        - {name: 1, axis: z, spring: {stiffness: 2e5, damping: 120}, motor: {inertia: 5e-3, ratio: 100, viscous: 2e-3}}
+        - {name: 1x, axis: x, spring: {stiffness: 4e5, damping: 200}}
+      mass: 60
+      center_of_mass: [0.1, 0, 0.2]
+      inertia: [3, 3, 4]
+    - name: fore
+      parent: upper
+      placement: {xyz: [0.3, 0, 0.5]}
+      joints:
+        - {name: 2, axis: y, spring: {stiffness: 6e4, damping: 50}, motor: {inertia: 3e-3, ratio: 80, viscous: 2e-3}}
+      mass: 25
+      center_of_mass: [0.4, 0.02, 0.05]
+      inertia: [0.4, 2, 2]
+  frames: [{name: tool, body: fore, placement: {xyz: [0.8, 0.1, 0.05], rpy: [0.3, -0.2, 0.4]}}]
+"""
+STUDY = (
+    """
+name: points
+seed: 3
+excitation: {rate_hz: 1000, period: 2, band_hz: [1, 60], torque_rms: 30}
+estimator: {band_hz: [1, 60]}
+experiment:
+  configurations: {a: [0.2, -0.5], b: [0.4, 0.6]}
+  realisations: 2
+  simulated:
+    truth: {k_1: 1.6e5, k_1x: 3.3e5, k_2: 7e4}
+    outputs: [motor 1, motor 2, accelerometer tool z, frame tool y, frame tool rx]
+    noise: {angle_std: 1e-7, acceleration_std: 0.01, torque_std: 0.05}
+fit:
+  parameters: {k_1: {}, k_2: {}, k_1x: {}, d_1: {}, d_2: {}, d_1x: {}, fm_1: {}, fm_2: {}}
+"""
+    + ROBOT
+)
+
+
+def test_the_rig_measures_what_the_linear_model_says_at_every_place(tmp_path: Path):
+    """Motors in rad, a point in m/s^2 with and without gravity, an angle of the tool: all within 0.3 %."""
+    path = tmp_path / "study.yml"
+    noise = "noise: {angle_std: 1e-7, acceleration_std: 0.01, torque_std: 0.05}"
+    quiet = STUDY.replace(noise, "noise: {}").replace("torque_rms: 30", "torque_rms: 3")
+    path.write_text(quiet.replace("realisations: 2", "realisations: 1"))
+    study = load(path).study
+    plan = make_plan(study.excitation, study.experiment, study.robot, study.seed)
+    rig = SimulatedRig(study.robot, study.experiment, plan, 1)
+    records = [rig.measure(e) for e in rig.experiments if e.configuration.name == "a"]
+    assert records[0].quantities == ("position", "position", "acceleration", "acceleration", "position")
+    measured = estimate(records, study.estimator)
+    model = serial(study.robot.with_parameters({"k_1": 1.6e5, "k_1x": 3.3e5, "k_2": 7e4}))
+    linear = linearise(model, measured.configuration, model.theta, measured.outputs, "acceleration")
+    G = frequency_response(linear, linear.theta_ref, measured.freq_hz)
+    for row in range(len(measured.outputs)):
+        assert np.abs(measured.G[:, row] - G[:, row]).max() < 3e-3 * np.abs(G[:, row]).max(), measured.outputs[row]
+    # At the lowest lines gravity is what the accelerometer sees most of.
+    without = frequency_response(
+        linearise(model, measured.configuration, model.theta, ("frame tool z",), "acceleration"),
+        linear.theta_ref,
+        measured.freq_hz[:1],
+    )
+    assert np.abs(without[0, 0] - G[0, 2]).max() > 0.05 * np.abs(G[0, 2]).max()
+
+
+def test_a_study_with_motors_and_points_finds_the_springs(tmp_path: Path):
+    """Outputs of different quantities in one fit, more than inputs; every stiffness within 4 standard deviations."""
+    path = tmp_path / "study.yml"
+    path.write_text(STUDY)
+    assert cli.run_command(["run", str(path), "--run", str(tmp_path / "run"), "-q"]) == 0
+    summary = json.loads((tmp_path / "run" / "summary.json").read_text())
+    for name in ("k_1", "k_1x", "k_2"):
+        p = summary["parameters"][name]
+        assert abs(p["value"] - p["truth"]) < 4 * p["std"] + 1e-3 * p["truth"], name
+        assert p["std"] < 0.01 * p["truth"]
+    assert read_responses(tmp_path / "run" / "frf.h5")[0].outputs[2] == "accelerometer tool z"
+
+
+@pytest.mark.parametrize(
+    ("channel", "says"),
+    [
+        ({"at": "accelerometer tool z", "quantity": "velocity"}, "an accelerometer measures acceleration"),
+        ({"at": "accelerometer tool z", "quantity": "acceleration", "unit": "g"}, "'g' is the gram.*scale: 9.80665"),
+        ({"at": "frame tool z", "quantity": "position", "unit": "rad"}, "measures rad, not m"),
+        ({"at": "frame tool rz", "quantity": "position", "unit": "mm"}, "measures m, not rad"),
+    ],
+)
+def test_channels_of_points_have_units_of_length(channel, says):
+    """And g is never guessed."""
+    with pytest.raises(ValueError, match=says):
+        ChannelSpec("y", channel="c", **channel).unit_factor(two_axes().slides(channel["at"]))
+    assert ChannelSpec("y", "frame tool z", "c", quantity="velocity", unit="mm/s").unit_factor(True) == 1e-3
+
+
+def test_a_log_with_an_accelerometer_in_multiples_of_gravity_is_read_in_si(tmp_path: Path):
+    """Torque, angle and acceleration of one CSV file, as the simulated rig measured them."""
+    (tmp_path / "study.yml").write_text(STUDY)
+    simulated = load(tmp_path / "study.yml").study
+    plan = make_plan(simulated.excitation, simulated.experiment, simulated.robot, simulated.seed)
+    rig = SimulatedRig(simulated.robot, simulated.experiment, plan, 1)
+    record = rig.measure(rig.experiments[0])
+    columns = np.column_stack([record.u, record.y[:, :2], record.y[:, 2] / 9.80665])
+    np.savetxt(tmp_path / "log.csv", columns, delimiter=",", header="u1,u2,q1,q2,acc", comments="")
+    (tmp_path / "logged.yml").write_text(
+        "name: logged\n"
+        + ROBOT
+        + """
+experiment:
+  configurations: {a: [0.2, -0.5]}
+  recorded:
+    rate_hz: 1000
+    period: 2 s
+    channels:
+      - {role: u, at: motor 1, channel: u1}
+      - {role: u, at: motor 2, channel: u2}
+      - {role: y, at: motor 1, channel: q1, quantity: position, unit: rad}
+      - {role: y, at: motor 2, channel: q2, quantity: position, unit: rad}
+      - {role: y, at: accelerometer tool z, channel: acc, quantity: acceleration, scale: 9.80665, unit: m/s^2}
+    files: [{path: log.csv, configuration: a}]
+"""
+    )
+    study = load(tmp_path / "logged.yml").study
+    logged = RecordedRig(study.robot, study.experiment, tmp_path)
+    read = logged.measure(logged.experiments[0])
+    assert read.outputs == ("motor 1", "motor 2", "accelerometer tool z")
+    assert read.output_units == ("rad", "rad", "m/s^2")
+    np.testing.assert_allclose(read.y, record.y[:, :3], rtol=1e-12)
+
+
+def test_records_and_responses_say_which_places_slide(tmp_path: Path):
+    """Units in the files, read back as written."""
+    record = Record(
+        "r", Configuration("c", [0.0]), 0, 0, 100.0, 4, ("motor 1",), ("motor 1", "frame tool z"),
+        ("position", "acceleration"), np.ones((4, 1)), np.ones((4, 2)), sliding=("frame tool z",),
+    )  # fmt: skip
+    G = np.ones((1, 2, 1), complex)
+    response = FrequencyResponse(np.array([1.0]), G, record.inputs, record.outputs, "acceleration",
+                                 record.configuration, sliding=record.sliding)  # fmt: skip
+    assert response.unit == "(rad/s^2 or m/s^2)/(N*m)"
+    write_responses(tmp_path / "frf.h5", [response])
+    assert read_responses(tmp_path / "frf.h5")[0].sliding == ("frame tool z",)
+    write_records(tmp_path / "records.h5", [record])
+    assert next(iter(read_records(tmp_path / "records.h5"))).output_units == ("rad", "m/s^2")
+
+
+@pytest.mark.parametrize("place", ["frame tool w", "frame nose x", "accelerometer tool rx", "accelerometer fore x"])
+def test_places_that_are_not_there_are_refused(place):
+    """With those that are."""
+    with pytest.raises(StudyError, match=r"frame tool rx.*accelerometer tool x"):
+        two_axes().check_location(place)

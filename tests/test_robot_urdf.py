@@ -1,0 +1,183 @@
+"""Robots from URDF files: against pinocchio's own reader, and what cannot be read is refused with its line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from elastid.errors import StudyError
+from elastid.model.kinematics import frame_poses
+from elastid.model.rigid import inverse_dynamics
+from elastid.model.serial import serial
+from elastid.robot import Robot
+from elastid.study import load_robot
+
+MOTOR = {"inertia": 1e-300}
+
+
+def written(seed: int) -> tuple[str, list[str]]:
+    """A random tree: turning, sliding and fixed links, some of the fixed ones without mass; names of what moves."""
+    rng = np.random.default_rng(seed)
+    parts, moving = ['<link name="world"/>'], []
+
+    def text(numbers: np.ndarray) -> str:
+        return " ".join(repr(float(number)) for number in numbers)
+
+    for i in range(9):
+        kind = ("revolute", "prismatic", "continuous", "fixed", "fixed")[rng.integers(5)] if i else "revolute"
+        massless = kind == "fixed" and rng.random() < 0.5
+        points, masses = rng.normal(size=(4, 3)), rng.uniform(1, 5, 4)
+        points -= masses @ points / masses.sum()
+        I = sum(m * (r @ r * np.eye(3) - np.outer(r, r)) for m, r in zip(masses, points, strict=True))  # noqa: E741
+        inertial = (
+            f'<inertial><origin xyz="{text(rng.normal(size=3))}" rpy="{text(rng.normal(size=3))}"/>'
+            f'<mass value="{float(masses.sum())!r}"/><inertia ixx="{I[0, 0]}" ixy="{I[0, 1]}" ixz="{I[0, 2]}" '
+            f'iyy="{I[1, 1]}" iyz="{I[1, 2]}" izz="{I[2, 2]}"/></inertial>'
+        )
+        parts.append(f'<link name="l{i}">{"" if massless else inertial}</link>')
+        axis = rng.normal(size=3)
+        limit = '<limit lower="-2" upper="1.5" velocity="3" effort="100"/>' if kind != "fixed" else ""
+        parent = f"l{rng.integers(i)}" if i else "world"
+        parts.append(
+            f'<joint name="j{i}" type="{kind}"><parent link="{parent}"/><child link="l{i}"/>'
+            f'<origin xyz="{text(rng.normal(size=3))}" rpy="{text(rng.normal(size=3))}"/>'
+            f'<axis xyz="{text(axis / np.linalg.norm(axis))}"/>{limit}<dynamics damping="0.5"/></joint>'
+        )
+        moving += [f"j{i}"] if kind != "fixed" else []
+    return "<robot name='random'>\n" + "\n".join(parts) + "\n</robot>\n", moving
+
+
+def read(urdf: str, joints: dict[str, object], folder: Path, **more: object) -> Robot:
+    """As a user's files."""
+    (folder / "robot.urdf").write_text(urdf)
+    YAML(typ="safe").dump({"urdf": "robot.urdf", "joints": joints, **more}, folder / "robot.yml")
+    return load_robot(folder / "robot.yml")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_dynamics_and_frames_equal_those_of_pinocchios_reader(seed, tmp_path):
+    """M, g and every link's place, fixed links with and without mass included."""
+    pin = pytest.importorskip("pinocchio", reason="the independent implementation is in the group 'oracles'")
+    urdf, moving = written(seed)
+    robot = read(urdf, {name: {"motor": MOTOR, "viscous": 0} for name in moving}, tmp_path)
+    reference = pin.buildModelFromXML(urdf)
+    data = reference.createData()
+    rng = np.random.default_rng(seed)
+    n = len(robot.joints)
+    assert reference.nv == n == len(moving)
+    q, q_pin = rng.normal(size=n), pin.neutral(reference)
+    order = []
+    for joint, value in zip(robot.joints, q, strict=True):
+        there = reference.joints[reference.getJointId(joint.name)]
+        order.append(there.idx_v)
+        q_pin[there.idx_q : there.idx_q + there.nq] = [value] if there.nq == 1 else [np.cos(value), np.sin(value)]
+    M = pin.crba(reference, data, q_pin)
+    M = (np.triu(M) + np.triu(M, 1).T)[np.ix_(order, order)]
+    model = serial(robot)
+    np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=0, atol=1e-10 * np.abs(M).max())
+    g = pin.computeGeneralizedGravity(reference, data, q_pin)[order]
+    mine = inverse_dynamics(robot)(q, np.zeros(n), np.zeros(n), model.theta).full()[:, 0]
+    np.testing.assert_allclose(mine, g, rtol=0, atol=1e-10 * max(np.abs(g).max(), 1))
+    pin.framesForwardKinematics(reference, data, q_pin)
+    for name in ["world", *(f"l{i}" for i in range(9))]:
+        index = reference.getFrameId(name, pin.FrameType.BODY)
+        pose = frame_poses(robot, q[None], name)
+        np.testing.assert_allclose(pose.position[0], data.oMf[index].translation, atol=1e-10)
+        np.testing.assert_allclose(pose.rotation[0], data.oMf[index].rotation, atol=1e-10)
+
+
+ARM = """\
+<robot name="arm">
+  <link name="base_link"/>
+  <link name="upper"><inertial><mass value="3"/><inertia ixx="1" iyy="1" izz="1"/></inertial></link>
+  <link name="tool0"/>
+  <joint name="a1" type="revolute">
+    <parent link="base_link"/><child link="upper"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-1" upper="2" velocity="3" effort="40"/>
+    <dynamics damping="0.7"/>
+  </joint>
+  <joint name="flange" type="fixed"><parent link="upper"/><child link="tool0"/><origin xyz="0 0 0.4"/></joint>
+</robot>
+"""
+BESIDE = {"a1": {"motor": {"inertia": 1e-3, "ratio": 80}, "spring": {"stiffness": "50 kN*m/rad"}}}
+
+
+def test_limits_damping_and_frames_are_taken_over_and_the_side_file_adds_elasticity(tmp_path):
+    """Limits of the link side, `tool0` as a frame, spring, motor and a further elastic joint from beside."""
+    beside = {"a1": BESIDE["a1"] | {"elastic": [{"name": "a1x", "axis": "x", "spring": {"stiffness": 1e6}}]}}
+    robot = read(ARM, beside, tmp_path, payload={"mass": 2, "at": "tool0"})
+    joint, tilt = robot.joints
+    assert (joint.limits.angle, joint.limits.velocity, joint.limits.torque) == ((-1, 2), 3, 40)
+    assert joint.viscous == 0.7
+    assert joint.spring is not None
+    assert joint.spring.stiffness == 5e4
+    assert (tilt.name, tilt.axis) == ("a1x", "x")
+    assert [frame.name for frame in robot.frames] == ["base_link", "tool0"]
+    assert frame_poses(robot, np.zeros((1, 2)), "tool0").position[0].tolist() == [0, 0, 0.4]
+    assert robot.parameters()["m_payload"] == (2.0, "kg")
+    assert robot.name == "arm"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('type="revolute"', 'type="floating"', r"robot.urdf:5: joint a1: a joint of type floating cannot be modelled"),
+        ("<axis", '<mimic joint="x"/><axis', r"robot.urdf:5: joint a1: a joint that mimics another"),
+        ('<mass value="3"/>', '<mass value="0"/>', r"robot.urdf:5: joint a1 moves links without mass"),
+        ('<mass value="3"/>', "", r"robot.urdf:3: <inertial> of link upper needs <mass>|moves links without mass"),
+        ('izz="1"', 'izz="9"', r"robot.urdf:3: body upper: no body has the principal inertias"),
+        ('ixx="1"', 'ixx="one"', r"robot.urdf:3: ixx of <inertia> must be 1 finite numbers \(got 'one'\)"),
+        ('lower="-1"', 'lower="3"', r"robot.urdf:8: joint a1: limits must leave something.*lower 3, upper 2"),
+        (
+            '<child link="upper"/>',
+            '<child link="lower"/>',
+            r"robot.urdf:6: joint a1: no link is called lower; there are",
+        ),
+        ('xyz="0 0 1"', 'xyz="0 0 0"', r"robot.urdf:5: an axis is the zero vector"),
+        ("</robot>", "", r"robot.urdf:1\d: not XML: no element found"),
+        ("<robot", "<!DOCTYPE a [<!ENTITY b 'c'>]><robot", r"robot.urdf:1: a URDF has no DOCTYPE"),
+        ('name="a1"', 'name="a2"', r"robot.urdf has no moving joint a1; there are a2"),
+        ('<parent link="upper"/>', '<parent link="tool0"/>', r"robot.urdf:11: link tool0 hangs in a circle"),
+        ("<robot ", "<sdf ", r"mismatched tag|begins with <robot>"),
+    ],
+)
+def test_what_cannot_be_read_is_refused_with_file_and_line(old, new, says, tmp_path):
+    """Never a guess."""
+    assert old in ARM
+    with pytest.raises(StudyError, match=says):
+        read(ARM.replace(old, new, 1), BESIDE, tmp_path)
+
+
+def test_joints_that_are_not_named_beside_the_file_are_asked_for(tmp_path):
+    """A joint without motor and spring would swing freely."""
+    with pytest.raises(StudyError, match=r"robot.urdf:5: joint a1 moves and is not among the joints beside the URDF"):
+        read(ARM, {}, tmp_path)
+
+
+def test_a_file_that_is_not_there_is_looked_for_beside_the_robots_file(tmp_path):
+    """With the path that was tried."""
+    YAML(typ="safe").dump({"urdf": "no.urdf", "joints": {}}, tmp_path / "robot.yml")
+    with pytest.raises(StudyError, match=r"no such file \(looked for .*no.urdf; the path is relative"):
+        load_robot(tmp_path / "robot.yml")
+
+
+def test_a_study_names_a_robot_whose_rigid_part_is_a_urdf(tmp_path):
+    """Paths count from the robot's file, overrides reach into it, and the study's text holds the URDF."""
+    from elastid.study import load
+
+    (tmp_path / "robots").mkdir()
+    read(ARM, BESIDE, tmp_path / "robots")
+    study = tmp_path / "study.yml"
+    study.write_text(
+        "name: x\nrobot: robots/robot.yml\nexcitation: {rate_hz: 500, period: 2, band_hz: [2, 50], torque_rms: 1}\n"
+        "experiment: {configurations: {c: [0.1]}, simulated: {}}\n"
+    )
+    loaded = load(study, ["robot.joints.a1.spring.stiffness=7e4"])
+    assert loaded.study.robot.joints[0].spring.stiffness == 7e4
+    assert '# <robot name="arm">' in loaded.text
+    beside = tmp_path / "robots" / "robot.yml"
+    beside.write_text(beside.read_text().replace("stiffness", "stifness"))
+    with pytest.raises(StudyError, match=r"robot.yml:\d+:\d+: joints.a1.spring.stifness: unknown key; did you mean"):
+        load(study)

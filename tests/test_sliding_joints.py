@@ -1,0 +1,228 @@
+"""Joints that slide: closed forms of their dynamics, units in a study, elastic translations beside a driven joint."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
+from elastid.linear.modes import modes
+from elastid.linear.transfer import frequency_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.study import load
+from elastid.units import Measured
+
+FREQ = np.linspace(1, 80, 60)
+
+
+def slide(**changes: object) -> Robot:
+    """A carriage of 40 kg on a screw of 5 mm pitch, a load of 25 kg behind an elastic translation."""
+    screw = 2 * np.pi / 0.005  # rad of the motor per m
+    joint = Joint("x", "x", Spring(5e6, 300.0), Motor(2e-3, screw, 1e-4), 20.0, motion="translation")
+    elastic = Joint("e", (1, 0, 0), Spring(8e5, 100.0), motion="translation")
+    bodies = (Body("carriage", joints=(joint,), mass=40), Body("load", "carriage", joints=(elastic,), mass=25))
+    return Robot("slide", bodies, **changes)  # type: ignore[arg-type]
+
+
+def test_a_driven_slide_is_the_chain_of_three_masses_that_it_looks_like():
+    """M, D, K by hand: the rotor as ratio^2 J in kg, springs in N/m between positions."""
+    model = serial(slide())
+    linear = linearise(model, Configuration("c", [0.3]), model.theta, ("motor x",), "acceleration")
+    rotor, damper = 2e-3 * (2 * np.pi / 0.005) ** 2, 1e-4 * (2 * np.pi / 0.005) ** 2
+    # Of coordinates x (carriage), e (load on the carriage), x_m (motor, along the slide).
+    np.testing.assert_allclose(linear.M, [[65, 25, 0], [25, 25, 0], [0, 0, rotor]], rtol=1e-12)
+    np.testing.assert_allclose(linear.K, [[5e6, 0, -5e6], [0, 8e5, 0], [-5e6, 0, 5e6]], rtol=1e-12)
+    np.testing.assert_allclose(linear.D, [[320, 0, -300], [0, 100, 0], [-300, 0, 300 + damper]], rtol=1e-12)
+    high = frequency_response(linear, linear.theta_ref, np.array([1e5]))[0, 0, 0]
+    assert high.real == pytest.approx(1 / rotor, rel=1e-4)
+    found = {name: unit for name, (_, unit) in slide().parameters().items() if not name.startswith(("I", "c", "m"))}
+    assert found == {
+        "k_x": "N/m", "d_x": "N*s/m", "f_x": "N*s/m", "Jm_x": "kg*m^2", "fm_x": "N*m*s/rad",
+        "k_e": "N/m", "d_e": "N*s/m", "f_e": "N*s/m",
+    }  # fmt: skip
+
+
+def test_a_slide_that_stands_upright_holds_its_weight():
+    """u = m g in N, and the spring gives way by m g / k; the load by its own."""
+    upright = slide(gravity=(-9.81, 0, 0))
+    model = serial(upright)
+    point = equilibrium(model, model.theta, Configuration("c", [0.2]))
+    assert point.u[0] == pytest.approx(65 * 9.81, rel=1e-12)
+    np.testing.assert_allclose(point.q, [0.2 - 65 * 9.81 / 5e6, -25 * 9.81 / 8e5, 0.2], rtol=1e-9)
+
+
+def test_a_bead_on_a_turning_rod_feels_coriolis_and_centrifugal_forces():
+    """M = diag(m r^2 + I, m), forces 2 m r r' w on the turn and -m r w^2 on the slide."""
+    turn = Joint("t", "z", motor=Motor(1e-300))
+    rod = Body("rod", joints=(turn,), inertia=0.0)
+    bead = Body("bead", "rod", joints=(Joint("r", "x", motion="translation"),), mass=3.0, inertia=0.5)
+    model = serial(Robot("rod", (rod, bead), gravity=(0, 0, 0)))
+    q, v = np.array([0.4, 0.7]), np.array([2.0, -1.5])
+    np.testing.assert_allclose(model.mass(q, model.theta).full(), np.diag([3 * 0.49 + 0.5, 3]), atol=1e-12)
+    force = [2 * 3 * 0.7 * -1.5 * 2.0, -3 * 0.7 * 4.0]
+    np.testing.assert_allclose(model.force(q, v, model.theta).full()[:, 0], force, rtol=1e-12)
+
+
+def arm(further: tuple[Joint, ...], base: tuple[Joint, ...] = ()) -> Robot:
+    """One driven axis; further elastic joints behind it, elasticity of the base before it."""
+    driven = Joint("1", "z", Spring(2e5, 120), Motor(5e-3, 100, 2e-3))
+    fore = Joint("2", "y", Spring(6e4, 50), Motor(3e-3, 80, 2e-3))
+    foot = Body("foot", joints=base, mass=30, inertia=(1, 1, 1)) if base else Body("foot")
+    return Robot(
+        "arm",
+        (
+            foot,
+            Body("upper", "foot", joints=(driven, *further), mass=60, center_of_mass=(0.1, 0, 0.2), inertia=(3, 3, 4)),
+            Body("fore", "upper", Placement((0.3, 0, 0.5)), (fore,), 25, (0.4, 0.02, 0.05), (0.4, 2, 2)),
+        ),
+    )
+
+
+def elastic(k: float, turning: str) -> tuple[Joint, ...]:
+    """Elastic along every axis and about some, stiffness k."""
+    turns = tuple(Joint(f"r{axis}", axis, Spring(k)) for axis in turning)
+    return (*turns, *(Joint(f"t{axis}", axis, Spring(10 * k), motion="translation") for axis in "xyz"))
+
+
+def response(robot: Robot) -> np.ndarray:
+    """Motor accelerations per torque."""
+    model = serial(robot)
+    linear = linearise(model, Configuration("c", [0.3, -0.6]), model.theta, model.inputs, "acceleration")
+    return frequency_response(linear, linear.theta_ref, FREQ)
+
+
+@pytest.mark.parametrize("where", ["joint", "base"])
+def test_stiffer_and_stiffer_elastic_joints_become_the_flexible_joint_model(where):
+    """K_na -> inf: the difference falls as 1 / K_na, for rotations and translations, at a joint and at the base."""
+    rigid = response(arm(()))
+    errors = []
+    for k in (1e8, 1e9, 1e10):
+        robot = arm(elastic(k, "xy")) if where == "joint" else arm((), elastic(k, "xyz"))
+        errors.append(np.abs(response(robot) - rigid).max() / np.abs(rigid).max())
+    assert errors[0] > errors[1] > errors[2]
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 10, rtol=0.2)
+    assert errors[2] < 1e-3
+
+
+def test_an_elastic_turn_about_the_driven_axis_itself_is_refused():
+    """No inertia is between the two, so that nobody could tell them apart; both are named."""
+    with pytest.raises(StudyError, match="motion of joint 1, joint rz moves no inertia"):
+        response(arm(elastic(1e6, "xyz")))
+
+
+def test_an_elastic_base_has_the_frequency_of_the_mass_on_it():
+    """A machine on a soft foot that only slides: f = sqrt(k / m) / 2 pi, joint held."""
+    foot = Joint("b", "x", Spring(1e5), motion="translation")
+    axis = Joint("1", "z", motor=Motor(1.0, 1e3))
+    robot = Robot(
+        "machine", (Body("foot", joints=(foot,), mass=70), Body("table", "foot", joints=(axis,), mass=30, inertia=1))
+    )
+    model = serial(robot)
+    linear = linearise(model, Configuration("c", [0.0]), model.theta, model.inputs, "position")
+    assert modes(linear, linear.theta_ref).freq_hz[0] == pytest.approx(np.sqrt(1e5 / 100) / (2 * np.pi), rel=1e-9)
+
+
+STUDY = """
+name: slide
+robot:
+  name: slide
+  bodies:
+    - name: carriage
+      joints:
+        - name: x
+          axis: x
+          motion: translation
+          motor: {inertia: 2e-3, ratio: 1256.6, viscous: 1e-4}
+          spring: {stiffness: 5 kN/mm, damping: 300 N*s/m}
+          viscous: 20
+          limits: {angle: [-100 mm, 0.6 m], velocity: 1.2 m/s, torque: 4 kN}
+      mass: 40
+excitation: {rate_hz: 500, period: 2, band_hz: [2, 50], torque_rms: 1}
+experiment:
+  configurations: {left: [100 mm]}
+  simulated: {truth: {k_x: 4e6 N/m}}
+fit:
+  parameters: {k_x: {bounds: [1 MN/m, 9 MN/m]}}
+"""
+
+
+def read(text: str, folder: Path):
+    """As a user's study."""
+    (folder / "study.yml").write_text(text)
+    return load(folder / "study.yml").study
+
+
+def test_a_study_of_a_slide_is_read_in_metres_and_newtons(tmp_path):
+    """Stiffness, damping, limits, configuration, truth and bounds."""
+    study = read(STUDY, tmp_path)
+    (joint,) = study.robot.joints
+    assert joint.spring == Spring(5e6, 300.0)
+    assert joint.limits == Limits((-0.1, 0.6), 1.2, 4000.0)
+    assert study.experiment.configurations["left"] == (0.1,)
+    assert study.experiment.simulated.truth == {"k_x": 4e6}
+    assert study.fit.parameters["k_x"].bounds == (1e6, 9e6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            "5 kN/mm",
+            "5e6 N*m/rad",
+            r":12:19: robot.bodies\[0\].joints\[0\].spring: stiffness is given in units of N\*m/rad",
+        ),
+        ("5 kN/mm", "5e6 N*m/rad", r"but joint x is a translation; give it in N/m"),
+        (
+            "motion: translation",
+            "motion: rotation",
+            r"spring: stiffness is given in units of N/m, but joint x is a rotation",
+        ),
+        ("motion: translation", "motion: rotation", r"\(motion: translation makes it slide\); give it in N\*m/rad"),
+        (
+            "300 N*s/m",
+            "300 N*m*s/rad",
+            r"spring: damping is given in units of N\*m\*s/rad, but joint x is a translation",
+        ),
+        ("-100 mm", "-10 deg", r"limits: angle is given in units of rad, but joint x is a translation; give it in m"),
+        ("[100 mm]", "[10 deg]", r":18:27: experiment.configurations.left\[0\]: is given in units of rad, but joint x"),
+        ("[100 mm]", "[0.7]", r"joint x at 0.7 m is outside its limits \[-0.1, 0.6\] m"),
+        (
+            "viscous: 1e-4",
+            "viscous: 1 N*s/m",
+            r"motor: viscous of joint x is given in units of N\*s/m, but a motor turns",
+        ),
+        ("motion: translation", "motion: sliding", r"motion: expected one of rotation, translation"),
+        ("5 kN/mm", "5 kg", r"unit 'kg' measures kg, not N\*m/rad or N/m; units that fit here: .*N/mm"),
+        ("4e6 N/m", "4e6 N*m/rad", r"truth.k_x: unit 'N\*m/rad' measures N\*m/rad, not N/m"),
+    ],
+)
+def test_units_of_the_other_motion_are_refused_where_they_stand(old, new, says, tmp_path):
+    """With line and column, and what to do."""
+    assert old in STUDY
+    with pytest.raises(StudyError, match=says):
+        read(STUDY.replace(old, new), tmp_path)
+
+
+def test_a_number_remembers_its_dimension_through_copies():
+    """Pickled or copied, it is the number with what it measures."""
+    number = Measured(5.0, "N/m")
+    assert copy.deepcopy(number).dimension == "N/m"
+    assert number == 5.0
+    assert hash(number) == hash(5.0)
+
+
+def test_a_mass_of_zero_at_the_end_of_a_slide_is_refused():
+    """Nothing would move: the joint is named."""
+    robot = slide()
+    light = replace(robot, bodies=(robot.bodies[0], replace(robot.bodies[1], mass=0.0)))
+    model = serial(light)
+    with pytest.raises(StudyError, match="mass matrix is singular, motion of joint e moves no inertia"):
+        equilibrium(model, model.theta, Configuration("c", [0.0]))
