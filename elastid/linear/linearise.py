@@ -99,7 +99,7 @@ class Linearisation:
             outputs=tuple(outputs),
             quantity=quantity,
             chain=elements(model.robot.chain),
-            T=model.gravity_jacobian(point.q, outputs),
+            T=model.gravity_jacobian(point.q, outputs) @ Z,
         )
 
 
