@@ -238,6 +238,22 @@ def export(study: Path, target: str, **options: Any) -> None:
 
 
 @cli.command()
+@click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
+@_stage_options
+def compare(studies: tuple[Path, ...], **options: Any) -> None:
+    """Rank models on the responses of the first study by what they predict where they were not fitted: compare.json.
+
+    The models are those of the study's section `compare` (by default the robot without motor coupling, and without each
+    elastic joint that is not driven), and those of further studies.
+    """
+    asked = _run(studies[0], options)
+    from elastid import comparing
+    from elastid.study import load
+
+    comparing.compare(asked, [load(study) for study in studies[1:]])
+
+
+@cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 def inspect(file: Path) -> None:
     """What is in a log or a result: names, shapes, units, rates."""

@@ -19,7 +19,7 @@ def overview(study: Study) -> str:
 
 def _robot(study: Study) -> Iterator[str]:
     robot = study.robot
-    elastic = [joint.name for joint in robot.joints if joint.spring is not None]
+    elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
     yield f"study {study.name}, robot {robot.name}"
     bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
     yield (
@@ -33,6 +33,13 @@ def _robot(study: Study) -> Iterator[str]:
     variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
     carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
     yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
+    riding = [
+        f"{joint.name} on {joint.motor.on}" for joint in robot.driven if joint.motor is not None and joint.motor.on
+    ]
+    if riding:
+        yield f"  motors that ride on bodies: {', '.join(riding)}"
+    if robot.gears:
+        yield f"  coupled gears: {', '.join(f'motor {gear.motor} with joint {gear.joint}' for gear in robot.gears)}"
 
 
 def _nonlinear(study: Study) -> Iterator[str]:

@@ -55,6 +55,7 @@ from elastid.store import (
     write_torque,
     write_validation,
 )
+from elastid.store.comparison import read_comparison
 from elastid.tables import forecast_table, parameter_table
 from elastid.validation.frequency import agreement
 from elastid.validation.frequency import validate as validate_responses
@@ -251,6 +252,7 @@ def report(run: Run) -> None:
         peaks=read_peaks(run.path("design")) if study.experiment.simulated is not None else None,
         nearest=read_rehearsal(run.path("design")) if study.experiment.simulated is not None else None,
         robot=study.robot,
+        comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
     )
     shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)

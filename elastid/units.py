@@ -48,6 +48,8 @@ TABLE: dict[str, tuple[str, float]] = {
     "N*m/deg": ("N*m/rad", 180 / math.pi),
     "N*m/rad^2": ("N*m/rad^2", 1.0),
     "N*m/rad^3": ("N*m/rad^3", 1.0),
+    "N/m^2": ("N/m^2", 1.0),
+    "N/m^3": ("N/m^3", 1.0),
     "N*m*s/rad": ("N*m*s/rad", 1.0),
     "kN*m*s/rad": ("N*m*s/rad", 1e3),
     "N*m*s^2/rad^2": ("N*m*s^2/rad^2", 1.0),
@@ -205,17 +207,17 @@ AxialDamping: TypeAlias = Annotated[float, InUnit("N*s/m")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
 AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]
-CubicStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^3")]
 Damping: TypeAlias = Annotated[float, InUnit("N*m*s/rad", "N*s/m")]
+CubicStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^3", "N/m^3")]
 Force: TypeAlias = Annotated[float, InUnit("N")]
 Frequency: TypeAlias = Annotated[float, InUnit("Hz")]
 Inertia: TypeAlias = Annotated[float, InUnit("kg*m^2")]
 Length: TypeAlias = Annotated[float, InUnit("m")]
 LinearStiffness: TypeAlias = Annotated[float, InUnit("N/m")]
 Mass: TypeAlias = Annotated[float, InUnit("kg")]
-QuadraticStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^2")]
-Ratio: TypeAlias = Annotated[float, InUnit("1")]
 Stiffness: TypeAlias = Annotated[float, InUnit("N*m/rad", "N/m")]
+QuadraticStiffness: TypeAlias = Annotated[float, InUnit("N*m/rad^2", "N/m^2")]
+Ratio: TypeAlias = Annotated[float, InUnit("1")]
 Time: TypeAlias = Annotated[float, InUnit("s")]
 Torque: TypeAlias = Annotated[float, InUnit("N*m")]
 Temperature: TypeAlias = Annotated[float, InUnit("degC")]

@@ -286,7 +286,7 @@ def test_load_and_temperature_change_the_curve() -> None:
         (lambda: MaxwellSlip((1e4, 1e4), (0.5, 0.4), 1.0), "sum to 0.9"),
         (lambda: MaxwellSlip((1e4,), (0.5, 0.5), 1.0), "1 numbers of stiffness and 2 shares"),
         (lambda: MaxwellSlip((1e4, 1e4), (0.5, 0.5), 0.0), "attraction .C. is 0"),
-        (lambda: Motor(1e-3, 10, 0.4, 1.0, Friction(1.0)), "both given"),
+        (lambda: Motor(1e-3, 10, 0.4, 1.0, friction=Friction(1.0)), "both given"),
         (
             lambda: Motor(1e-3, 1, 0.4, friction=Friction(1.0, 1.5, 1e-3, lugre=LuGre(1e5, 316.0))),
             r"not passive.*>= damping .* = 158 .* viscous is 0.4; give damping_velocity: 0.027",

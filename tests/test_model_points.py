@@ -9,16 +9,17 @@ from hypothesis import strategies as st
 from elastid.model.kinematics import skeleton
 from elastid.model.multibody import tree, turns
 from elastid.model.points import between, last_common, position, seat
-from elastid.robot import Body, Joint, Motor, Placement, Robot
+from elastid.robot import Body, Joint, Motor, Payload, Placement, Robot
 
 POINTS = {"a": (0.1, 0.2, -0.3), "b": (0.3, -0.1, 0.2), "c": (0.0, 0.4, 0.1)}
 
 
-def forked() -> Robot:
-    """A trunk that carries two arms, one about an oblique axis."""
+def forked(second: str = "rotation", third: str = "rotation") -> Robot:
+    """A trunk that carries two arms, one about an oblique axis; joints 2 and 3 may slide; it carries something."""
 
     def joint(name: str, axis: str | tuple[float, float, float]) -> Joint:
-        return Joint(name, axis, motor=Motor(1e-3))
+        motion = {"2": second, "3": third}.get(name, "rotation")
+        return Joint(name, axis, motor=Motor(1e-3), motion=motion)
 
     return Robot(
         "forked",
@@ -27,14 +28,18 @@ def forked() -> Robot:
             Body("b", "a", Placement((0.4, 0.1, 0), (0, 0.3, 0.1)), (joint("3", (1.0, 2.0, 0.5)),), 1.0),
             Body("c", "a", Placement((0, 0.2, 0.3)), (joint("4", "x"),), 1.0),
         ),
+        payload=Payload(2.0, at="b"),
     )
 
 
-@given(angles=st.tuples(*[st.floats(-3, 3)] * 4))
-@settings(deadline=None, max_examples=20)
-def test_points_are_where_rotation_matrices_put_them(angles):
+MOTIONS = st.sampled_from(["rotation", "translation"])
+
+
+@given(angles=st.tuples(*[st.floats(-3, 3)] * 4), second=MOTIONS, third=MOTIONS)
+@settings(deadline=None, max_examples=30)
+def test_points_are_where_rotation_matrices_put_them(angles, second, third):
     """Position in the base frame, and the distance of two points in the frame that carries both."""
-    robot = forked()
+    robot = forked(second, third)
     layout = tree(robot)
     q = ca.SX.sym("q", 4)
     turned = turns(layout, q)
@@ -63,5 +68,5 @@ def test_last_common_frame():
 
 def test_unknown_body_is_named():
     robot = forked()
-    with pytest.raises(KeyError, match="has no body d; there are base, a, b, c"):
+    with pytest.raises(KeyError, match="has no body d; there are base, a, b, c, payload"):
         seat(robot, tree(robot), "d")

@@ -116,7 +116,9 @@ class Prospect:
         power = self._power(U, sensitivity)
         left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
         scatter = self._friction(U, motion)[1]
-        right: ComplexArray = self._equation_error(G) + (G * scatter[:, None, :]) @ np.swapaxes(G, 1, 2).conj()
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        right: ComplexArray = self._equation_error(G) + scattered
         noise: FloatArray = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
         if level.distortion > 0:
             return Covariance(noise + distortion, math.inf)
@@ -156,12 +158,13 @@ class Prospect:
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
 
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
-        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction."""
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
         coulomb = coulomb_levels(self.robot)
         if not coulomb.any():
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        V = ((motion / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        shafts = self.robot.mixing @ motion
+        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
         return friction_level(
             V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
         )
@@ -185,10 +188,13 @@ class Prospect:
         color = noise.variances("angle", self.freq_hz, self.rate_hz) - noise.angle_std**2
         is_angle = [logged_quantity(place) == "position" for place in self.outputs]
         variances: FloatArray = output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle)
+        if not noise.encoder_counts:
+            return variances
+        steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
+        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
         for i, place in enumerate(self.outputs):
-            if noise.encoder_counts and place in self.robot.motor_locations:
-                ratio = self.robot.ratio(place.removeprefix("motor "))
-                variances[:, i] += (2 * math.pi / (noise.encoder_counts * abs(ratio))) ** 2 / 12
+            if place in self.robot.motor_locations:
+                variances[:, i] += counted[self.robot.motor_locations.index(place)]
         return variances
 
 

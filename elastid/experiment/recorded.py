@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
+from elastid.experiment.coupled_gears import to_joints
 from elastid.experiment.gathering import Gathered, gather, period_samples
 from elastid.experiment.log_files import name_in_file
 from elastid.experiment.periodicity import repetition
@@ -68,11 +69,11 @@ class RecordedRig:
         gathered = gather(recorded, file, self.base, self.robot)
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(named(c) for c in gathered.channels), rate_hz, gathered.first)
-        record = _record(experiment, recorded, gathered, log)
+        record = _record(experiment, recorded, gathered, log, self.robot)
         return replace(record, sliding=self.robot.sliding((*record.inputs, *record.outputs)))
 
 
-def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, log: Log) -> Record:
+def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, log: Log, robot: Robot) -> Record:
     channels, N = gathered.channels, gathered.period_samples
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
     at = [channel.at for channel in channels]
@@ -94,6 +95,7 @@ def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, 
             "and are left out"
         )
     rate_is_known = not isinstance(recorded.rate_hz, str)
+    signals = signals @ to_joints(channels, robot).T
     return Record(
         name=experiment.name,
         configuration=experiment.configuration,
@@ -211,6 +213,7 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
                 f"channel {name_in_file(channel)}: {channel.role} acts at '{channel.at}', where no motor is; "
                 f"there are {', '.join(robot.motor_locations)}"
             )
+    to_joints(channels, robot)
     places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}
     # r may be in several files, which it brings into step.
     signals = [(c.role, c.at, c.file if c.role == "r" else 1) for c in channels]

@@ -280,8 +280,9 @@ class ChannelSpec:
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
     feels gravity).  unit: of the file after `scale`; default SI.
     Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
-    side: motor.  file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.  rate_hz: its own
-    sampling rate where it differs; all channels are brought to the lowest one, band-limited.
+    side: motor (motors that gears couple all together).  file: in which file of an experiment it is, 1 is `path` and 2
+    the first of `also`.  rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one,
+    band-limited.
     """
 
     role: Literal["r", "u", "y"]

@@ -20,7 +20,8 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[str
     """
     if carrier is not None:
         return ()
-    power = np.sum(np.abs(plan.R) ** 2, axis=3) / 2
+    # Friction holds shafts, which gears may couple.
+    power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
     words = []
     for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):

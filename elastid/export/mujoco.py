@@ -39,24 +39,6 @@ def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     return (path,)
 
 
-def mjcf(robot: Robot) -> ET.Element:
-    """The robot without keyframes; StudyError where it has something that MJCF cannot say."""
-    if robot.loops:
-        raise StudyError(
-            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are no bodies "
-            "and have no place in this MJCF; export to casadi, c, control or matlab"
-        )
-    _check_springs(robot)
-    root = ET.Element("mujoco", model=robot.name)
-    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
-    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
-    ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
-    _bodies(ET.SubElement(root, "worldbody"), robot)
-    _tendons(root, robot)
-    _actuators(root, robot)
-    return root
-
-
 def _check_springs(robot: Robot) -> None:
     bent = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
     beyond = [*bent, *(f"compensator {compensator.name}" for compensator in robot.compensators)]
@@ -65,6 +47,41 @@ def _check_springs(robot: Robot) -> None:
             f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(beyond)} would be lost; "
             "export to casadi or c instead"
         )
+
+
+def _refuse_other_drives(robot: Robot) -> None:
+    """Rotors are armatures here: they neither ride on bodies nor share gears."""
+    for joint in robot.driven:
+        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
+            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            raise StudyError(
+                f"export to MuJoCo: the motor of joint {joint.name} {what}, for which MJCF's armature has no words; "
+                "export to casadi or c, which hold all equations"
+            )
+    if robot.gears:
+        raise StudyError(
+            f"export to MuJoCo: gears couple the axes of robot {robot.name}, which MJCF's armature cannot say; export "
+            "to casadi or c, which hold all equations"
+        )
+
+
+def mjcf(robot: Robot) -> ET.Element:
+    """The robot without keyframes; StudyError where it has something that MJCF cannot say."""
+    if robot.loops:
+        raise StudyError(
+            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are no bodies "
+            "and have no place in this MJCF; export to casadi, c, control or matlab"
+        )
+    _check_springs(robot)
+    _refuse_other_drives(robot)
+    root = ET.Element("mujoco", model=robot.name)
+    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
+    _bodies(ET.SubElement(root, "worldbody"), robot)
+    _tendons(root, robot)
+    _actuators(root, robot)
+    return root
 
 
 def _bodies(world: ET.Element, robot: Robot) -> None:

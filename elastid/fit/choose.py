@@ -69,8 +69,14 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
             names.append(f"k_{joint.name}")
         if joint.spring is not None and joint.spring.damping > 0:
             names.append(f"d_{joint.name}")
-        if joint.motor is not None and joint.motor.viscous > 0:
+        if joint.motor is None:
+            continue
+        if joint.motor.viscous > 0:
             names.append(f"fm_{joint.name}")
+        if joint.motor.spring is not None:
+            names.append(f"km_{joint.name}")
+        if joint.motor.spring is not None and joint.motor.spring.damping > 0:
+            names.append(f"dm_{joint.name}")
     for loop in robot.loops:
         if loop.rod is not None and loop.rod.is_elastic:
             names += [f"k_{loop.name}"] + [f"d_{loop.name}"] * (loop.rod.damping > 0)

@@ -5,8 +5,8 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 Of an accelerometer, which sees gravity turn as it tilts, the reading is C q'' + T q.
 
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
-centres of mass. The operating point is frozen, or followed to first order where springs are nonlinear; the fit
-linearises again at its result until nothing moves.
+centres of mass and for springs in series. The operating point is frozen, or followed to first order where springs are
+nonlinear; the fit linearises again at its result until nothing moves.
 """
 
 from __future__ import annotations

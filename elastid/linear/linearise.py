@@ -33,6 +33,7 @@ from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.partition import motions
 from elastid.record import Configuration, Motion
+from elastid.robot.gears import gearboxes
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,9 +105,11 @@ class Linearisation:
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
-    """Whether the tangent stiffness depends on where gravity deflects a spring to."""
-    springs = (joint.spring for joint in model.robot.joints)
-    return model.n_c == 0 and any(spring is not None and not spring.is_linear for spring in springs)
+    """Whether the tangent stiffness depends on where gravity deflects a spring to, or springs in series are no sum."""
+    robot = model.robot
+    bent = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
+    series = any(box.is_in_series for box in gearboxes(robot.driven, robot.gears))
+    return model.n_c == 0 and (bent or series)
 
 
 def linearise(

@@ -1,10 +1,20 @@
 r"""The drivetrain of a robot: motors, gears, springs, dampers and viscous friction as energies, all on the link side.
 
-.. math:: T_m = \tfrac12 \sum \eta^2 J_m \dot q_m^2, \quad V_s = \tfrac12 \sum k \delta^2, \quad
-          R = \tfrac12 \sum (d \dot\delta^2 + f \dot q_a^2 + \eta^2 f_m \dot q_m^2)
+.. math:: T_m = \tfrac12 \sum_i J_{m,i} (\eta\, \dot q_m)_i^2, \quad V_s = \tfrac12 \delta^T K_a \delta, \quad
+          R = \tfrac12 \Big( \dot\delta^T D_a \dot\delta + \sum f \dot q_a^2 + \sum_i f_{m,i} (\eta \dot q_m)_i^2 \Big)
 
-with the deflection delta = q_m - q_a of an elastic gear and delta = q_na of a joint that is elastic but not driven.
-This is the only place where a gear ratio eta (motor turns per joint turn) is applied to the model.
+with the deflections delta = q_m - q_a of elastic gears and delta = q_na of joints that are elastic but not driven. This
+is the only place where gear ratios are applied to the model. eta (n_u, n_u): turns of the motors per turn of the
+joints, not diagonal where gears couple axes; motor coordinates are q_m = eta^-1 q_m^m, motor torques u = eta^T tau_m^m,
+so that a frequency response of motors is G^a = eta^-1 G^m eta^-T.
+
+Spring s turns the joints by x_s k_s^-1 per torque x_s^T tau: compliances of springs in series, before, between and
+after the stages of the gears, add,
+
+.. math:: K_a^{-1} = \sum_s x_s k_s^{-1} x_s^T, \qquad D_a = K_a \Big( \sum_s x_s \frac{d_s}{k_s^2} x_s^T \Big) K_a
+
+the damping to first order in omega d / k, below which a gearbox stays. Where there are no more springs than joints,
+K_a = Z^T K Z with Z = X^-1 (eq. 2.28: Z = eta before the gears, 1 after them), exactly linear in each k, and D_a alike.
 """
 
 from __future__ import annotations
@@ -17,11 +27,15 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.robot import Robot
+from elastid.robot.gears import Gearbox, gearboxes
 
 
 @dataclass(frozen=True)
 class Drivetrain:
-    """K and D (n_q, n_q) of springs, dampers and viscous friction, M (n_q, n_q) of the rotors, as SX of theta."""
+    """K and D (n_q, n_q) of springs, dampers and viscous friction, M (n_q, n_q) of the rotors, as SX of theta.
+
+    M: of rotors without a carrier; one that rides on a body stands in `rotors`.
+    """
 
     M: ca.SX
     D: ca.SX
@@ -43,28 +57,64 @@ def input_matrix(robot: Robot) -> FloatArray:
     return B
 
 
+def rotor_rates(robot: Robot) -> FloatArray:
+    """eta B^T (n_u, n_q): how fast each rotor turns in its housing per rate of the coordinates, motor side."""
+    rates: FloatArray = robot.eta @ input_matrix(robot).T
+    return rates
+
+
 def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
     """The quadratic forms of T_m, R and V_s; theta maps every name of robot.parameters() to its symbol."""
     n_q = len(robot.joints) + len(robot.flexible)
-    motor = motor_coordinates(robot)
     M, D, K = ca.SX(n_q, n_q), ca.SX(n_q, n_q), ca.SX(n_q, n_q)
     for i, joint in enumerate(robot.joints):
-        rate = _direction(n_q, {i: 1.0})
+        rate = _direction(np.eye(n_q)[i])
         D += theta[f"f_{joint.name}"] * rate
-        if joint.spring is not None:
-            deflection = _direction(n_q, {motor[joint.name]: 1.0, i: -1.0}) if joint.is_flexible else rate
-            K += theta[f"k_{joint.name}"] * deflection
-            D += theta[f"d_{joint.name}"] * deflection
-        if joint.motor is not None:
-            motor_rate = joint.motor.ratio**2 * _direction(n_q, {motor[joint.name]: 1.0})
-            M += theta[f"Jm_{joint.name}"] * motor_rate
-            D += theta[f"fm_{joint.name}"] * motor_rate
+        if joint.spring is not None and not joint.is_flexible:
+            K += theta[f"k_{joint.name}"] * rate
+            D += theta[f"d_{joint.name}"] * rate
+    for joint, turning in zip(robot.driven, rotor_rates(robot), strict=True):
+        D += theta[f"fm_{joint.name}"] * _direction(turning)
+        if joint.motor is not None and not joint.motor.on:
+            M += theta[f"Jm_{joint.name}"] * _direction(turning)
+    for name, z in spring_deflections(robot).items():
+        K += theta[name] * _direction(z)
+        D += theta[f"d{name[1:]}"] * _direction(z)
+    for box in gearboxes(robot.driven, robot.gears):
+        if box.is_in_series:
+            stiffness, damping = _in_series(box, gear_deflections(robot)[list(box.gears)], theta)
+            K, D = K + stiffness, D + damping
     return Drivetrain(M, D, K)
 
 
-def _direction(n_q: int, entries: Mapping[int, float]) -> ca.DM:
-    """y y^T (n_q, n_q), sparse, of a direction y that has few entries."""
-    y = ca.DM(n_q, 1)
-    for index, value in entries.items():
-        y[index] = value
-    return y @ y.T
+def gear_deflections(robot: Robot) -> FloatArray:
+    """delta = q_m - q_a of each driven joint as rows (n_u, n_q); zero rows for rigid gears."""
+    rows: FloatArray = input_matrix(robot).T
+    rows[range(len(rows)), [robot.joints.index(joint) for joint in robot.driven]] -= 1.0
+    return rows
+
+
+def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
+    """z (n_q,), by name k_..., of springs in elastic gears: they are deflected by z q. None for springs in series."""
+    delta = gear_deflections(robot)
+    rows: dict[str, FloatArray] = {}
+    for box in gearboxes(robot.driven, robot.gears):
+        if not box.is_in_series:
+            rows |= dict(zip(box.springs, np.linalg.inv(box.X) @ delta[list(box.gears)], strict=True))
+    return rows
+
+
+def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
+    """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), as the module says."""
+    X, to_q = ca.DM(box.X), ca.DM(delta)
+    k, d = ([theta[letter + name[1:]] for name in box.springs] for letter in "kd")
+    slowness = [d_s / k_s**2 for k_s, d_s in zip(k, d, strict=True)]
+    K_a = ca.inv(sum((1 / k_s * X[:, s] @ X[:, s].T for s, k_s in enumerate(k)), start=ca.SX(0)))
+    losses = sum((each * X[:, s] @ X[:, s].T for s, each in enumerate(slowness)), start=ca.SX(0))
+    return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
+
+
+def _direction(y: FloatArray) -> ca.DM:
+    """y y^T (n_q, n_q), sparse, of a direction y (n_q,) that has few entries."""
+    column = ca.sparsify(ca.DM(y))
+    return column @ column.T

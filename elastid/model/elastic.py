@@ -9,7 +9,9 @@ r"""ElasticModel: the equations of motion of an elastic robot, the contract of e
 Conventions, for all of `model`, `linear` and `simulation`:
 
 - Everything is on the link side: a motor coordinate q_m is the motor's angle divided by its gear ratio, a motor torque
-  is multiplied by it, inertia and viscous friction by its square. `drivetrain` alone applies ratios.
+  is multiplied by it, inertia and viscous friction by its square. Where gears couple axes, q_m = eta^-1 q_m^m and
+  u = eta^T tau_m: `motor 5` is then what all motors together would make of joint 5 if no spring gave, not one shaft.
+  `drivetrain` alone applies ratios.
 - u is the torque that the motor's magnetic field exerts; a positive torque drives a positive angle.
 - The gear spring drives the arm and holds the motor back by the same torque,
   tau_a = K (q_m - q_a) + D (q_m' - q_a'). (Niglis & Oberg 2015, eq. 2.8a; their eq. 2.12 has the order reversed.)
@@ -17,8 +19,9 @@ Conventions, for all of `model`, `linear` and `simulation`:
 - A nonlinear spring's deflection is q_m - q_a in a gear and q_na in an elastic joint; its law takes the place of K.
 - Friction stands on the left, in f: it takes torque where the velocity is positive. Coulomb friction is not in f.
 - lambda enters as +Phi^T lambda on the left, as in the Lagrangian T - V - lambda^T phi.
-- Reduced motor model (Spong): a rotor turns about its own axis only; its inertial coupling S with the motion of the
-  link that carries it, of relative size 1 / ratio, is left out. The carrier's mass and inertia include the motor.
+- Reduced motor model (Spong): the rotor of a motor without a carrier turns about its own axis only; its inertial
+  coupling S with the motion of the link that carries it, of relative size 1 / ratio, is left out. The carrier's mass
+  and inertia include the motor. A motor that rides `on` a body has both, from its kinetic energy: `rotors`.
 """
 
 from __future__ import annotations

@@ -1,10 +1,11 @@
 r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressions, and the ElasticModel made of them.
 
-.. math:: \begin{bmatrix} M(q_l) & \\ & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
+.. math:: \begin{bmatrix} M(q_l) & S(q_l) \\ S^T & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
           \qquad q = [q_l;\, q_m]
 
-Niglis & Oberg (2015), eq. 2.10. Every formulation starts from `open_chain`; what a formulation adds (constraints, fewer
-coordinates) is a change of these values. Conventions of sign and side: `elastic`.
+Niglis & Oberg (2015), eq. 2.22, and 2.10 where no motor rides on a body (S = 0). Every formulation starts from
+`open_chain`; what a formulation adds (constraints, fewer coordinates) is a change of these values. Conventions of sign
+and side: `elastic`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from elastid.model.multibody import (
     tree,
     turns,
 )
+from elastid.model.rotors import rotors
 from elastid.model.springs import nonlinear_springs
 from elastid.robot import Robot
 
@@ -81,17 +83,20 @@ def open_chain(robot: Robot) -> Equations:
     carried = inertias(robot, layout, named)
     composite = composites(layout, carried, turned)
     drive = drivetrain(robot, named)
-    V_hard, f_hard = nonlinear_springs(robot, q, named)
-    V_balance, f_balance = compensators(robot, layout, turned, q, named)
     moving = rates(layout, turned)
     J = ca.vertcat(angular_velocities(layout, moving), frame_velocities(layout, moving))
+    V_hard, f_hard = nonlinear_springs(robot, q, named)
+    V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
+    carried_rotors = rotors(robot, named, q, v, J)
     return Equations(
         coordinates=coordinates,
         q=q,
         v=v,
         theta=theta,
-        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M,
+        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M + carried_rotors.M,
         f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1))
+        + carried_rotors.c
         + drive.K @ q
         + drive.D @ v
         + f_hard
@@ -99,7 +104,7 @@ def open_chain(robot: Robot) -> Equations:
         V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
         phi=ca.SX(0, 1),
-        J=ca.horzcat(J, ca.SX(J.size1(), n_q - n_l)),
+        J=J,
         gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),
     )

@@ -22,11 +22,11 @@ def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
     """Where a body sits in the tree of frames; `base` for what does not move. KeyError for an unknown body."""
     if body == BASE:
         return Attachment(-1, np.eye(3), np.zeros(3))
-    for candidate, attachment in zip(robot.bodies, layout.attachments, strict=True):
+    for candidate, attachment in zip(robot.all_bodies, layout.attachments, strict=True):
         if candidate.name == body:
             return attachment
     raise KeyError(
-        f"robot {robot.name} has no body {body}; there are {BASE}, {', '.join(b.name for b in robot.bodies)}"
+        f"robot {robot.name} has no body {body}; there are {BASE}, {', '.join(b.name for b in robot.all_bodies)}"
     )
 
 

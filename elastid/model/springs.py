@@ -16,17 +16,21 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.model.drivetrain import motor_coordinates
+from elastid.model.drivetrain import spring_deflections
 from elastid.robot import Robot
 
 
 def deflections(robot: Robot, q: ca.SX) -> dict[str, ca.SX]:
-    """The deflection of each joint's spring, by joint: q_m - q_a of an elastic gear, q_na of an elastic joint."""
-    motor = motor_coordinates(robot)
+    """The deflection of each joint's spring, by joint: q_m - q_a of an elastic gear, q_na of an elastic joint.
+
+    A spring before gears that couple axes is deflected by what they make of all their q_m - q_a (`drivetrain`); one in
+    series with the spring of a motor's shaft has no deflection of its own.
+    """
+    gears = spring_deflections(robot)
     return {
-        joint.name: q[motor[joint.name]] - q[i] if joint.is_flexible else q[i]
+        joint.name: ca.sparsify(ca.DM(gears[f"k_{joint.name}"])).T @ q if joint.is_flexible else q[i]
         for i, joint in enumerate(robot.joints)
-        if joint.spring is not None
+        if joint.spring is not None and (not joint.is_flexible or f"k_{joint.name}" in gears)
     }
 
 

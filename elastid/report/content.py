@@ -13,6 +13,7 @@ from elastid.experiment.rehearsal import Rehearsal
 from elastid.fit.result import FitResult
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.validation.comparison import Comparison
 from elastid.validation.frequency import Validation
 
 
@@ -42,8 +43,8 @@ class ReportContent:
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  peaks: of its
-    rehearsal; nearest: the run that came closest to a limit.  provenance: name to text (version, seed, ...), shown as
-    it is, so without a date the page is reproducible.
+    rehearsal; nearest: the run that came closest to a limit.  comparison: of models.  provenance: name to text
+    (version, seed, ...), shown as it is, so without a date the page is reproducible.
     """
 
     title: str
@@ -61,6 +62,7 @@ class ReportContent:
     robot: Robot | None = None
     peaks: Peaks | None = None
     nearest: Rehearsal | None = None
+    comparison: Comparison | None = None
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

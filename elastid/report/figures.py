@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.report.comparison_figure import left_out_errors
 from elastid.report.content import ReportContent
 from elastid.report.design_figures import information, postures
 from elastid.report.excitation_figures import excitation
@@ -52,6 +53,13 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
             frf_phase(measured, modelled, title),
         )
         yield from _quality(name, measured, title)
+    if content.comparison is not None and content.comparison.rows[0].misfit.size:
+        yield Drawing(
+            "comparison",
+            "comparison",
+            "Error of every model on each configuration when it was left out of the fit.",
+            left_out_errors(content.comparison),
+        )
     if content.result.starts:
         yield Drawing("multistart", "fit", "Cost at which every start of the fit ended.", multistart(content.result))
     if len(rows) > 1:

@@ -10,19 +10,19 @@ translations along, axes of the frame reached so far. A joint is
 
 Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod.
 
-Stiffness and damping are on the link side; a motor's inertia and friction are on the motor side, as data sheets
-give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the link. Of a
-translation, stiffness is in N/m and a ratio in rad/m.
+Stiffness and damping of a joint are on the link side; a motor's inertia, friction and shaft are on the motor side, as
+data sheets give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the
+link. Of a translation, stiffness is in N/m and a ratio in rad/m. Gears that let one axis turn the motor of another are
+listed with the robot (`gears`). A motor may ride on a body, whose rotation its rotor then feels.
 
 A compensator is a coil or a gas spring between points of two bodies, which carries part of the weight.
 
 Every number that can be identified has a name: k_1 and d_1 (spring of joint 1; k2_1, k2s_1, k3_1 where it is a
 polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, rounding), f_1 (viscous friction in joint
 1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
-gas column at the length L0, exponent),
-Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), m_arm, c_arm_x, I_arm_xx or, where a body has
-the same inertia about every axis, I_arm; m_payload, c_payload_x, I_payload of what it carries; of the rod of loop l
-m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
+gas column at the length L0, exponent), Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), km_1 and
+dm_1 (its shaft), m_arm, c_arm_x, I_arm_xx or, where a body has the same inertia about every axis, I_arm; m_payload,
+c_payload_x, I_payload of what it carries; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from elastid.robot.chain import Chain
 from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.frame import Frame
 from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
+from elastid.robot.gears import GearCoupling
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.loop import Loop, Pin, Rod
@@ -55,6 +56,7 @@ __all__ = [
     "Frame",
     "Friction",
     "GasSpring",
+    "GearCoupling",
     "InertiaTensor",
     "Joint",
     "Limits",

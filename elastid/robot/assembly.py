@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
+import numpy as np
+
+from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.names import did_you_mean
 from elastid.robot.body import BASE, Body
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
 from elastid.robot.frame import Frame
+from elastid.robot.gears import GearCoupling, check_gears, mixing
 from elastid.robot.geometry import Acceleration3, Placement
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
@@ -24,11 +28,12 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies, and
-    the chain of measurement around all of it.
+    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies,
+    gears that couple axes, and the chain of measurement around all of it.
 
-    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.
-    Raises ValueError for names given twice, unknown parents or frames, a robot without a motor.
+    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.  chain: of measurement.
+    Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
+    is not there or that its joint has nothing to do with, gear ratios that form a singular matrix.
     """
 
     name: str
@@ -39,6 +44,7 @@ class Robot:
     payload: Payload | None = None
     loops: tuple[Loop, ...] = ()
     compensators: tuple[Compensator, ...] = ()
+    gears: tuple[GearCoupling, ...] = ()
     chain: Chain = Chain()
 
     def __post_init__(self) -> None:
@@ -65,6 +71,9 @@ class Robot:
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
         self._check_compensators()
+        for joint in self.driven:
+            self._check_carrier(joint)
+        check_gears(self.driven, self.gears)
 
     def _check_compensators(self) -> None:
         """Each has its own name and ends on bodies that there are."""
@@ -128,12 +137,46 @@ class Robot:
         """`motor <joint>` of each motor: the inputs, and the outputs unless a study says otherwise."""
         return tuple(f"motor {joint.name}" for joint in self.driven)
 
+    @property
+    def mixing(self) -> FloatArray:
+        """E (n_u, n_u) of eta = diag(ratio) E, the identity where no gear couples two axes.
+
+        With motor angles and torques each referred to the link side by its own ratio alone: q_m' = E q_a, tau_a =
+        E^T tau_m'.
+        """
+        return mixing(self.driven, self.gears)
+
+    @property
+    def eta(self) -> FloatArray:
+        """The matrix of gear ratios (n_u, n_u): q_m = eta q_a from the link side to the motors, tau_a = eta^T tau_m."""
+        eta: FloatArray = np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing
+        return eta
+
     def ratio(self, joint: str) -> float:
         """Gear ratio of the motor of a joint; KeyError where it has none."""
         for candidate in self.driven:
             if candidate.name == joint and candidate.motor is not None:
                 return candidate.motor.ratio
         raise KeyError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
+
+    def _check_carrier(self, joint: Joint) -> None:
+        """A motor rides on a body between the base and its joint, or on one that its joint moves."""
+        carrier = joint.motor.on if joint.motor is not None else ""
+        if carrier in ("", BASE):
+            return
+        parents = {body.name: body.parent for body in self.bodies}
+        if carrier not in parents:
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, which is no body of robot {self.name}; there are "
+                f"{BASE}, {', '.join(parents)}"
+            )
+        moved = next(body.name for body in self.bodies if joint in body.joints)
+        if moved not in _up(parents, carrier) and carrier not in _up(parents, moved):
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
+                f"by it, so that no gear can lead from one to the other; bodies it can be on: {BASE}, "
+                f"{', '.join(b for b in parents if moved in _up(parents, b) or b in _up(parents, moved))}"
+            )
 
     def check_location(self, location: str) -> None:
         """Refuse a place that the robot does not have; StudyError lists those it has."""
@@ -190,6 +233,14 @@ class Robot:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")
         changed: Robot = replaced(self, {places[name][1]: value for name, value in values.items()})
         return changed
+
+
+def _up(parents: Mapping[str, str], body: str) -> list[str]:
+    """The body and those that carry it."""
+    chain = [body]
+    while parents.get(chain[-1], BASE) != BASE:
+        chain.append(parents[chain[-1]])
+    return chain
 
 
 def _refuse_twice(what: str, names: Iterable[str]) -> None:

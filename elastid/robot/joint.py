@@ -80,7 +80,7 @@ class Joint:
     @property
     def is_flexible(self) -> bool:
         """Driven through an elastic gear: it has a motor coordinate of its own."""
-        return self.motor is not None and self.spring is not None
+        return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property
     def slides(self) -> bool:
@@ -147,4 +147,4 @@ def _other(dimension: str) -> str:
     return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
 
 
-_OF_ROTATION = ("N*m/rad", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
+_OF_ROTATION = ("N*m/rad", "N*m/rad^2", "N*m/rad^3", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")

@@ -1,11 +1,13 @@
-"""The motor of a joint and its gear."""
+"""The motor of a joint, its gear, and the body it rides on."""
 
 from __future__ import annotations
 
 import math
 
 from elastid.robot.friction import Friction
-from elastid.robot.numbers import Numbers
+from elastid.robot.geometry import Axis, unit_axis
+from elastid.robot.numbers import Numbers, below
+from elastid.robot.spring import Spring
 from elastid.section import section
 from elastid.units import Damping, Inertia, Torque
 
@@ -16,12 +18,20 @@ class Motor:
 
     Link side: ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.  coulomb: dry friction that is Coulomb's alone;
     `friction` in its place says more.
+    spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own.
+    on, axis: the body that carries the motor, and the direction in that body's axes about which the rotor turns where
+    the motor does. The rotor then takes part in the carrier's rotation, T = inertia (axis . omega + ratio q_m')^2 / 2,
+    and the carrier's mass and inertia hold the rest of it: all of its mass, and its inertia but for that about its own
+    axis. Without a carrier the rotor turns about its own axis only, and the carrier holds all of it.
     """
 
     inertia: Inertia
     ratio: float = 1.0
     viscous: Damping = 0.0
     coulomb: Torque = 0.0
+    spring: Spring | None = None
+    on: str = ""
+    axis: Axis | None = None
     friction: Friction | None = None
 
     def __post_init__(self) -> None:
@@ -30,9 +40,18 @@ class Motor:
             raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
         if not self.inertia > 0:
             raise ValueError(f"the motor's inertia is {self.inertia:g} kg*m^2; it must be positive")
+        if self.spring is not None and not self.spring.is_linear:
+            raise ValueError("the spring of a motor's shaft has one stiffness; give backlash and the like to the joint")
         for name, friction in (("viscous", self.viscous), ("coulomb", self.coulomb)):
             if friction < 0:
                 raise ValueError(f"{name} friction is {friction:g}; it must not be negative")
+        if bool(self.on) != (self.axis is not None):
+            raise ValueError(
+                "the motor rides on a body: give both `on`, the body, and `axis`, the rotor's direction in the axes of "
+                f"that body (got on: {self.on or 'nothing'}, axis: {'nothing' if self.axis is None else self.axis})"
+            )
+        if self.axis is not None:
+            unit_axis(self.axis)
         if self.friction is not None:
             if self.coulomb > 0:
                 raise ValueError(
@@ -41,5 +60,9 @@ class Motor:
             self.friction.check_passive(self.viscous)
 
     def numbers(self, joint: str) -> Numbers:
-        """Jm_ and fm_ of a joint, on the motor side."""
-        return {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
+        """Jm_ and fm_ of a joint, km_ and dm_ of the motor's shaft, on the motor side."""
+        own: Numbers = {f"Jm_{joint}": ("kg*m^2", ("inertia",)), f"fm_{joint}": ("N*m*s/rad", ("viscous",))}
+        if self.spring is None:
+            return own
+        shaft = {f"{name[0]}m{name[1:]}": place for name, place in self.spring.numbers(joint).items()}
+        return own | below("spring", shaft)

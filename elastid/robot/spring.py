@@ -17,7 +17,7 @@ import math
 
 from elastid.robot.numbers import Numbers
 from elastid.section import section
-from elastid.units import Angle, CubicStiffness, Damping, QuadraticStiffness, Ratio, Stiffness
+from elastid.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
 
 # Field, parameter and unit of what a spring may have beyond stiffness and damping.
 _FURTHER = (
@@ -43,7 +43,7 @@ class Spring:
     quadratic: QuadraticStiffness | None = None
     symmetric_quadratic: QuadraticStiffness | None = None
     cubic: CubicStiffness | None = None
-    backlash: Angle | None = None
+    backlash: JointPosition | None = None
     inner_stiffness: Stiffness = 0.0
     rounding: Ratio = 0.1
 

@@ -101,17 +101,18 @@ def closed_loop(
     names |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
     given = {name: ca.SX.sym(name, size) for name, size in names.items()}
     q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
-    reading = drives.reading(ca.DM(model.B).T @ q, given["noise"])
+    E, E_inverse = _shafts(model)
+    reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ q, given["noise"])
     last, position, velocity = given["last"], given["position"], given["velocity"]
     error = feedback(reading, last, position, velocity, given["kp"], given["kd"], rate_hz)
     command = given["torque"] + error + given["ki"] * given["integral"]
-    u = drives.clipped(command)
+    asked = E_inverse.T @ command
+    taken = drives.clipped(asked)
+    u = command + E.T @ (taken - asked)
     # A drive at its limit would wind the integral up.
-    integral = given["integral"] + ca.if_else(u == command, error / rate_hz, 0)
+    integral = given["integral"] + ca.if_else(taken == asked, error / rate_hz, 0)
     free = free_acceleration(model, loops.alpha, loops.beta)
-    q, v, z, w = _moved(
-        free, ca.DM(model.B), contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps
-    )
+    q, v, z, w = _moved(model, free, contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps)
     if model.n_c and loops.project:
         q, v = projection(model)(q, v)
     results = [q, v, z, w, integral, reading, u]
@@ -121,8 +122,8 @@ def closed_loop(
 
 
 def _moved(
+    model: ElasticModel,
     free: ca.Function,
-    B: ca.DM,
     contacts: Contacts,
     drives: Drives,
     state: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
@@ -132,10 +133,11 @@ def _moved(
     steps: int,
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """(q, v, z, w) after the steps of a sample in which the command u is held."""
-    curves = given["curves"]
+    B, curves = ca.DM(model.B), given["curves"]
+    E, E_inverse = _shafts(model)
 
     def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
-        driving = drives.on_motors(torque, B.T @ q) + given["disturbance"]
+        driving = E.T @ drives.on_motors(E_inverse.T @ torque, E @ B.T @ q) + given["disturbance"]
         return free(q, v, B @ driving - contacts.torque(v, z, curves))
 
     def advanced(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
@@ -147,6 +149,12 @@ def _moved(
         q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [torque for torque, _ in torques], step)
         w = torques[-1][1]
     return q, v, z, w
+
+
+def _shafts(model: ElasticModel) -> tuple[ca.DM, ca.DM]:
+    """E and its inverse: from the link side to the shafts, where encoders count and drives clip (robot.mixing)."""
+    E = model.robot.mixing
+    return ca.sparsify(ca.DM(E)), ca.sparsify(ca.DM(np.linalg.inv(E)))
 
 
 def simulate(

@@ -67,7 +67,8 @@ class Contacts:
 
 
 def contacts(model: ElasticModel, laws: Sequence[PlacedLaw]) -> Contacts:
-    """The laws at the coordinates of a model."""
-    P = np.zeros((model.n_q, len(laws)))
-    P[[model.index(one.place) for one in laws], range(len(laws))] = 1.0
-    return Contacts(tuple(laws), P)
+    """The laws at the coordinates of a model; a motor slides with its shaft, which gears may couple (robot.mixing)."""
+    coordinates = np.eye(model.n_q)
+    slides = dict(zip(model.inputs, model.robot.mixing @ model.B.T, strict=True))
+    P = [slides[one.place] if one.place in slides else coordinates[model.index(one.place)] for one in laws]
+    return Contacts(tuple(laws), np.array(P).reshape(len(laws), model.n_q).T)

@@ -30,7 +30,7 @@ def free_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0
     alpha, beta: of Baumgarte's terms, where the model has constraints (`constrained`).
 
     M = L D L^T is factorised in symbols with its zeros: without pivots, which a positive definite M does not need, and
-    free for the motors, whose rows of M are diagonal.
+    free for motors without coupling, whose rows of M are diagonal.
     """
     if model.n_c:
         return constrained_acceleration(model, alpha, beta)
@@ -46,8 +46,8 @@ def acceleration(model: ElasticModel, coulomb: FloatArray, alpha: float = 0.0, b
     alpha, beta: as for `free_acceleration`.
     """
     q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
-    B = ca.DM(model.B)
-    torque = B @ (u - coulomb_expression(B.T @ v, coulomb))
+    B, shafts = ca.DM(model.B), ca.sparsify(ca.DM(model.robot.mixing @ model.B.T))
+    torque = B @ u - shafts.T @ coulomb_expression(shafts @ v, coulomb)
     return ca.Function("acceleration", [q, v, u], [free_acceleration(model, alpha, beta)(q, v, torque)], {"cse": True})
 
 

@@ -25,6 +25,7 @@ class LoadedStudy:
     study: Study
     path: Path
     text: str
+    overrides: tuple[str, ...] = ()
 
     @property
     def base(self) -> Path:
@@ -54,7 +55,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
     found = found or list(check_lines(study))
     if found:
         raise refusal(source, found)
-    return LoadedStudy(study, path, source.text)
+    return LoadedStudy(study, path, source.text, tuple(overrides))
 
 
 def _source(path: Path, overrides: Sequence[str]) -> tuple[Source, str]:

@@ -11,7 +11,7 @@ from elastid.model.spec import ModelSpec
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
 from elastid.section import section
-from elastid.validation.spec import ValidationSpec
+from elastid.validation.spec import CompareSpec, ValidationSpec
 
 # Names of configurations become names of files with a number, a stamp and an ending; systems end at 255 bytes.
 LONGEST_NAME = 100
@@ -36,6 +36,7 @@ class Study:
     model: ModelSpec = ModelSpec()
     fit: FitSpec = FitSpec()
     validation: ValidationSpec = ValidationSpec()
+    compare: CompareSpec = CompareSpec()
     report: ReportSpec = ReportSpec()
 
     def __post_init__(self) -> None:

@@ -1,4 +1,4 @@
-"""The `validation` section of a study."""
+"""The sections `validation` and `compare` of a study."""
 
 from __future__ import annotations
 
@@ -15,3 +15,39 @@ class ValidationSpec:
         """Refuse a configuration that is named twice."""
         if len(set(self.left_out)) < len(self.left_out):
             raise ValueError(f"left_out names a configuration twice ({', '.join(self.left_out)})")
+
+
+@section
+class VariantSpec:
+    """Another model for `elastid compare`, as far as it differs from the study's own.
+
+    rigid: joints whose springs are left out.  motor_coupling: false has every rotor turn about its own axis only.
+    set: keys of the study and their values as on the command line, such as model.formulation=serial or
+    robot.gears.0.springs=before.
+    """
+
+    name: str
+    rigid: tuple[str, ...] = ()
+    motor_coupling: bool = True
+    set: tuple[str, ...] = ()
+
+
+@section
+class CompareSpec:
+    """Which models `elastid compare` holds against each other.
+
+    folds: parts into which the configurations are divided, each left out once; 0 leaves each configuration out alone.
+    variants: default the robot without motor coupling, with the springs on the other side of coupled gears, and without
+    each elastic joint that is not driven.
+    """
+
+    folds: int = 0
+    variants: tuple[VariantSpec, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse one part, which leaves nothing to fit, and names given twice."""
+        if self.folds < 0 or self.folds == 1:
+            raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 to leave out one at a time")
+        names = [variant.name for variant in self.variants]
+        if len(set(names)) < len(names):
+            raise ValueError(f"variants names one twice ({', '.join(names)})")

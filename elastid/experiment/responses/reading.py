@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.errors import DataError
+from elastid.experiment.coupled_gears import to_joints
 from elastid.experiment.log_files import name_in_file, opened_log
 from elastid.experiment.responses.arrays_of_files import dataset_table, struct_table, structs_in
 from elastid.experiment.responses.table import ResponseTable
@@ -89,7 +90,10 @@ def link_side_response(
         raise DataError(f"{table.path}: {freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them")
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
     gain_of_elements = gain[:, :, None] / f_u
-    G = gain_of_elements * G
+    T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
+    G = T_y @ (gain_of_elements * G) @ T_u
+    if variance is not None:
+        variance = T_y**2 @ (variance[good] * np.abs(gain_of_elements) ** 2) @ T_u**2
     return FrequencyResponse(
         freq_hz,
         G,
@@ -97,7 +101,7 @@ def link_side_response(
         tuple(c.at for c in outputs),
         quantity,
         configuration,
-        noise=_noise(None if variance is None else variance[good] * np.abs(gain_of_elements) ** 2, np.abs(G), spec),
+        noise=_noise(variance, np.abs(G), spec),
         notes=notes,
         sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
     )

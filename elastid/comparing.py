@@ -1,0 +1,152 @@
+"""compare: several models of one robot on the frequency responses of one run, ranked; file -> value -> file.
+
+Finished fits are kept in compare.partial until all are there, so that an interrupted comparison goes on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+from elastid import stages
+from elastid.errors import StudyError
+from elastid.fit.choose import choose
+from elastid.fit.spec import FitSpec
+from elastid.parallel import unordered
+from elastid.report.numbers import number
+from elastid.response import FrequencyResponse
+from elastid.robot.variants import further_elastic, stiffened, without_motor_coupling
+from elastid.run import Run
+from elastid.store import read_responses
+from elastid.store.comparison import read_refit, write_comparison, write_refit
+from elastid.study import LoadedStudy, Study, load
+from elastid.validation.comparison import Comparison, Refit, Task, Variant, folds, for_robot, ranked, refit
+from elastid.validation.spec import VariantSpec
+
+RESULT = "compare.json"
+PARTIAL = "compare.partial"
+
+
+def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
+    """compare.json, and the report anew where there is one.
+
+    others: further studies, whose robots, formulations and parameters are fitted to the responses of `run`, under its
+    weights, masks and criterion.  StudyError where there are no current responses, or but one model.
+    """
+    run.require("fit")  # reads what a comparison reads
+    with run.logged():
+        models = list(variants(run.loaded, others))
+        if len(models) < 2:
+            raise StudyError(
+                f"{run.loaded.path}: there is one model only, the study's own, with nothing that could be left out of "
+                "it; give compare.variants, or a second study"
+            )
+        responses = read_responses(run.path("estimate"))
+        comparison = _compared(run, models, responses)
+        write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
+        shutil.rmtree(run.folder / PARTIAL, ignore_errors=True)
+        run.console.table(comparison_table(comparison))
+        run.console.say(f"compare: {comparison.verdict}")
+        run.console.say(str(run.folder / RESULT))
+        if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
+            stages.report(run)
+
+
+def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[Variant]:
+    """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
+    study = loaded.study
+    yield Variant(study.name, study.robot, study.fit, study.model)
+    for spec in study.compare.variants or _default(study, bool(others)):
+        try:
+            yield _variant(loaded, spec)
+        except StudyError as error:
+            raise StudyError(f"compare.variants: {spec.name}: {error}") from None
+    for other in others:
+        name = other.study.name if other.study.name != study.name else str(other.path)
+        yield Variant(name, other.study.robot, _weighed_as(study, other.study), other.study.model)
+
+
+def comparison_table(comparison: Comparison) -> list[list[str]]:
+    """Headings, then a line for each model, the best first."""
+    left_out = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
+    rows = [["model", "note", "parameters", "QAIC above best", "V / dof"]]
+    rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if left_out else []
+    best = comparison.rows[0]
+    for row in comparison.rows:
+        ratio = row.cost / row.dof if row.dof else math.nan
+        line = [row.name, row.note, str(row.n_free), number(row.criterion, 4), number(ratio, 3)]
+        if left_out:
+            line += [number(v, 3) for v in (math.sqrt(row.mean_misfit), row.rms_log_db, row.phase_rms_deg)]
+            line.append("–" if row is best else "{} ± {}".format(*(number(v, 2) for v in row.behind(best))))
+        rows.append(line)
+    return rows
+
+
+def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
+    """What can be left out, and springs on the other side of coupled gears; nothing of its own beside other studies."""
+    if has_others:
+        return ()
+    robot = study.robot
+    riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
+    coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
+    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
+    sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
+    moved = [
+        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in range(n)))
+        for side, n in (("before", len(robot.gears)), ("after", len(robot.gears)))
+        if sides and sides != {side}
+    ]
+    return (*coupling, *moved, *rigid)
+
+
+def _variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
+    own = loaded.study
+    study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
+    robot = study.robot if spec.motor_coupling else without_motor_coupling(study.robot)
+    robot = stiffened(robot, spec.rigid)
+    fit = for_robot(_weighed_as(own, study), robot, study.robot)
+    choose(fit, robot)
+    return Variant(spec.name, robot, fit, study.model)
+
+
+def _weighed_as(own: Study, other: Study) -> FitSpec:
+    """What another study fits, counted as the own one counts: else their costs could not be compared."""
+    counted = own.fit
+    return replace(
+        other.fit, criterion=counted.criterion, weights=counted.weights, mask=counted.mask, band_hz=counted.band_hz
+    )
+
+
+def _compared(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyResponse]) -> Comparison:
+    """All fits, those that are not there yet by several processes."""
+    names = [response.configuration.name for response in responses]
+    parts = ((), *folds(names, run.study.compare.folds))
+    tasks = [Task(variant, part, run.study.seed) for variant in models for part in parts]
+    folder = run.folder / PARTIAL
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{_key(task, run)}.json" for task in tasks]
+    done: dict[Path, Refit | None] = {path: read_refit(path) for path in paths}
+    missing = [i for i, path in enumerate(paths) if done[path] is None]
+    if len(missing) < len(tasks):
+        run.console.say(f"compare: going on, {len(tasks) - len(missing)} of {len(tasks)} fits are there")
+    with run.console.progress("compare") as progress:
+        todo = [tasks[i] for i in missing]
+        for index, result in unordered(partial(refit, responses), todo, run.jobs, progress):
+            done[paths[missing[index]]] = result
+            write_refit(paths[missing[index]], result)
+    results = [each for path in paths if (each := done[path]) is not None]
+    n = len(parts)
+    return ranked(names, models, [results[i * n : (i + 1) * n] for i in range(len(models))])
+
+
+def _key(task: Task, run: Run) -> str:
+    """What the result of a fit hangs on."""
+    stamp = run.stamps["estimate"]
+    document = [asdict(task), stamp.inputs, stamp.code]
+    return hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]

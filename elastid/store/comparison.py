@@ -1,0 +1,88 @@
+"""compare.json: how the models of `elastid compare` did, and each of its fits as soon as it is finished."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.store.files import Stamp, text_file
+from elastid.validation.comparison import Comparison, LeftOut, Refit, Row
+
+SCHEMA = 1
+
+
+def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
+    """stamp: of the frequency responses that the models were fitted to."""
+    content = {
+        "schema": SCHEMA,
+        "responses": stamp.inputs,
+        "code": stamp.code,
+        "verdict": comparison.verdict,
+        "configurations": list(comparison.configurations),
+        "models": [asdict(row) | {"misfit": row.misfit.tolist()} for row in comparison.rows],
+    }
+    with text_file(path) as file:
+        json.dump(_plain(content), file, indent=1, allow_nan=False)
+        file.write("\n")
+
+
+def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
+    """The comparison in a run folder; None where there is none of these frequency responses."""
+    content = _read(path)
+    if content is None or content.get("schema") != SCHEMA or content.get("responses") != stamp.inputs:
+        return None
+    rows = [_numbers(row, ("cost", "criterion", "rms_log_db", "phase_rms_deg")) for row in content["models"]]
+    return Comparison(
+        tuple(content["configurations"]),
+        tuple(Row(**row | {"misfit": np.array([_number(m) for m in row["misfit"]])}) for row in rows),
+        content["verdict"],
+    )
+
+
+def write_refit(path: Path, refit: Refit) -> None:
+    """One finished fit."""
+    with text_file(path) as file:
+        json.dump(_plain(asdict(refit)), file, allow_nan=False)
+
+
+def read_refit(path: Path) -> Refit | None:
+    """A fit that was finished before; None where it was not."""
+    content = _read(path)
+    if content is None:
+        return None
+    scores = {name: _numbers(score, tuple(score)) for name, score in content["left_out"].items()}
+    return Refit(
+        **_numbers(content, ("cost",)) | {"left_out": {name: LeftOut(**score) for name, score in scores.items()}}
+    )
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content if isinstance(content, dict) else None
+
+
+def _plain(value: Any) -> Any:
+    """JSON knows neither infinity nor NaN: 'inf' and null."""
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else "inf"
+    return value
+
+
+def _numbers(row: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
+    return row | {key: _number(row[key]) for key in keys}
+
+
+def _number(value: Any) -> float:
+    return math.nan if value is None else float(value)
