@@ -16,7 +16,8 @@ springs, motors; from a table of Denavit and Hartenberg, or a URDF).
 Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; the simulated and the
 recorded rig; responses of other programs), `frf` (records to responses and their covariance).
 
-Model wing: `model` (equations of motion in CasADi), `friction`, `simulation` (closed loop in time), `linear`
+Model wing: `model` (equations of motion in CasADi: `formulation` chooses `serial` or, for robots with loops, one of
+`parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear`
 (equilibrium, linearisation, frequency response and its derivatives, modes).
 
 Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from elastid.frf.estimators import estimate
     from elastid.linear.linearise import linearise
     from elastid.linear.transfer import frequency_response
+    from elastid.model.formulation import formulate
     from elastid.model.serial import serial
     from elastid.record import Configuration, Record
     from elastid.response import FrequencyResponse
@@ -61,6 +63,7 @@ _HOME = {
     "Robot": "elastid.robot",
     "SimulatedRig": "elastid.experiment.simulated",
     "estimate": "elastid.frf.estimators",
+    "formulate": "elastid.model.formulation",
     "frequency_response": "elastid.linear.transfer",
     "identify": "elastid.fit.identify",
     "linearise": "elastid.linear.linearise",
@@ -82,6 +85,7 @@ __all__ = [  # noqa: RUF022  (in the order of the work)
     "Record",
     "estimate",
     "FrequencyResponse",
+    "formulate",
     "serial",
     "linearise",
     "frequency_response",

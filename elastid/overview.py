@@ -26,10 +26,13 @@ def _robot(study: Study) -> Iterator[str]:
         f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
         f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
     )
-    carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
     yield from _nonlinear(study)
     coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
-    yield f"  {coordinates}, {study.model.formulation} model{carried}"
+    loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
+    variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
+    carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
+    yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
     riding = [
         f"{joint.name} on {joint.motor.on}" for joint in robot.driven if joint.motor is not None and joint.motor.on
     ]

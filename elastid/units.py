@@ -37,6 +37,8 @@ TABLE: dict[str, tuple[str, float]] = {
     "N*m": ("N*m", 1.0),
     "mN*m": ("N*m", 1e-3),
     "kN*m": ("N*m", 1e3),
+    "1/s": ("1/s", 1.0),
+    "1/s^2": ("1/s^2", 1.0),
     "A": ("A", 1.0),
     "mA": ("A", 1e-3),
     "N*m/A": ("N*m/A", 1.0),
@@ -201,6 +203,7 @@ class InUnit:
 
 
 Acceleration: TypeAlias = Annotated[float, InUnit("m/s^2")]
+AxialDamping: TypeAlias = Annotated[float, InUnit("N*s/m")]
 Angle: TypeAlias = Annotated[float, InUnit("rad")]
 AngularAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2")]
 AngularVelocity: TypeAlias = Annotated[float, InUnit("rad/s")]

@@ -130,7 +130,7 @@ def test_every_shipped_study_is_free_of_errors(study: Path) -> None:
 @pytest.mark.parametrize("robot", sorted((CONFIGS / "robots").glob("*.yml")), ids=lambda path: path.stem)
 def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> None:
     """A robot file can be named in a study, and stands still at angle zero."""
-    from elastid import linearise, serial
+    from elastid import formulate, linearise
     from elastid.record import Configuration
 
     study = tmp_path / "study.yml"
@@ -143,7 +143,7 @@ def test_every_shipped_robot_has_a_linear_model(robot: Path, tmp_path: Path) -> 
     loaded = load(study).study.robot
     assert len(loaded.driven) == n_a
     model = linearise(
-        serial(loaded),
+        formulate(loaded),
         Configuration("zero", np.zeros(n_a)),
         np.array([value for value, _ in loaded.parameters().values()]),
         loaded.motor_locations,

@@ -214,7 +214,7 @@ def test_feed_forward_is_the_rigid_robots_inverse_dynamics() -> None:
     """Accelerating both motors from rest needs T^T M T q_a'' beyond the holding torque, springs out of it."""
     model = serial(arm(damping=20.0))
     point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
-    T, z, a = rigid_motion(model), np.zeros((1, 2)), np.array([[2.0, -1.0]])
+    T, z, a = rigid_motion(model, point.q), np.zeros((1, 2)), np.array([[2.0, -1.0]])
     inertia = T.T @ model.mass(point.q, model.theta).full() @ T
     np.testing.assert_allclose(feed_forward(model, point.q, z, z, a)[0], point.u + inertia @ a[0], rtol=1e-9)
     turned = equilibrium(model, model.theta, Configuration("d", np.array([0.5, -0.7])))

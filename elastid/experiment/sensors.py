@@ -19,7 +19,7 @@ from elastid.experiment.spec import NoiseSpec
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion
-from elastid.simulation.controller import rigid_motion
+from elastid.simulation.controller import rigid_path
 
 _SECOND_DERIVATIVE = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 _REACH = len(_SECOND_DERIVATIVE) // 2
@@ -64,11 +64,12 @@ def planned(
     moved: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float, period_samples: int
 ) -> FloatArray:
     """What a slow movement that was planned, moved (n, n_u) from the configuration, adds to the log (n, n_y)."""
-    rigid = rigid_motion(model)
-    y = moved @ (model.output_jacobian(q0, outputs) @ rigid).T
+    start = model.B.T @ q0
+    path = rigid_path(model, q0, start, start + moved)
+    y = (path - q0) @ model.output_jacobian(q0, outputs).T
     for column, place in enumerate(outputs):
         if _is_point(place):
-            y[:, column] = point_acceleration(q0 + moved @ rigid.T, model, q0, place, rate_hz, period_samples)
+            y[:, column] = point_acceleration(path, model, q0, place, rate_hz, period_samples)
     return y
 
 

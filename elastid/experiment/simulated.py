@@ -29,11 +29,15 @@ from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
+from elastid.simulation.constrained import violation
 from elastid.simulation.contacts import contacts
-from elastid.simulation.controller import Gains, rigid_motion, tuned
+from elastid.simulation.controller import Gains, rigid_path, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
+from elastid.simulation.spec import StabilisationSpec
 from elastid.units import Quantity, of_translation, to_si
 
+# m between the ends of a loop that a simulation may leave without a word.
+OPEN = 1e-6
 # Part of the measured samples in which a motor may be at its torque limit.
 MOSTLY_CLIPPED = 0.5
 
@@ -124,6 +128,7 @@ class SimulatedRig:
             notes=(
                 *_clipped(trajectory.u[measured], plant, experiment),
                 *_exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
+                *_opened(plant.model, trajectory),
             ),
             hold="zero-order",
             sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
@@ -147,7 +152,7 @@ class SimulatedRig:
         """The true robot, its equilibrium, and what its controller is given."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
-        plant = _plant(true_robot(self.robot, spec.truth), spec.model, rate_hz, spec.substeps, *hardware)
+        plant = _plant(true_robot(self.robot, spec.truth), spec.model, spec.loops, rate_hz, spec.substeps, *hardware)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
         _check_steps(plant, point.q, experiment, spec.substeps, rate_hz)
         return plant, point, reference(self.plan, spec.carrier, plant.model, point.q, experiment.configuration)
@@ -172,7 +177,7 @@ class SimulatedRig:
         commands = Commands(
             given.position[:n], given.velocity[:n], torque[:n], noise.disturbance[:n], noise.reading[:n]
         )
-        start = q0 + rigid_motion(plant.model) @ (given.position[0] - experiment.configuration.angles)
+        (start,) = rigid_path(plant.model, q0, experiment.configuration.angles, given.position[:1])
         return _run(plant.loop, gains, commands, start, curves[:n] if curves.ndim > 1 else curves, experiment)
 
 
@@ -200,6 +205,7 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 def _plant(
     robot: Robot,
     equations: ModelSpec,
+    loops: StabilisationSpec,
     rate_hz: float,
     substeps: int,
     encoder_counts: int,
@@ -212,7 +218,7 @@ def _plant(
     limits = np.array([joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    return _Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware))
+    return _Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops))
 
 
 def _indices(plan: Plan, experiment: Experiment) -> tuple[int, int, int]:
@@ -263,6 +269,17 @@ def _clipped(u: FloatArray, plant: _Plant, experiment: Experiment) -> tuple[str,
                 f"experiment {experiment.experiment}: the response is no longer linear; lower excitation.torque_rms"
             )
     return tuple(words)
+
+
+def _opened(model: ElasticModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """A word where the loops did not stay closed."""
+    left = violation(model, trajectory.q)
+    if left <= OPEN:
+        return ()
+    return (
+        f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; set "
+        "experiment.simulated.loops.project: true, or take more substeps",
+    )
 
 
 def _exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from elastid.arrays import FloatArray
 from elastid.model.spec import ModelSpec
 from elastid.record import MOTION_UNIT
 from elastid.section import section
+from elastid.simulation.spec import StabilisationSpec
 from elastid.units import (
     Acceleration,
     Angle,
@@ -244,6 +245,7 @@ class SimulatedSpec:
     truth: parameter name to value.  outputs: places that are logged (default: every motor): `motor 1`, `joint 1`,
     `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.
     substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
+    loops: how those of a linkage are kept closed.
     saturation: motor torques are clipped at the joints' limits.torque; without it going beyond is reported.
     encoder_ripple, torque_ripple: errors that repeat with the motors' turns.  warming: how friction drifts.
     """
@@ -259,6 +261,7 @@ class SimulatedSpec:
     torque_ripple: tuple[TorqueRippleSpec, ...] = ()
     warming: WarmingSpec | None = None
     model: ModelSpec = ModelSpec()
+    loops: StabilisationSpec = StabilisationSpec()
 
     def __post_init__(self) -> None:
         """Refuse a simulation without steps, and outputs that would count twice."""

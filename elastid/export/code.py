@@ -1,6 +1,6 @@
 r"""Export of the nonlinear equations: CasADi functions in one file each, and C code without dependencies.
 
-.. math:: M(q)\, \ddot q + f(q, \dot q) = B u
+.. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 
 with the identified numbers put in. Conventions of sign and side: `elastid.model.elastic`.
 """
@@ -18,16 +18,25 @@ from elastid.store import replacing, text_file
 def functions(model: Identified) -> tuple[ca.Function, ...]:
     """mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, at the fitted numbers.
 
-    damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q.
+    damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
+    loops are closed by constraints, also constraint(q) -> phi and constraint_jacobian(q) -> Phi, and stiffness(q,
+    lambda_) is the Hessian of V + lambda^T phi.
     """
     m, theta = model.model, model.theta[:-1]
     q, v = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q)
+    held = ca.SX.sym("lambda_", m.n_c)
+    stiffness_of = ([q, held], ["q", "lambda_"]) if m.n_c else ([q], ["q"])
+    closing = (
+        ca.Function("constraint", [q], [m.constraint(q, theta)], ["q"], ["phi"], {"cse": True}),
+        ca.Function("constraint_jacobian", [q], [m.constraint_jacobian(q, theta)], ["q"], ["Phi"], {"cse": True}),
+    )
     return (
         ca.Function("mass", [q], [m.mass(q, theta)], ["q"], ["M"], {"cse": True}),
         ca.Function("force", [q, v], [m.force(q, v, theta)], ["q", "v"], ["f"], {"cse": True}),
         ca.Function("damping", [q], [m.damping(q, theta)], ["q"], ["D"], {"cse": True}),
-        ca.Function("stiffness", [q], [m.stiffness(q, ca.SX(m.n_c, 1), theta)], ["q"], ["K"], {"cse": True}),
+        ca.Function("stiffness", stiffness_of[0], [m.stiffness(q, held, theta)], stiffness_of[1], ["K"], {"cse": True}),
         ca.Function("input_matrix", [], [ca.SX(ca.DM(m.B))], [], ["B"]),
+        *(closing if m.n_c else ()),
     )
 
 
@@ -63,8 +72,9 @@ def write_c(folder: Path, model: Identified) -> tuple[Path, ...]:
 def _coordinates(folder: Path, model: Identified) -> Path:
     """What the entries of q and u are, in words."""
     path = folder / "coordinates.txt"
+    equation = "M(q) q'' + f(q, q')" + (" + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u")
     with text_file(path) as file:
-        file.write(f"{model.name}: M(q) q'' + f(q, q') = B u, link side, SI\n")
+        file.write(f"{model.name}: {equation}, link side, SI\n")
         for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
             file.writelines(f"{letter}[{i}]  {name}\n" for i, name in enumerate(names))
     return path

@@ -30,8 +30,6 @@ _LEAST = 1e-12
 
 def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
-    _check_springs(model.robot)
-    _refuse_other_drives(model.robot)
     root = mjcf(model.robot)
     _keyframes(root, model)
     ET.indent(root)
@@ -68,7 +66,14 @@ def _refuse_other_drives(robot: Robot) -> None:
 
 
 def mjcf(robot: Robot) -> ET.Element:
-    """The robot without keyframes."""
+    """The robot without keyframes; StudyError where it has something that MJCF cannot say."""
+    if robot.loops:
+        raise StudyError(
+            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are no bodies "
+            "and have no place in this MJCF; export to casadi, c, control or matlab"
+        )
+    _check_springs(robot)
+    _refuse_other_drives(robot)
     root = ET.Element("mujoco", model=robot.name)
     # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")

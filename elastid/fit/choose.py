@@ -62,7 +62,7 @@ def _match(given: Mapping[str, ParameterSpec], table: Mapping[str, object]) -> d
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
-    """Every stiffness, and every damping of a spring and friction of a motor that is not zero."""
+    """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
     names = []
     for joint in robot.joints:
         if joint.spring is not None:
@@ -77,6 +77,9 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
             names.append(f"km_{joint.name}")
         if joint.motor.spring is not None and joint.motor.spring.damping > 0:
             names.append(f"dm_{joint.name}")
+    for loop in robot.loops:
+        if loop.rod is not None and loop.rod.is_elastic:
+            names += [f"k_{loop.name}"] + [f"d_{loop.name}"] * (loop.rod.damping > 0)
     return {name: ParameterSpec() for name in names}
 
 
@@ -86,6 +89,7 @@ def _linear_names(robot: Robot) -> set[str]:
     for body in robot.all_bodies:
         names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
         names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
+    names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
     names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
     names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
     return names

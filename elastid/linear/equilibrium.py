@@ -1,10 +1,9 @@
 r"""Rest under gravity: the operating point of a configuration.
 
-.. math:: \partial V / \partial q = B u, \qquad q_m = q_{m0}
+.. math:: \partial V / \partial q + \Phi^T \lambda = B u, \qquad \varphi(q) = 0, \qquad q_m = q_{m0}
 
-The motors stand where they were measured; links and further elastic joints give way until springs and gravity balance.
-They go downhill all the way: V has its minimum where they rest, whatever the springs' law, and a joint that gives way
-to the other flank of its backlash ends there instead of on the ridge between.
+The motors stand where they were measured; links and further elastic joints give way until springs, gravity and the
+forces in the loops balance. Redundant constraints leave lambda open by what does no work; the least one is taken.
 """
 
 from __future__ import annotations
@@ -16,11 +15,14 @@ import numpy as np
 from elastid.arrays import FloatArray, IntArray, frozen
 from elastid.errors import StudyError
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.assembly import assembled
+from elastid.model.parallel_linkage.partition import motions, null_space
 from elastid.record import Configuration
 
 MAX_STEPS = 60
 LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
 SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
+CLOSED = 1e-9  # m or rad: what rounding may leave of a constraint
 SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
 SMALL_STEP = 1e-9  # rad: below, rounding decides whether a step leads downhill
 HALVINGS = 30
@@ -49,26 +51,53 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
     free = free_coordinates(model)
-    lambda_ = np.zeros(model.n_c)
     q = rigid_posture(model, configuration)
     rigid = q.copy()
-    gravity = torque = model.potential_gradient(q, theta).full()[:, 0]
-    K = model.stiffness(q, lambda_, theta).full()
-    _check_finite(model, configuration, np.column_stack([torque, K]))
+    now = _balance(model, theta, q, free)
+    gravity = model.potential_gradient(q, theta).full()[:, 0]
+    _check_finite(model, configuration, np.column_stack([gravity, now.K]))
     for _ in range(MAX_STEPS):
+        # Back onto the loops, and downhill along them.
+        Z, K = null_space(now.Phi[:, free]), now.K[np.ix_(free, free)]
+        close = np.linalg.lstsq(now.Phi[:, free], -now.phi)[0]
+        pull = Z.T @ (now.torque[free] + K @ close)
         step = np.zeros(model.n_q)
-        step[free] = _downhill(K[np.ix_(free, free)], torque[free], 1e-9 * np.abs(gravity).max())
+        step[free] = close + Z @ _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         largest = np.abs(step).max(initial=0.0)
-        q, torque = _shortened(model, theta, q, torque, step * min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP)))
-        K = model.stiffness(q, lambda_, theta).full()
+        step *= min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP))
+        q, now = _shortened(model, theta, q, now, step, free)
         if largest <= SMALLEST_STEP:
             break
-    rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(K).max()
-    _check_rest(model, configuration, free, torque, rounding)
-    _check_stable(model, configuration, free, K)
+    rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(now.K).max()
+    _check_closed(model, configuration, now.phi)
+    _check_rest(model, configuration, free, now.torque, rounding)
+    _check_stable(model, configuration, free, now.K, now.Phi)
     _check_deflections(model, configuration, q - rigid)
-    _check_inertia(model, configuration, model.mass(q, theta).full())
-    return OperatingPoint(configuration, q, lambda_, model.B.T @ torque)
+    _check_inertia(model, configuration, model.mass(q, theta).full(), motions(model, now.Phi))
+    return OperatingPoint(configuration, q, now.lambda_, model.B.T @ now.torque)
+
+
+@dataclass(frozen=True)
+class _Balance:
+    """torque (n_q,) = dV/dq + Phi^T lambda, K its Jacobian, phi (n_c,), Phi (n_c, n_q), lambda_ (n_c,)."""
+
+    torque: FloatArray
+    K: FloatArray
+    phi: FloatArray
+    Phi: FloatArray
+    lambda_: FloatArray
+
+
+def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArray) -> _Balance:
+    """At q (n_q,), with the multipliers that leave least on the free coordinates; of many, the smallest."""
+    gravity = model.potential_gradient(q, theta).full()[:, 0]
+    if not model.n_c:
+        none = np.zeros(0)
+        return _Balance(gravity, model.stiffness(q, none, theta).full(), none, np.zeros((0, model.n_q)), none)
+    Phi = model.constraint_jacobian(q, theta).full()
+    lambda_ = np.linalg.lstsq(Phi[:, free].T, -gravity[free])[0]
+    K = model.stiffness(q, lambda_, theta).full()
+    return _Balance(gravity + Phi.T @ lambda_, K, model.constraint(q, theta).full()[:, 0], Phi, lambda_)
 
 
 def free_coordinates(model: ElasticModel) -> IntArray:
@@ -94,22 +123,22 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
 
 
 def _shortened(
-    model: ElasticModel, theta: FloatArray, q: FloatArray, torque: FloatArray, step: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """q and torque after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
-    slope = float(torque @ step)
+    model: ElasticModel, theta: FloatArray, q: FloatArray, now: _Balance, step: FloatArray, free: IntArray
+) -> tuple[FloatArray, _Balance]:
+    """q and balance after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
+    slope = float(now.torque @ step)
     for halving in range(HALVINGS):
         moved = q + 0.5**halving * step
-        torque = model.potential_gradient(moved, theta).full()[:, 0]
-        if float(torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < SMALL_STEP:
+        now = _balance(model, theta, moved, free)
+        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < SMALL_STEP:
             break
-    return moved, torque
+    return moved, now
 
 
 def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArray:
-    """q (n_q,) without deflection: driven joints at their motors' angles, elastic ones at 0.
+    """q (n_q,) without deflection: driven joints at their motors' angles, elastic ones at 0, loops closed.
 
-    StudyError where the configuration does not give one angle for each motor.
+    StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
     """
     if configuration.angles.shape != (model.n_u,):
         driven = ", ".join(joint.name for joint in model.robot.driven)
@@ -118,8 +147,12 @@ def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArr
             f"{model.robot.name} has {model.n_u} driven joints ({driven}); give one angle for each"
         )
     q = np.zeros(model.n_q)
-    for joint, motor, angle in zip(model.robot.driven, model.inputs, configuration.angles, strict=True):
-        q[[model.index(f"joint {joint.name}"), model.index(motor)]] = angle
+    try:
+        q[: len(model.robot.joints)] = assembled(model.robot, configuration.angles)
+    except StudyError as error:
+        raise StudyError(f"configuration {configuration.name}: {error}") from None
+    for motor, angle in zip(model.inputs, configuration.angles, strict=True):
+        q[model.index(motor)] = angle
     return q
 
 
@@ -145,10 +178,22 @@ def _check_rest(
         )
 
 
-def _check_stable(model: ElasticModel, configuration: Configuration, free: IntArray, K: FloatArray) -> None:
-    if not free.size:
+def _check_closed(model: ElasticModel, configuration: Configuration, phi: FloatArray) -> None:
+    if np.abs(phi).max(initial=0.0) > CLOSED:
+        raise StudyError(
+            f"configuration {configuration.name}: the loops of robot {model.robot.name} stay open by "
+            f"{np.abs(phi).max():.3g} m at rest under gravity; its springs are too soft for the weight they carry"
+        )
+
+
+def _check_stable(
+    model: ElasticModel, configuration: Configuration, free: IntArray, K: FloatArray, Phi: FloatArray
+) -> None:
+    Z = null_space(Phi[:, free])
+    if not Z.size:
         return
-    stiffness, modes = np.linalg.eigh(K[np.ix_(free, free)])
+    stiffness, modes = np.linalg.eigh(Z.T @ K[np.ix_(free, free)] @ Z)
+    modes = Z @ modes
     if stiffness[0] < -1e-9 * np.abs(K).max():
         worst = free[int(np.argmax(np.abs(modes[:, 0])))]
         raise StudyError(
@@ -169,10 +214,11 @@ def _check_deflections(model: ElasticModel, configuration: Configuration, moved:
             )
 
 
-def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray) -> None:
+def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatArray, Z: FloatArray) -> None:
+    M = Z.T @ M @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    share = np.linalg.norm(modes[:, eigenvalues <= SINGULAR], axis=1)
+    share = np.linalg.norm(Z @ modes[:, eigenvalues <= SINGULAR], axis=1)
     names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
     if not names:
         return

@@ -10,7 +10,11 @@ the velocities and leave nothing. The operating point moves with the parameters,
           \qquad \frac{dq_0}{d\theta} = -K_{ff}^{-1} \frac{\partial^2 V}{\partial q_f\, \partial \theta}
 
 with the free coordinates f, and M alike. Where all springs are linear the second term is left out: it is a thousandth
-of the first and would give each stiffness as many rank-one terms as there are coordinates.
+of the first and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers
+close loops; the minimal formulation, with rods cut, follows.
+
+Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z of each matrix
+and slope, Z^T B and C Z. Nothing beyond this line knows that there were any.
 """
 
 from __future__ import annotations
@@ -27,6 +31,7 @@ from elastid.linear.chain import elements
 from elastid.linear.equilibrium import equilibrium, free_coordinates
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.partition import motions
 from elastid.record import Configuration, Motion
 from elastid.robot.gears import gearboxes
 
@@ -80,21 +85,22 @@ class Linearisation:
             to_q, to_theta = (part.full() for part in self.shift(point.q, point.lambda_, theta))
             free = free_coordinates(model)
             slopes = slopes - to_q @ np.linalg.lstsq(K[np.ix_(free, free)], to_theta)[0]
+        Z = motions(model, model.constraint_jacobian(point.q, theta).full())
         return LinearModel(
             configuration=configuration,
             parameters=(*model.parameters, DELAY),
             theta_ref=np.append(theta, 0.0),
-            M=M,
-            D=D,
-            K=K,
-            slopes=_slopes(model, slopes),
-            B=model.B,
-            C=model.output_jacobian(point.q, outputs),
+            M=_projected(Z, M),
+            D=_projected(Z, D),
+            K=_projected(Z, K),
+            slopes=_slopes(model, slopes, Z),
+            B=Z.T @ model.B,
+            C=model.output_jacobian(point.q, outputs) @ Z,
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
             chain=elements(model.robot.chain),
-            T=model.gravity_jacobian(point.q, outputs),
+            T=model.gravity_jacobian(point.q, outputs) @ Z,
         )
 
 
@@ -132,11 +138,21 @@ def _places(n: int) -> IntArray:
     return places
 
 
-def _slopes(model: ElasticModel, jacobian: FloatArray) -> dict[str, Slope]:
+def _projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
+    """Z^T matrix Z, symmetric to the last bit."""
+    if len(Z) == Z.shape[1]:
+        return matrix  # no constraint: Z is the unit matrix
+    product = Z.T @ matrix @ Z
+    return (product + product.T) / 2
+
+
+def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[str, Slope]:
     """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
     slopes = {}
     for name, column in zip(model.parameters, jacobian.T, strict=True):
         if np.any(column):
-            M, D, K = (_symmetric(part, model.n_q) if np.any(part) else None for part in np.split(column, 3))
+            M, D, K = (
+                _projected(Z, _symmetric(part, model.n_q)) if np.any(part) else None for part in np.split(column, 3)
+            )
             slopes[name] = Slope(M, D, K)
     return slopes

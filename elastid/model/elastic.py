@@ -32,7 +32,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray, frozen
+from elastid.arrays import FloatArray, IntArray, frozen
 from elastid.robot import FRAME_AXES, Robot
 
 
@@ -40,7 +40,8 @@ from elastid.robot import FRAME_AXES, Robot
 class ElasticModel:
     """The equations as named CasADi functions of q (n_q,), v = q' (n_q,), theta (n_theta,), lambda_ (n_c,).
 
-    coordinates: `joint <name>` of every joint in the robot's order, then `motor <name>` of every flexible joint.
+    coordinates: `joint <name>` of every joint in the robot's order, `motor <name>` of every flexible joint, and
+    `rod <name>`, its elongation, of every elastic rod that is not cut.
     inputs: `motor <name>` of every motor.  parameters: all names of robot.parameters(); theta their nominal values.
 
         mass(q, theta) -> M (n_q, n_q)                      force(q, v, theta) -> f (n_q,)
@@ -49,6 +50,10 @@ class ElasticModel:
         angular_velocity(q) -> J (3 n_bodies, n_q): J v is the absolute angular velocity of each body in its own axes
         frame_velocity(q) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
         frame_gravity(q) -> g (3 n_f,): gravity in the axes of each named frame
+        constraint_jacobian(q, theta) -> Phi (n_c, n_q)     potential(q, theta) -> V
+
+    independent: None where the constraints are kept with their multipliers, else (minimal formulation) the coordinates
+    to be kept, () for a choice by rank.
 
     B (n_q, n_u) is constant. Call a function with numbers, or with SX to build on it: given numeric theta it folds the
     constants, and `cse` in the options of the new function shares what M and f have in common. Functions pickle.
@@ -69,6 +74,9 @@ class ElasticModel:
     angular_velocity: ca.Function
     frame_velocity: ca.Function
     frame_gravity: ca.Function
+    potential: ca.Function
+    constraint_jacobian: ca.Function
+    independent: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -89,6 +97,12 @@ class ElasticModel:
     def n_c(self) -> int:
         """Number of constraint rows; 0 for a tree."""
         return int(self.constraint.size1_out(0))
+
+    @property
+    def passive(self) -> IntArray:
+        """The coordinates of joints that neither a motor nor a spring holds."""
+        names = [f"joint {joint.name}" for joint in self.robot.joints if joint.is_passive]
+        return np.array([self.coordinates.index(name) for name in names], np.int64)
 
     def index(self, location: str) -> int:
         """The coordinate of `motor <name>` or `joint <name>`; a rigidly driven joint's motor turns with the joint."""

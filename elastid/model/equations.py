@@ -10,7 +10,8 @@ and side: `elastic`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -109,7 +110,35 @@ def open_chain(robot: Robot) -> Equations:
     )
 
 
-def elastic_model(robot: Robot, of: Equations) -> ElasticModel:
+def by_name(robot: Robot, of: Equations) -> dict[str, ca.SX]:
+    """The symbol of each of robot.parameters()."""
+    return dict(zip(robot.parameters(), ca.vertsplit(of.theta), strict=True))
+
+
+def with_coordinates(of: Equations, names: Sequence[str]) -> Equations:
+    """The same with further coordinates at the end, which nothing moves or holds yet."""
+    more = len(names)
+    if not more:
+        return of
+    return replace(
+        of,
+        coordinates=(*of.coordinates, *names),
+        q=ca.vertcat(of.q, ca.SX.sym("s", more)),
+        v=ca.vertcat(of.v, ca.SX.sym("s_rate", more)),
+        M=ca.diagcat(of.M, ca.SX(more, more)),
+        f=ca.vertcat(of.f, ca.SX(more, 1)),
+        D=ca.diagcat(of.D, ca.SX(more, more)),
+        J=ca.horzcat(of.J, ca.SX(of.J.size1(), more)),
+        B=np.vstack([of.B, np.zeros((more, of.B.shape[1]))]),
+    )
+
+
+def with_energies(of: Equations, V: ca.SX, D: ca.SX) -> Equations:
+    """The same with a further potential V(q) and dissipation v^T D(q) v / 2."""
+    return replace(of, V=of.V + V, D=of.D + D, f=of.f + ca.gradient(V, of.q) + D @ of.v)
+
+
+def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
     """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
     table = robot.parameters()
     q, v, theta = of.q, of.v, of.theta
@@ -128,6 +157,9 @@ def elastic_model(robot: Robot, of: Equations) -> ElasticModel:
         damping=_function("damping", {"q": q, "theta": theta}, {"D": of.D}),
         stiffness=_function("stiffness", {"q": q, "lambda_": lambda_, "theta": theta}, {"K": K}),
         potential_gradient=_function("potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(of.V, q)}),
+        potential=_function("potential", {"q": q, "theta": theta}, {"V": of.V}),
+        constraint_jacobian=_function("constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(of.phi, q)}),
+        independent=independent,
         angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J[:turning, :]}),
         frame_velocity=_function("frame_velocity", {"q": q}, {"J": of.J[turning:, :]}),
         frame_gravity=_function("frame_gravity", {"q": q}, {"g": of.gravity}),

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from elastid.errors import StudyError
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.constrained import constrained
+from elastid.model.parallel_linkage.minimal import minimal
 from elastid.model.serial import serial
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
@@ -12,5 +15,13 @@ EXACT = ModelSpec()
 
 
 def formulate(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
-    """The ElasticModel of a robot in the formulation of `spec`."""
-    return serial(robot)
+    """The ElasticModel of a robot in the formulation of `spec`; StudyError where the two do not fit."""
+    formulation = spec.formulation or ("constrained" if robot.loops else "serial")
+    if formulation == "serial" and robot.loops:
+        raise StudyError(
+            f"model.formulation: robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), which "
+            "the serial formulation would leave open; take constrained or minimal"
+        )
+    if formulation == "serial":
+        return serial(robot)
+    return constrained(robot) if formulation == "constrained" else minimal(robot, spec)

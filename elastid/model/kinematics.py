@@ -16,6 +16,7 @@ import numpy as np
 from elastid.arrays import BoolArray, FloatArray
 from elastid.errors import StudyError
 from elastid.model.multibody import Attachment, Tree, tree
+from elastid.model.parallel_linkage.assembly import followed, rates
 from elastid.robot import BASE, Robot
 
 
@@ -131,19 +132,18 @@ def skeleton(
 def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
     """J (Q, 6, n_u): velocity (m/s) of the last body's centre of mass and its angular velocity per driven joint's."""
     layout = tree(robot)
-    R, p = _frames(layout, link_angles(robot, angles))
+    q = link_angles(robot, angles)
+    R, p = _frames(layout, q)
     seat = layout.attachments[len(robot.bodies) - 1]
     J = np.zeros((len(angles), 6, len(robot.joints)))
     if seat.frame >= 0:
         _fill(J, layout, R, p, seat.frame, _placed(R, p, seat, np.array(robot.bodies[-1].center_of_mass)))
-    return J[:, :, [i for i, joint in enumerate(robot.joints) if joint.motor is not None]]
+    return J @ rates(robot, q)
 
 
 def link_angles(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Angles (Q, n_l) of all joints from those of the driven ones (Q, n_u)."""
-    q = np.zeros((len(angles), len(robot.joints)))
-    q[:, [i for i, joint in enumerate(robot.joints) if joint.motor is not None]] = angles
-    return q
+    """Angles (Q, n_l) of all joints from those of the driven ones (Q, n_u), loops closed as far as they go."""
+    return followed(robot, angles)
 
 
 def _frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:

@@ -1,4 +1,4 @@
-"""Robot: a tree of rigid bodies with joints, springs, gears and motors. Numbers only, no equations.
+"""Robot: a tree of rigid bodies with joints, springs, gears, motors, loops. Numbers only, no equations.
 
 From the parent body a body is reached by its placement and then its joints, in the order listed: rotations about, or
 translations along, axes of the frame reached so far. A joint is
@@ -6,7 +6,9 @@ translations along, axes of the frame reached so far. A joint is
 - driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
 - driven rigidly:                  motor, no spring   (one coordinate)
 - elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
-- free:                            neither
+- passive:                         neither (it hangs, or a loop moves it)
+
+Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod.
 
 Stiffness and damping of a joint are on the link side; a motor's inertia, friction and shaft are on the motor side, as
 data sheets give them, and its ratio (motor turns per joint turn, negative where it turns the other way) leads to the
@@ -20,7 +22,7 @@ polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, ro
 1), kc_cyl and L0_cyl (coil of compensator cyl), F0_cyl, L0_cyl, h0_cyl and kappa_cyl (its gas: force and height of the
 gas column at the length L0, exponent), Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), km_1 and
 dm_1 (its shaft), m_arm, c_arm_x, I_arm_xx or, where a body has the same inertia about every axis, I_arm; m_payload,
-c_payload_x, I_payload of what it carries.
+c_payload_x, I_payload of what it carries; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, Maxwel
 from elastid.robot.gears import GearCoupling
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.joint import Joint, Limits
+from elastid.robot.loop import Loop, Pin, Rod
 from elastid.robot.motor import Motor
 from elastid.robot.payload import Payload
 from elastid.robot.spring import Spring
@@ -58,12 +61,15 @@ __all__ = [
     "Joint",
     "Limits",
     "LoadDependence",
+    "Loop",
     "LuGre",
     "MaxwellSlip",
     "Motor",
     "Payload",
+    "Pin",
     "Placement",
     "Robot",
+    "Rod",
     "Spring",
     "TemperatureDependence",
     "Vector3",

@@ -1,4 +1,4 @@
-"""The whole robot: its bodies as a tree."""
+"""The whole robot: its bodies as a tree, and what closes the tree into loops."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
+from elastid.names import did_you_mean
 from elastid.robot.body import BASE, Body
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
@@ -16,6 +17,7 @@ from elastid.robot.frame import Frame
 from elastid.robot.gears import GearCoupling, check_gears, mixing
 from elastid.robot.geometry import Acceleration3, Placement
 from elastid.robot.joint import Joint
+from elastid.robot.loop import Loop
 from elastid.robot.numbers import Numbers, at, below, replaced
 from elastid.robot.payload import Payload
 from elastid.section import section
@@ -26,7 +28,8 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame, gears that couple axes.
+    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies,
+    gears that couple axes, and the chain of measurement around all of it.
 
     frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.  chain: of measurement.
     Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
@@ -39,6 +42,7 @@ class Robot:
     source: str = ""
     frames: tuple[Frame, ...] = ()
     payload: Payload | None = None
+    loops: tuple[Loop, ...] = ()
     compensators: tuple[Compensator, ...] = ()
     gears: tuple[GearCoupling, ...] = ()
     chain: Chain = Chain()
@@ -63,6 +67,7 @@ class Robot:
                 )
         if self.payload is not None:
             _refuse_twice("body", [body.name for body in self.all_bodies])
+        self._check_loops()
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
         self._check_compensators()
@@ -83,6 +88,22 @@ class Robot:
                         f"compensator {compensator.name} ends on {end.body}, which is no body; there are "
                         f"{', '.join(bodies)}"
                     )
+
+    def _check_loops(self) -> None:
+        """Loops join bodies that exist and share no name with what has numbers of its own."""
+        bodies = [body.name for body in self.bodies]
+        joints = [joint.name for joint in self.joints]
+        for i, loop in enumerate(self.loops):
+            for end in loop.ends:
+                if end.body not in (BASE, *bodies):
+                    raise ValueError(
+                        f"loop {loop.name}: there is no body {end.body}; {did_you_mean(end.body, [BASE, *bodies])}"
+                    )
+            taken = bodies + joints + [other.name for other in self.loops[:i]]
+            if loop.name in taken:
+                raise ValueError(
+                    f"loop {loop.name}: a body, joint or loop is called so already; its numbers need a name of its own"
+                )
 
     @cached_property
     def all_bodies(self) -> tuple[Body, ...]:
@@ -186,18 +207,19 @@ class Robot:
 
     @property
     def numbers(self) -> Numbers:
-        """Every number that has a name: its unit and its place, joint by joint, then body by body."""
+        """Every number that has a name: its unit and its place, joint by joint, then body by body, loop by loop."""
         places: Numbers = {}
         for b, body in enumerate(self.bodies):
             for j, joint in enumerate(body.joints):
                 places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
         for b, body in enumerate(self.bodies):
             places |= below("bodies", below(b, body.numbers))
-        if self.payload is not None:
-            places |= below("payload", self.payload.numbers)
+        for i, loop in enumerate(self.loops):
+            places |= below("loops", below(i, loop.numbers))
         for c, compensator in enumerate(self.compensators):
             places |= below("compensators", below(c, compensator.numbers))
-        return places | below("chain", self.chain.numbers)
+        payload = below("payload", self.payload.numbers) if self.payload is not None else {}
+        return places | payload | below("chain", self.chain.numbers)
 
     def parameters(self) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit."""

@@ -50,6 +50,7 @@ class Joint:
 
     viscous: friction across the joint.  Of a translation stiffness is in N/m, damping and friction in N*s/m; its motor
     turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
+    start: its position where loops are put together, which decides between the two ways in which most loops close.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Joint:
     friction: Friction | None = None
     limits: Limits = field(default_factory=Limits)
     motion: Literal["rotation", "translation"] = "rotation"
+    start: JointPosition = 0.0
 
     def __post_init__(self) -> None:
         """Check axis, friction and units."""
@@ -69,6 +71,11 @@ class Joint:
         self._check_units()
         if self.friction is not None:
             self.friction.check_passive(self.viscous)
+
+    @property
+    def is_passive(self) -> bool:
+        """Neither driven nor elastic: it hangs, or a loop moves it."""
+        return self.motor is None and self.spring is None
 
     @property
     def is_flexible(self) -> bool:

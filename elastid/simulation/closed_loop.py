@@ -14,10 +14,12 @@ import numpy as np
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import DataError
 from elastid.model.elastic import ElasticModel
+from elastid.simulation.constrained import projection
 from elastid.simulation.contacts import Contacts
 from elastid.simulation.controller import Gains, feedback
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
+from elastid.simulation.spec import StabilisationSpec
 
 # Samples between two looks at the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK = 1000
@@ -27,6 +29,8 @@ STATES = 6
 
 # rad on the link side. A joint that is a whole turn from its reference is not coming back.
 LOST = 2 * np.pi
+
+PROJECTED = StabilisationSpec()
 
 
 @dataclass(frozen=True)
@@ -80,9 +84,18 @@ class ClosedLoop:
 
 
 def closed_loop(
-    model: ElasticModel, contacts: Contacts, limits: FloatArray, rate_hz: float, substeps: int, drives: Drives
+    model: ElasticModel,
+    contacts: Contacts,
+    limits: FloatArray,
+    rate_hz: float,
+    substeps: int,
+    drives: Drives,
+    loops: StabilisationSpec = PROJECTED,
 ) -> ClosedLoop:
-    """Close the loop around a model with its friction and its drives; substeps: Runge-Kutta steps in a sample."""
+    """Close the loop around a model with its friction and its drives.
+
+    substeps: Runge-Kutta steps in a sample.  loops: how those of a linkage are kept closed.
+    """
     names = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
     names |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
     names |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
@@ -98,7 +111,10 @@ def closed_loop(
     u = command + E.T @ (taken - asked)
     # A drive at its limit would wind the integral up.
     integral = given["integral"] + ca.if_else(taken == asked, error / rate_hz, 0)
-    q, v, z, w = _moved(model, contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps)
+    free = free_acceleration(model, loops.alpha, loops.beta)
+    q, v, z, w = _moved(model, free, contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps)
+    if model.n_c and loops.project:
+        q, v = projection(model)(q, v)
     results = [q, v, z, w, integral, reading, u]
     sample = ca.Function("sample", list(given.values()), results)
     function = sample.mapaccum("closed_loop", CHUNK, STATES, {})
@@ -107,6 +123,7 @@ def closed_loop(
 
 def _moved(
     model: ElasticModel,
+    free: ca.Function,
     contacts: Contacts,
     drives: Drives,
     state: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
@@ -116,7 +133,7 @@ def _moved(
     steps: int,
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
     """(q, v, z, w) after the steps of a sample in which the command u is held."""
-    free, B, curves = free_acceleration(model), ca.DM(model.B), given["curves"]
+    B, curves = ca.DM(model.B), given["curves"]
     E, E_inverse = _shafts(model)
 
     def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:

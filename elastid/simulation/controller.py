@@ -18,6 +18,10 @@ import numpy as np
 
 from elastid.arrays import FloatArray, frozen
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.assembly import followed, rates
+
+# s: step of the central difference that gives T'.
+STEP = 1e-4
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,27 @@ class Gains:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
-def rigid_motion(model: ElasticModel) -> FloatArray:
-    """T (n_q, n_u) with q' = T q_a': how the robot moves where no spring gives, motor and joint together."""
-    T: FloatArray = np.array(model.B)
-    for column, place in enumerate(model.inputs):
-        T[model.index(place.replace("motor ", "joint ", 1)), column] = 1.0
+def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
+    """T (n_q, n_u) or (n, n_q, n_u) with q' = T q_a': how the robot moves where no spring gives.
+
+    q (n_q,) or (n, n_q).  Motor and joint go together, passive joints as their loops have them.
+    """
+    n_l = len(model.robot.joints)
+    T: FloatArray = np.array(np.broadcast_to(model.B, (*q.shape[:-1], *model.B.shape)))
+    T[..., :n_l, :] = rates(model.robot, np.atleast_2d(q)[:, :n_l]).reshape(*q.shape[:-1], n_l, model.n_u)
     return T
+
+
+def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position: FloatArray) -> FloatArray:
+    """q (n, n_q) of the robot that goes from its equilibrium q0, motors at `start` (n_u,), to `position` (n, n_u)."""
+    n_l = len(model.robot.joints)
+    angles = np.vstack([start, position])
+    q = np.zeros((len(angles), model.n_q))
+    q[:, :n_l] = followed(model.robot, angles)
+    driven = [model.index(place) for place in model.inputs]
+    q[:, driven] = angles
+    path: FloatArray = q0 + q[1:] - q[0]
+    return path
 
 
 def tuned(
@@ -53,7 +72,7 @@ def tuned(
     kp = J omega^2, kd = 2 zeta omega J with J = diag(T^T M(q) T), links and motor together.  integral_time: of the
     velocity loop of a cascade, in s; without it there is no integral.
     """
-    T = rigid_motion(model)
+    T = rigid_motion(model, q)
     inertia = np.diag(T.T @ model.mass(q, model.theta).full() @ T)
     omega = 2 * np.pi * bandwidth_hz
     ki = np.full(model.n_u, 0.0 if integral_time is None else 1 / integral_time)
@@ -63,19 +82,27 @@ def tuned(
 def feed_forward(
     model: ElasticModel, q0: FloatArray, position: FloatArray, velocity: FloatArray, acceleration: FloatArray
 ) -> FloatArray:
-    """Torque (n, n_u) of the rigid robot, u = T^T (M T q_a'' + f(q, T q_a')), at q = q0 + T q_a.
+    """Torque (n, n_u) of the rigid robot, u = T^T [M (T q_a'' + T' q_a') + f(q, T q_a')].
 
     position, velocity, acceleration (n, n_u): q_a and its derivatives, about the equilibrium q0 (n_q,). At rest in the
-    equilibrium this is the holding torque, since T^T B = 1. Springs do not enter, they act within; viscous friction
-    does.
+    equilibrium this is the holding torque, since T^T B = 1. Springs and the forces in loops do not enter, they act
+    within; viscous friction does.
     """
-    T = rigid_motion(model)
+    start = model.B.T @ q0
+    path = rigid_path(model, q0, start, start + position)
+    T = rigid_motion(model, path)
+    v_path = (T @ velocity[:, :, None])[:, :, 0]
+    a_path = (T @ acceleration[:, :, None])[:, :, 0]
+    if model.robot.loops:
+        T_rate = (rigid_motion(model, path + STEP * v_path) - rigid_motion(model, path - STEP * v_path)) / (2 * STEP)
+        a_path += (T_rate @ velocity[:, :, None])[:, :, 0]
     q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
     a = ca.SX.sym("a", model.n_q)
-    torque = ca.DM(T.T) @ (model.mass(q, model.theta) @ a + model.force(q, v, model.theta))
-    inverse = ca.Function("feed_forward", [q, v, a], [torque]).map(len(position))
-    held = inverse(q0[:, None] + T @ position.T, T @ velocity.T, T @ acceleration.T)
-    return np.array(held.full().T)
+    torque = model.mass(q, model.theta) @ a + model.force(q, v, model.theta)
+    inverse = ca.Function("inverse_dynamics", [q, v, a], [torque]).map(len(position))
+    needed = inverse(path.T, v_path.T, a_path.T).full().T
+    held: FloatArray = (np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0]
+    return held
 
 
 def feedback(

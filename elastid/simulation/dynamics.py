@@ -2,7 +2,7 @@ r"""Accelerations of an elastic model, and their integration together with the s
 
 .. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
 
-eqs. (2.9) and (2.11) of Niglis & Oberg (2015), without constraints. Link side, SI.
+eqs. (2.9) and (2.11) of Niglis & Oberg (2015); with constraints `constrained`. Link side, SI.
 """
 
 from __future__ import annotations
@@ -15,31 +15,40 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.friction.static import coulomb_expression
 from elastid.model.elastic import ElasticModel
+from elastid.model.parallel_linkage.partition import motions
 from elastid.model.springs import on_the_flanks
+from elastid.simulation.constrained import constrained_acceleration
 from elastid.simulation.contacts import Contacts
 
 # RK4 damps or keeps |h lambda| up to 2.785 on the negative real axis and 2.828 on the imaginary one.
 STABLE_STEP = 2.5
 
 
-def free_acceleration(model: ElasticModel) -> ca.Function:
+def free_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
     """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
+
+    alpha, beta: of Baumgarte's terms, where the model has constraints (`constrained`).
 
     M = L D L^T is factorised in symbols with its zeros: without pivots, which a positive definite M does not need, and
     free for motors without coupling, whose rows of M are diagonal.
     """
+    if model.n_c:
+        return constrained_acceleration(model, alpha, beta)
     q, v, torque = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("torque", model.n_q)
     D, LT, order = ca.ldl(ca.sparsify(model.mass(q, model.theta)))
     a = ca.ldl_solve(torque - model.force(q, v, model.theta), D, LT, order)
     return ca.Function("free_acceleration", [q, v, torque], [a], {"cse": True})
 
 
-def acceleration(model: ElasticModel, coulomb: FloatArray) -> ca.Function:
-    """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) of the motors in Nm."""
+def acceleration(model: ElasticModel, coulomb: FloatArray, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
+    """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) of the motors in Nm.
+
+    alpha, beta: as for `free_acceleration`.
+    """
     q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
     B, shafts = ca.DM(model.B), ca.sparsify(ca.DM(model.robot.mixing @ model.B.T))
     torque = B @ u - shafts.T @ coulomb_expression(shafts @ v, coulomb)
-    return ca.Function("acceleration", [q, v, u], [free_acceleration(model)(q, v, torque)], {"cse": True})
+    return ca.Function("acceleration", [q, v, u], [free_acceleration(model, alpha, beta)(q, v, torque)], {"cse": True})
 
 
 def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Function:
@@ -104,6 +113,7 @@ def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> floa
         )
     )
     stiffness, damping = contacts.at_rest()
-    K, D = K + stiffness, D + damping
-    A = np.block([[np.zeros_like(M), np.eye(model.n_q)], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
+    Z = motions(model, model.constraint_jacobian(q, model.theta).full())
+    M, D, K = (Z.T @ matrix @ Z for matrix in (M, D + damping, K + stiffness))
+    A = np.block([[np.zeros_like(M), np.eye(len(M))], [-np.linalg.solve(M, K), -np.linalg.solve(M, D)]])
     return float(np.abs(np.linalg.eigvals(A)).max())

@@ -24,6 +24,7 @@ from elastid.study.yaml_source import KeyPath
 
 def check(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
+    yield from _formulation(study)
     yield from _excitation(study)
     yield from _experiments(study)
     yield from _configurations(study)
@@ -72,6 +73,27 @@ def check_lines(study: Study) -> Iterator[Problem]:
         refused = refusal(simulated.carrier, analysed, 1 / excitation.period, len(study.robot.driven))
         if refused:
             yield Problem(("experiment", "simulated", "carrier"), refused)
+
+
+def _formulation(study: Study) -> Iterator[Problem]:
+    """A tree is serial, loops are not; independent coordinates are coordinates."""
+    robot, simulated = study.robot, study.experiment.simulated
+    coordinates = [f"joint {joint.name}" for joint in robot.joints] + [
+        f"motor {joint.name}" for joint in robot.flexible
+    ]
+    for i, name in enumerate(study.model.independent):
+        if name not in coordinates:
+            yield _unknown(("model", "independent", i), "coordinate", name, coordinates)
+    for path, spec in (
+        (("model",), study.model),
+        (("experiment", "simulated", "model"), simulated.model if simulated is not None else study.model),
+    ):
+        if spec.formulation == "serial" and robot.loops:
+            loops = ", ".join(loop.name for loop in robot.loops)
+            yield Problem(
+                (*path, "formulation"), f"robot {robot.name} has loops ({loops}); take constrained or minimal"
+            )
+            return
 
 
 def _excitation(study: Study) -> Iterator[Problem]:

@@ -1,0 +1,1 @@
+"""Robots with loops: closure, rods, and the two formulations, constrained and minimal, side by side."""

@@ -1,0 +1,95 @@
+r"""What models of parallel linkages leave out: approximations whose error a study can measure.
+
+The elastic rod of a loop condensed into the gear spring of the lever that drives it, with the rate y of the rod's
+elongation per lever angle:
+
+.. math:: k_{rod} = k_r y^2, \quad y = \partial s / \partial q_{lever}, \qquad
+          \frac{1}{k_{eff}} = \frac{1}{k} + \frac{1}{k_{rod}}, \qquad
+          d_{eff} = k_{eff}^2 \left( \frac{d}{k^2} + \frac{d_r y^2}{k_{rod}^2} \right)
+
+In a parallelogram y = l sin(angle between lever and rod): a spring that looks constant in one posture and is not. What
+sits between the two springs, crank and part of the rod, has no motion of its own any more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import StudyError
+from elastid.model.drivetrain import motor_coordinates
+from elastid.model.equations import Equations, by_name, with_energies
+from elastid.model.multibody import tree
+from elastid.model.parallel_linkage.assembly import assembled
+from elastid.model.parallel_linkage.geometry import Closure, branches, joints_within
+from elastid.model.parallel_linkage.rods import elastic
+from elastid.robot import Loop, Robot
+
+
+def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
+    """The elastic joints that are not driven and which a loop goes through."""
+    within = {i for loop in robot.loops for i in joints_within(robot, loop)}
+    return tuple(i for i in sorted(within) if robot.joints[i].spring is not None and robot.joints[i].motor is None)
+
+
+def unbent(robot: Robot, q: ca.SX) -> ca.SX:
+    """The joints (n_l,) as loops see them that do not see elastic joints.
+
+    An elastic joint is straight; what lies behind the loop's next passive joint keeps its direction, as it does in a
+    parallelogram: about parallel axes the passive joint has turned back by as much.
+    """
+    seen, axes = ca.SX(q), _axes(robot)
+    for loop in robot.loops:
+        for branch in branches(robot, loop):
+            passive = [i for i in branch if robot.joints[i].is_passive]
+            for i in set(branch) & set(elastic_joints_within(robot)):
+                seen[i] = 0
+                if passive:
+                    j = min(passive, key=lambda j: abs(j - i))
+                    seen[j] += float(axes[i] @ axes[j]) * q[i]
+    return seen
+
+
+def _axes(robot: Robot) -> list[FloatArray]:
+    """The axes (3,) of all joints in the base frame, all at 0."""
+    R: list[FloatArray] = []
+    axes = []
+    for frame in tree(robot).frames:
+        R.append((R[frame.parent] if frame.parent >= 0 else np.eye(3)) @ frame.R)
+        axes.append(R[-1][:, frame.axis])
+    return axes
+
+
+def series_stiffness(robot: Robot, of: Equations, found: Sequence[Closure], constant: bool) -> Equations:
+    """The gear springs of levers with those of their elastic rods in series; constant: as at the start posture."""
+    theta, motor = by_name(robot, of), motor_coordinates(robot)
+    for closure in elastic(found):
+        lever = _lever(robot, closure.loop)
+        joint, name = robot.joints[lever].name, closure.loop.name
+        y = ca.gradient(ca.norm_2(closure.gap), of.q)[lever]
+        if constant:
+            q_l = of.q[: len(robot.joints)]
+            angles = np.array([one.start for one in robot.driven])
+            y = ca.substitute(y, q_l, ca.DM(assembled(robot, angles)))
+        k, d, k_rod = theta[f"k_{joint}"], theta[f"d_{joint}"], theta[f"k_{name}"] * y**2
+        k_eff = k * k_rod / (k + k_rod)
+        d_eff = (k_rod / (k + k_rod)) ** 2 * d + (k / (k + k_rod)) ** 2 * theta[f"d_{name}"] * y**2
+        across = ca.DM(len(of.coordinates), 1)
+        across[motor[joint]], across[lever] = 1, -1
+        deflection = ca.dot(across, of.q)
+        of = with_energies(of, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T))
+    return of
+
+
+def _lever(robot: Robot, loop: Loop) -> int:
+    """The elastically driven joint nearest to a loop's first end."""
+    for i in branches(robot, loop)[0]:
+        if robot.joints[i].is_flexible:
+            return i
+    raise StudyError(
+        f"model.variant: the rod {loop.name} begins on no lever with an elastic gear, into whose spring it could be "
+        "condensed; let its first end be on the driven lever, or choose the variant exact"
+    )

@@ -1,0 +1,28 @@
+r"""constrained(robot): all coordinates of the open chain, the loops closed by constraints with multipliers.
+
+.. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
+
+Niglis & Oberg (2015), eq. 2.33. The elongation of an elastic rod is a coordinate of its own; where the rod weighs
+nothing it has no inertia, and M is singular: only on the null space of Phi is it regular.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+
+from elastid.model.elastic import ElasticModel
+from elastid.model.equations import elastic_model, open_chain
+from elastid.model.parallel_linkage.geometry import closures
+from elastid.model.parallel_linkage.rods import stretching, with_rod_inertia
+from elastid.robot import Robot
+
+
+def constrained(robot: Robot) -> ElasticModel:
+    """The ElasticModel with one row for each rod and those of each pin and point; redundant rows are kept."""
+    of = open_chain(robot)
+    found = closures(robot, of.q[: len(robot.joints)])
+    of = with_rod_inertia(robot, of, found)
+    of, rows = stretching(robot, of, found)
+    return elastic_model(robot, replace(of, phi=ca.vertcat(*rows)))

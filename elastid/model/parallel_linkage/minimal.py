@@ -1,0 +1,50 @@
+r"""minimal(robot): independent coordinates y, the linkage folded in; exact, or one of the approximations in use.
+
+.. math:: q = \gamma(y): \quad \varphi(\gamma(y)) = 0, \qquad \dot q = Z \dot y, \quad
+          Z = \begin{bmatrix} I \\ -\Phi_d^{-1} \Phi_i \end{bmatrix}, \qquad Z^T [M(q) \ddot q + f(q, \dot q) - B u] = 0
+
+Niglis & Oberg (2015), eq. 2.34. Elastic rods are cut: they are force elements, and a loop that they close needs no
+constraint. What other loops close is embedded by the implicit function theorem, which loses nothing, in the linear
+model and in the simulation; the dependent coordinates stay in q and are worked out, not integrated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import casadi as ca
+
+from elastid.errors import StudyError
+from elastid.model.elastic import ElasticModel
+from elastid.model.equations import elastic_model, open_chain
+from elastid.model.parallel_linkage.approximations import elastic_joints_within, series_stiffness, unbent
+from elastid.model.parallel_linkage.geometry import closures
+from elastid.model.parallel_linkage.rods import cut, elastic, with_rod_inertia
+from elastid.model.spec import ModelSpec
+from elastid.names import did_you_mean
+from elastid.robot import Robot
+
+# Variants in which rods do not stretch and nothing bends inside a loop.
+STIFF = ("rigid_loop", "constant_stiffness", "series_stiffness")
+
+
+def minimal(robot: Robot, spec: ModelSpec) -> ElasticModel:
+    """The ElasticModel with the independent coordinates of `spec`; StudyError for names that are no coordinates."""
+    of = open_chain(robot)
+    n_l = len(robot.joints)
+    within = elastic_joints_within(robot)
+    seen = unbent(robot, of.q[:n_l]) if spec.variant == "bending_outside" else of.q[:n_l]
+    found = closures(robot, seen)
+    of = with_rod_inertia(robot, of, found, lumped=spec.variant == "lumped_rod")
+    if spec.variant in STIFF:
+        rows = [*(closure.rows for closure in found), *(of.q[i] for i in within)]
+        if spec.variant != "rigid_loop":
+            of = series_stiffness(robot, of, found, constant=spec.variant == "constant_stiffness")
+    else:
+        of = cut(robot, of, found)
+        stretched = elastic(found)
+        rows = [closure.rows for closure in found if closure not in stretched]
+    for name in spec.independent:
+        if name not in of.coordinates:
+            raise StudyError(f"model.independent: '{name}' is no coordinate; {did_you_mean(name, of.coordinates)}")
+    return elastic_model(robot, replace(of, phi=ca.vertcat(ca.SX(0, 1), *rows)), spec.independent)

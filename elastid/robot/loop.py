@@ -1,0 +1,99 @@
+"""A loop of bodies: two points of the tree that are joined, directly, by a pin or by a rod."""
+
+from __future__ import annotations
+
+from elastid.robot.compensator import Anchor
+from elastid.robot.geometry import Axis, unit_axis
+from elastid.robot.numbers import Numbers, below
+from elastid.section import section
+from elastid.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
+
+
+@section
+class Pin:
+    """A hinge: the two points coincide and turn about one axis.
+
+    axis: in the axes of the first end's body.  other_axis: the same hinge in those of the second one's (default: the
+    same numbers).  planar: only the two displacements across the axis are closed, for mechanisms that are planar; else
+    all three, and the two tilts of the axis.
+    """
+
+    axis: Axis = "z"
+    other_axis: Axis | None = None
+    planar: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the axes."""
+        unit_axis(self.axis)
+        if self.other_axis is not None:
+            unit_axis(self.other_axis)
+
+
+@section
+class Rod:
+    """A straight rod on two ball joints, `length` apart, rigid unless it has a stiffness.
+
+    center: place of the centre of mass between first end (0) and second (1).  inertia: about the centre of mass, across
+    the rod; its spin about itself is left out.  stiffness (N/m) and damping (N*s/m): along the rod, which stretches
+    evenly.
+    """
+
+    length: Length
+    mass: Mass = 0.0
+    center: float = 0.5
+    inertia: Inertia = 0.0
+    stiffness: LinearStiffness | None = None
+    damping: AxialDamping = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no rod can have."""
+        if not self.length > 0:
+            raise ValueError(f"the length of the rod is {self.length:g} m; it must be positive")
+        for name, value in (("mass", self.mass), ("inertia", self.inertia), ("damping", self.damping)):
+            if value < 0:
+                raise ValueError(f"{name} of the rod is {value:g}; it must not be negative")
+        if self.stiffness is not None and not self.stiffness > 0:
+            raise ValueError(f"stiffness of the rod is {self.stiffness:g} N/m; it must be positive (none: rigid)")
+        if self.stiffness is None and self.damping > 0:
+            raise ValueError("the rod has damping but no stiffness; a rigid rod does not stretch")
+
+    @property
+    def is_elastic(self) -> bool:
+        """Whether it stretches."""
+        return self.stiffness is not None
+
+    def numbers(self, loop: str) -> Numbers:
+        """m_, a_ (place of the centre of mass), I_ of a loop's rod, and k_, d_ of an elastic one."""
+        places: Numbers = {
+            f"m_{loop}": ("kg", ("mass",)),
+            f"a_{loop}": ("1", ("center",)),
+            f"I_{loop}": ("kg*m^2", ("inertia",)),
+        }
+        if self.is_elastic:
+            places |= {f"k_{loop}": ("N/m", ("stiffness",)), f"d_{loop}": ("N*s/m", ("damping",))}
+        return places
+
+
+@section
+class Loop:
+    """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point.
+
+    A rod begins at the first end; where it hangs on a driven lever, that is the lever's end.
+    """
+
+    name: str
+    ends: tuple[Anchor, Anchor]
+    pin: Pin | None = None
+    rod: Rod | None = None
+
+    def __post_init__(self) -> None:
+        """One way of closing, between two bodies."""
+        if self.pin is not None and self.rod is not None:
+            raise ValueError(f"loop {self.name}: give pin or rod, or neither (the points coincide), not both")
+        if self.ends[0].body == self.ends[1].body:
+            raise ValueError(f"loop {self.name}: both ends are on {self.ends[0].body}; a loop joins two bodies")
+
+    @property
+    def numbers(self) -> Numbers:
+        """Of the rod; a point and a pin have none."""
+        return below("rod", self.rod.numbers(self.name)) if self.rod is not None else {}

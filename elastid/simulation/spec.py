@@ -1,0 +1,28 @@
+"""The section `loops` of a simulated experiment."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from elastid.section import section
+from elastid.units import InUnit
+
+
+@section
+class StabilisationSpec:
+    """What keeps the loops of a simulated robot closed; nothing of it matters to a tree or to rods that are cut.
+
+    project: after each sample back onto the closed loops, which leaves rounding alone.  alpha (1/s), beta (1/s^2):
+    Baumgarte's terms, phi'' + alpha phi' + beta phi = 0, critically damped where beta = alpha^2 / 4.
+    """
+
+    project: bool = True
+    alpha: Annotated[float, InUnit("1/s")] = 0.0
+    beta: Annotated[float, InUnit("1/s^2")] = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse terms that would open the loops."""
+        if self.alpha < 0 or self.beta < 0:
+            raise ValueError(
+                f"alpha is {self.alpha:g} 1/s, beta {self.beta:g} 1/s^2; negative ones drive the loops apart"
+            )
