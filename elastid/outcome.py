@@ -12,7 +12,7 @@ from elastid.fit.result import FitResult
 from elastid.friction.placed import frictions
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.modes import modes
+from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.formulation import formulate
 from elastid.report.content import ModeRow
 from elastid.report.parameter_rows import parameter_rows
@@ -51,7 +51,7 @@ def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyRespo
                 found.freq_hz,
                 found.zeta,
                 coordinates=linearisation.model.coordinates,
-                shapes=found.shapes,
+                shapes=shapes_of_all(model, found.shapes),
             )
         )
     return tuple(rows)
