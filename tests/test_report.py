@@ -169,6 +169,20 @@ def test_the_magnitude_figure_shows_the_data_of_every_element(n_u, n_y):
         assert panel.get_xscale() == "log"
 
 
+def test_the_uncertainty_of_the_model_is_a_band_about_it_and_a_level():
+    """2 standard deviations up and down; a level that is the standard deviation itself."""
+    measured, modelled = pair(1)
+    std = 0.05 * np.abs(modelled.G)
+    axes = frf_magnitude(measured, modelled, "c1", std).axes[0]
+    np.testing.assert_allclose(lines_of(axes)["std of the model"].get_ydata(), 20 * np.log10(std[:, 0, 0]))
+    corners = axes.collections[0].get_paths()[0].vertices[:, 1]
+    G_db = 20 * np.log10(np.abs(modelled.G[:, 0, 0]))
+    assert corners.max() == pytest.approx(G_db.max() + 20 * np.log10(1.1))
+    assert corners.min() == pytest.approx(G_db.min() + 20 * np.log10(0.9))
+    unknown = frf_magnitude(measured, modelled, "c1", np.full(std.shape, np.inf))
+    rendered(unknown, "png")
+
+
 def test_the_phase_figure_shows_the_wrapped_phase_and_breaks_its_line_at_the_wraps():
     """The model's points are those given; between two of them on either side of 180 degrees there is no line."""
     measured, modelled = pair(2)
@@ -421,6 +435,7 @@ def replays(configuration="c1", seed=0):
 def full_content():
     """A report of everything."""
     content = report_content(modes=(modes("c1"), modes("c2")))
+    content = replace(content, model_std=tuple(0.01 * np.abs(G.G) for _, G in content.frf))
     validation = replace(
         content.validation,
         cost="The cost is what the noise alone would leave.",
@@ -597,6 +612,15 @@ def test_the_browser_shows_one_panel_an_element_with_the_numbers_of_the_study(op
         assert numbers["model"] == pytest.approx(20 * np.log10(abs(modelled.G[line, i, j])), abs=0.011)
         error = abs(measured.G[line, i, j] - modelled.G[line, i, j])
         assert numbers["|measured − model|"] == pytest.approx(20 * np.log10(error), abs=0.011)
+
+
+def test_the_browser_shows_the_uncertainty_of_the_model(browser, tmp_path):
+    content = full_content()
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(write_report(content, tmp_path, []).as_uri())
+    _, frequency, numbers = hovered(page, 0, 0.4)
+    line = int(np.argmin(np.abs(FREQ_HZ - frequency)))
+    assert numbers["std of the model"] == pytest.approx(20 * np.log10(content.model_std[0][line, 0, 0]), abs=0.011)
 
 
 def test_the_browser_changes_configuration_quantity_and_element(opened):

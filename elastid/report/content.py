@@ -77,7 +77,8 @@ class ReportContent:
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  peaks: of its
-    rehearsal; nearest: the run that came closest to a limit.  comparison: of models.  provenance: name to text
+    rehearsal; nearest: the run that came closest to a limit.  comparison: of models.  model_std: for each of frf the
+    standard deviation (F, n_y, n_u) of the model, by what is not known of its parameters.  provenance: name to text
     (version, seed, ...), shown as it is, so without a date the page is reproducible.
     """
 
@@ -97,6 +98,7 @@ class ReportContent:
     peaks: Peaks | None = None
     nearest: Rehearsal | None = None
     comparison: Comparison | None = None
+    model_std: tuple[FloatArray, ...] = ()
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

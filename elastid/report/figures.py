@@ -48,14 +48,15 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("errors", "validation", caption, errors(content.validation))
     modes = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
     replays = {replay.configuration: replay for replay in content.validation.replays}
-    for name, (measured, modelled) in zip(_file_names(content), content.frf, strict=True):
+    model_std = content.model_std or (None,) * len(content.frf)
+    for name, (measured, modelled), std in zip(_file_names(content), content.frf, model_std, strict=True):
         configuration = measured.configuration.name
         title = configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
         yield Drawing(
             f"{name}-magnitude",
             f"{CONFIGURATION}{configuration}",
             f"{configuration}: magnitude of the frequency responses, measured and modelled.",
-            frf_magnitude(measured, modelled, title),
+            frf_magnitude(measured, modelled, title, std),
         )
         yield Drawing(
             f"{name}-phase",

@@ -113,7 +113,9 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
         figures=figures,
-        explorer=explorer(content.frf, [a.configuration for a in content.validation.left_out]) if content.frf else None,
+        explorer=explorer(content.frf, [a.configuration for a in content.validation.left_out], content.model_std)
+        if content.frf
+        else None,
         rate_is_known=all(measured.rate_is_known for measured, _ in content.frf),
     )
 
