@@ -18,13 +18,14 @@ from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.report.content import ModeRow, ReportContent
 from elastid.report.excitation_figures import excitation
+from elastid.report.explorer import explorer
 from elastid.report.figures import drawings
 from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import frf_magnitude, frf_phase
 from elastid.report.mode_figures import mode_shapes
 from elastid.report.numbers import number
-from elastid.report.page import EmbeddedFigure, fewer_colors, html, rendered, within, write_report
+from elastid.report.page import ROOM, EmbeddedFigure, fewer_colors, html, rendered, within, write_report
 from elastid.report.parameter_rows import parameter_rows
 from elastid.report.singular_figures import singular_values
 from elastid.report.validation_figures import errors, replay_title, replayed
@@ -536,6 +537,14 @@ def test_figures_without_room_on_the_page_are_linked_to():
     page = Page(html(report_content(), within(figures, 1000)))
     assert "figures/a.png" in page.addresses
     assert "report.formats" in html(report_content(), [replace(figures[1], png="", file="")])
+
+
+def test_the_page_of_twenty_configurations_of_six_axes_stays_below_ten_megabytes(monkeypatch):
+    """200 lines of 36 elements each, with every curve, beside as many figures as have room."""
+    monkeypatch.setitem(globals(), "FREQ_HZ", np.arange(2.0, 102.0, 0.5))
+    frf = [pair(6, name=f"c{i}", seed=i) for i in range(20)]
+    data = explorer(frf, [], [0.01 * np.abs(G.G) for _, G in frf])
+    assert len(data.data) + sum(map(len, data.scripts)) + ROOM < 9.9e6
 
 
 def test_fewer_colors_are_the_same_picture():
