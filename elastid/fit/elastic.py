@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, frozen
 from elastid.errors import StudyError
+from elastid.fit.correlated import unmixing
 from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.residuals import RESIDUALS, Criterion, as_real, error_gain
 from elastid.fit.weights import Weights
@@ -32,13 +33,15 @@ LOG_GATE = 2.0
 class Part:
     """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
 
-    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.
+    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  mixing (F, n_y n_u, n_y n_u):
+    whitens gain e of a line whose elements err together, in the order of G; None where they count one by one.
     """
 
     kernel: Kernel
     measured: ComplexArray
     gain: FloatArray
     criterion: Criterion
+    mixing: ComplexArray | None = None
 
     @property
     def n_residuals(self) -> int:
@@ -52,7 +55,7 @@ class Part:
         used = self.gain > 0
         r = np.where(used, self.gain * e, 0.0)
         dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
-        return r, dr
+        return (r, dr) if self.mixing is None else (_mixed(self.mixing, r), _mixed(self.mixing, dr))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,14 +141,22 @@ def elastic_fit(
     weights: Sequence[Weights],
     parameters: ParameterSet,
     criterion: Criterion,
+    correlated: bool = True,
 ) -> ElasticFit:
     """The fit of `models` to `responses`, inputs and outputs matched by name.
 
     The logarithmic criterion leaves out what is below twice its sigma, and elements for which the model has no response
-    at all (an axis that does not couple).  StudyError where a response has an input or output that the model has not.
+    at all (an axis that does not couple).  correlated: whether elements that err together weigh together, where the
+    weights know how.  StudyError where a response has an input or output that the model has not.
     """
     parts = (
-        _part(response, matched(model, response), weight, parameters, criterion)
+        _part(
+            response,
+            matched(model, response),
+            weight if correlated else replace(weight, correlated=None),
+            parameters,
+            criterion,
+        )
         for response, model, weight in zip(responses, models, weights, strict=True)
     )
     return ElasticFit(parameters, tuple(parts))
@@ -179,8 +190,22 @@ def _part(
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for (identification.md 2).
         G = kernel.response(parameters.theta)
         used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > LOG_GATE * weights.sigma)
-    error = np.where(used, np.abs(error_gain(criterion, response.G)) * weights.sigma, np.inf)
-    return Part(kernel, frozen(response.G, np.complex128), frozen(np.sqrt(2) / error), criterion)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(used, error_gain(criterion, response.G), 1.0)
+    error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
+    gain = np.sqrt(2 * weights.factor) / error
+    mixing = None
+    if weights.correlated is not None:
+        sigma, floor = np.where(used, weights.sigma, np.inf), weights.floor * np.abs(response.G)
+        mixing = unmixing(weights.correlated, floor, sigma, np.conj(slope) / np.abs(slope))
+    return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, mixing)
+
+
+def _mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
+    """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
+    flat = values.reshape(-1, len(mixing), mixing.shape[1])
+    product: ComplexArray = (mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape)
+    return product
 
 
 def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearModel:

@@ -23,9 +23,10 @@ from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.residuals import Criterion
 from elastid.fit.result import FitResult, Start
+from elastid.fit.robust import robust_factors
 from elastid.fit.solvers import distance, solve
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights import Weights, check_masks, weigh
+from elastid.fit.weights import Weights, check_masks, normalised, weigh
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response
@@ -38,6 +39,7 @@ from elastid.robot import Robot
 # Linearised again until x moves less than this many standard deviations, or this often.
 SETTLED = 1e-3
 ROUNDS = 5
+ROUNDS_OF_LOSS = 30
 # A parameter whose effect is this small beside the strongest one's has none; rounding leaves about 1e-16.
 NO_EFFECT = 1e-9
 # Residuals so many times what the noise explains make one look for a channel with a wrong sign.
@@ -60,7 +62,7 @@ def identify(
     FitError for a parameter that reaches no response and where no start leads anywhere.
     """
     parameters = choose(spec, robot)
-    check_masks(responses, spec.mask)
+    check_masks(responses, spec)
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
@@ -74,9 +76,9 @@ def identify(
     stages = [assembly.at(parameters.x, "log")] if spec.log_first and spec.criterion == "complex" else []
     starts = spread(parameters, spec.starts, spec.start_factor, seed)
     ranked, hits = multistart([stage.problem for stage in (*stages, fit)], starts, jobs, progress)
-    end, fit, moved = settle(assembly, ranked[0], spec.criterion)
-    sure = certainty(fit, assembly.responses, assembly.weights, end.x)
-    return _result(fit, end, sure, ranked, hits, (*assembly.notes, *moved))
+    settled = settle(assembly, ranked[0], spec.criterion)
+    sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
+    return _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes))
 
 
 def predict(result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse]) -> tuple[FrequencyResponse, ...]:
@@ -97,6 +99,7 @@ class Assembly:
     weights: tuple[Weights, ...]
     linearisation: Linearisation
     parameters: ParameterSet
+    spec: FitSpec
 
     @classmethod
     def of(
@@ -104,7 +107,9 @@ class Assembly:
     ) -> Assembly:
         """Weigh the responses and build the model."""
         weights = tuple(weigh(response, spec) for response in responses)
-        return cls(tuple(responses), weights, Linearisation.of(serial(robot)), parameters)
+        if spec.weights.normalise:
+            weights = normalised(weights, responses)
+        return cls(tuple(responses), weights, Linearisation.of(serial(robot)), parameters, spec)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -112,9 +117,19 @@ class Assembly:
         return tuple(note for weight in self.weights for note in weight.notes)
 
     def at(self, x: FloatArray, criterion: Criterion) -> ElasticFit:
-        """The fit with every configuration linearised at x."""
+        """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
         models = _linearised(self.linearisation, self.responses, self.parameters.expand(x))
-        return elastic_fit(self.responses, models, self.weights, self.parameters, criterion)
+        return elastic_fit(
+            self.responses, models, self.weights, self.parameters, criterion, criterion == self.spec.criterion
+        )
+
+    def reweighed(self, x: FloatArray) -> Assembly:
+        """The same with less weight on what is far off at x, as the study's loss wants it."""
+        if self.spec.weights.loss == "square":
+            return self
+        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x, self.spec.weights)
+        weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
+        return replace(self, weights=tuple(weights))
 
 
 def refuse_without_effect(fit: ElasticFit) -> None:
@@ -138,23 +153,35 @@ def _span(parameters: ParameterSet) -> FloatArray:
     )
 
 
-def settle(assembly: Assembly, start: Start, criterion: Criterion) -> tuple[Start, ElasticFit, tuple[str, ...]]:
-    """Linearise at the result and solve again until x stays: the end, its fit, and a word where it does not."""
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where a fit came to rest: the end, its fit and weights there, and a word where it did not."""
+
+    end: Start
+    fit: ElasticFit
+    weights: tuple[Weights, ...]
+    notes: tuple[str, ...] = ()
+
+
+def settle(assembly: Assembly, start: Start, criterion: Criterion) -> Settled:
+    """Linearise, and weigh as the loss wants it, at the result and solve again until x stays."""
+    rounds = ROUNDS if assembly.spec.weights.loss == "square" else ROUNDS_OF_LOSS
     end = start
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         try:
-            fit = assembly.at(end.x, criterion)
+            there = assembly.reweighed(end.x)
+            fit = there.at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < SETTLED:
-            return end, fit, ()
+            return Settled(end, fit, there.weights)
     note = (
-        f"the operating point under gravity still moves: linearisation {ROUNDS} of {ROUNDS} changed the estimate by "
-        f"{moved:.2g} standard deviations"
+        "the operating point under gravity, or the weights of fit.weights.loss, still move: "
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
-    return end, fit, (note,)
+    return Settled(end, fit, there.weights, (note,))
 
 
 def _linearised(

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from elastid.parameters import Tie
 from elastid.section import section
 from elastid.units import Frequency, Quantity
+
+Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
 
 # Whatever is more is a slip of the pen.
 MOST_STARTS = 10_000
@@ -69,21 +72,53 @@ class MaskSpec:
 
 
 @section
+class FactorSpec:
+    """Counts what matches all that is given `factor` times as much: some configurations, an output, an input, a band.
+
+    0 leaves it out, as a mask does; several factors multiply.
+    """
+
+    factor: float
+    configurations: tuple[str, ...] = ()
+    output: str = ""
+    input: str = ""
+    band_hz: tuple[Frequency, Frequency] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a negative factor and a band upside down."""
+        if not 0 <= self.factor < math.inf:
+            raise ValueError(f"factor is {self.factor:g}; it multiplies a weight: 0 or more, commonly 0.1 to 10")
+        _check_band(self.band_hz)
+
+
+@section
 class WeightSpec:
-    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2.
+    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors.
 
     floor: model error that is expected anyway, relative to |G|, and that the intervals then answer for; about 0.03
     where friction is strong.  smooth: lines over which a variance that few periods or realisations gave is averaged;
     0 chooses it from the degrees of freedom.
+    covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
+    `auto` with the full one where ten times as many degrees of freedom as correlated elements are behind it.
+    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are.
+    loss: `huber` and `soft_l1` let elements that are off by more than loss_scale standard deviations of their real and
+    imaginary part pull less than their square, in iteratively reweighted least squares.
     """
 
     floor: float = 0.01
     smooth: int = 0
+    covariance: Literal["auto", "diagonal", "full"] = "auto"
+    normalise: bool = False
+    factors: tuple[FactorSpec, ...] = ()
+    loss: Loss = "square"
+    loss_scale: float = 2.0
 
     def __post_init__(self) -> None:
         """Refuse negative settings."""
         if self.floor < 0 or self.smooth < 0:
             raise ValueError("floor and smooth must not be negative")
+        if not 0 < self.loss_scale < math.inf:
+            raise ValueError(f"loss_scale is {self.loss_scale:g} standard deviations; give about 2")
 
 
 @section
