@@ -51,7 +51,7 @@ def correlated_noise(
     C: ComplexArray = known.full()
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     deviation[deviation == 0] = np.inf
-    R: ComplexArray = np.asarray(C / (deviation[:, :, None] * deviation[:, None, :]), dtype=np.complex128)
+    R: ComplexArray = C * (1 / (deviation[:, :, None] * deviation[:, None, :]))
     diagonal = np.arange(R.shape[1])
     R[:, diagonal, diagonal] = 1.0
     flaw = _flaw(response, R, sigma) if spec.floor == 0 else ""

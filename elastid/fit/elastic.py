@@ -11,16 +11,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, frozen
 from elastid.errors import StudyError
 from elastid.fit.correlated import unmixing
+from elastid.fit.normal import Normal
 from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.residuals import RESIDUALS, Criterion, as_real, error_gain
 from elastid.fit.weights import Weights
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.sensitivity import Columns
 from elastid.linear.transfer import Kernel
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
@@ -42,6 +45,11 @@ class Part:
     gain: FloatArray
     criterion: Criterion
     mixing: ComplexArray | None = None
+
+    @cached_property
+    def normal(self) -> Normal:
+        """Cost, gradient and normal matrix without the derivatives of every element."""
+        return Normal(Columns(self.kernel), self.measured, self.gain, self.criterion, self.mixing)
 
     @property
     def n_residuals(self) -> int:
@@ -88,10 +96,8 @@ class ElasticFit:
         theta, T = self.parameters.expand(x), self._chain(x)
         V, g, A = 0.0, np.zeros(T.shape[0]), np.zeros((T.shape[0], T.shape[0]))
         for part in self.parts:
-            r, J = _as_rows(*part.whitened(theta))
-            V += float(r @ r)
-            g += J @ r
-            A += J @ J.T
+            cost, gradient, normal = part.normal.at(theta)
+            V, g, A = V + cost, g + gradient, A + normal
         distance, slope = self._priors(x)
         return Evaluation(
             V + float(distance @ distance),

@@ -107,6 +107,16 @@ class Kernel:
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
         return G, dG
 
+    @property
+    def output_columns(self) -> IntArray:
+        """For each output the column of X in `solutions` that belongs to its direction."""
+        return self._right_sides[1]
+
+    def solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray, ComplexArray]]:
+        """Block by block: the lines, s = j omega (F,), X = Z^-1 [B, extra] (F, n, m), and the gain c (F,)."""
+        for block, s, X in self._solutions(theta):
+            yield block, s, X, _gain(self.model, theta, s)
+
     def _response(self, s: ComplexArray, X: ComplexArray, theta: FloatArray) -> ComplexArray:
         gain = _gain(self.model, theta, s)[:, None, None]
         G: ComplexArray = gain * (self.model.C @ X[:, :, : self.model.B.shape[1]])
