@@ -40,7 +40,7 @@ from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 NOISE = 0.02
-IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "m_2", "m_3", "m_4", "m_5")
+IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
 
 
 def build_robot() -> Robot:
@@ -56,6 +56,7 @@ def build_robot() -> Robot:
                 driven[i],
                 Spring(stiffness[i], stiffness[i] / 500),
                 Motor(3e-3 * 0.75**i, 120.0, 2e-3 * 0.75**i),
+                viscous=10.0,
             ),
             Joint(f"{i + 1}e", further[i], Spring(2 * stiffness[i], stiffness[i] / 300)),
         )

@@ -51,7 +51,7 @@ def correlated_noise(
     C: ComplexArray = known.full()
     deviation = np.sqrt(np.einsum("faa->fa", C).real)
     deviation[deviation == 0] = np.inf
-    R: ComplexArray = C * (1 / (deviation[:, :, None] * deviation[:, None, :]))
+    R = np.asarray(C / (deviation[:, :, None] * deviation[:, None, :]), np.complex128)
     diagonal = np.arange(R.shape[1])
     R[:, diagonal, diagonal] = 1.0
     flaw = _flaw(response, R, sigma) if spec.floor == 0 else ""
@@ -76,14 +76,14 @@ def unmixing(
     F, n_y, n_u = sigma.shape
     row_by_row = np.arange(n_y * n_u).reshape(n_u, n_y).T.ravel()
     C = noise[:, row_by_row[:, None], row_by_row].copy()
-    used, s = np.isfinite(sigma).reshape(F, -1), sigma.reshape(F, -1)
-    s = np.where(used, s, 1.0)
+    used = np.isfinite(sigma).reshape(F, -1)
+    s = np.where(used, sigma.reshape(F, -1), 1.0)
     diagonal = np.arange(n_y * n_u)
     C[:, diagonal, diagonal] += floor.reshape(F, -1) ** 2
-    relative = C / (s[:, :, None] * s[:, None, :])
-    relative = np.where(used[:, :, None] & used[:, None, :], relative, 0.0)
+    both = used[:, :, None] & used[:, None, :]
+    relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
     relative[:, diagonal, diagonal] += ~used
-    L_inverse: ComplexArray = np.linalg.inv(np.linalg.cholesky(relative))
+    L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
     mixing: ComplexArray = L_inverse * phase.reshape(F, 1, -1)
     return mixing
 

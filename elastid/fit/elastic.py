@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -56,6 +57,18 @@ class Part:
         """Real residuals, two an element."""
         return 2 * int(np.count_nonzero(self.gain))
 
+    def below(self, edge_hz: float) -> Part:
+        """The same without the lines above a frequency."""
+        keep = self.kernel.freq_hz <= edge_hz
+        mixing = None if self.mixing is None else self.mixing[keep]
+        return replace(
+            self,
+            kernel=replace(self.kernel, freq_hz=self.kernel.freq_hz[keep]),
+            measured=self.measured[keep],
+            gain=self.gain[keep],
+            mixing=mixing,
+        )
+
     def whitened(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each."""
         G, dG = self.kernel.evaluate(theta)
@@ -81,22 +94,26 @@ class ElasticFit:
     @property
     def problem(self) -> LeastSquares:
         """As solvers want it."""
-        return LeastSquares(self.parameters, self.n_residuals, self.evaluate, self.residual)
+        return LeastSquares(self.parameters, self.n_residuals, self.rough, self.residual)
 
-    def evaluate(self, x: FloatArray) -> Evaluation:
+    def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
         with np.errstate(all="ignore"):
             try:
-                return self._evaluate(x)
+                return self._evaluate(x, precision)
             except np.linalg.LinAlgError:
                 n_x = len(x)
                 return Evaluation(math.inf, np.zeros(n_x), np.eye(n_x))
 
-    def _evaluate(self, x: FloatArray) -> Evaluation:
+    def rough(self, x: FloatArray) -> Evaluation:
+        """The same with J^T J from single precision, enough to step."""
+        return self.evaluate(x, np.float32)
+
+    def _evaluate(self, x: FloatArray, precision: type[np.floating[Any]]) -> Evaluation:
         theta, T = self.parameters.expand(x), self._chain(x)
         V, g, A = 0.0, np.zeros(T.shape[0]), np.zeros((T.shape[0], T.shape[0]))
         for part in self.parts:
-            cost, gradient, normal = part.normal.at(theta)
+            cost, gradient, normal = part.normal.at(theta, precision)
             V, g, A = V + cost, g + gradient, A + normal
         distance, slope = self._priors(x)
         return Evaluation(

@@ -20,6 +20,8 @@ from elastid.fit.solvers import ROUGH, solve
 
 # With the right sign a cost is at most this part of what it is with the wrong one.
 FAR_BETTER = 0.1
+# A configuration whose residuals are so many times those of the median one is not like the others.
+FAR_APART = 5.0
 
 
 def explained(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
@@ -74,6 +76,25 @@ def sign_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
     return (
         f"{names} fits far better with the other sign (V = {best:.4g} instead of {cost:.4g}): check sign, scale and "
         "gear ratio of its channel",
+    )
+
+
+def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
+    """A word about each configuration that the model at x explains far worse than the others."""
+    theta = fit.parameters.expand(x)
+    level = {}
+    for part in fit.parts:
+        if part.n_residuals:
+            name = part.kernel.model.configuration.name
+            level[name] = np.sqrt(part.normal.at(theta)[0] / part.n_residuals)
+    if len(level) < 3:
+        return ()
+    usual = float(np.median(list(level.values())))
+    return tuple(
+        f"configuration {name}: its residuals are {one / usual:.0f} times those of the other configurations; is it of "
+        "the same robot, with the same load, at the angles that it claims?"
+        for name, one in level.items()
+        if one > FAR_APART * usual
     )
 
 

@@ -16,6 +16,8 @@ HOPELESS = 1e6
 CORRELATED = 0.99
 # x within this share of its range from a bound is at it.
 NEAR_BOUND = 1e-4
+# A bound that holds a parameter in this share of the starts is worth a word.
+MOST = 0.5
 # Residuals so many times what the noise explains are a model error worth a word.
 MODEL_ERROR = 1.5
 # A model that explains less than this share of what was measured does not describe the robot, whatever its optimum. One
@@ -61,6 +63,7 @@ def findings(result: FitResult, unreached: BoolArray) -> tuple[str, ...]:
     """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
     return (
         *_bounds(result),
+        *_held_starts(result),
         *_undetermined(result, unreached),
         *_weak(result, unreached),
         *_correlated(result),
@@ -79,6 +82,19 @@ def _bounds(result: FitResult) -> list[str]:
                 "value beyond it makes sense, otherwise the data want something that the model lacks"
             )
     return sentences
+
+
+def _held_starts(result: FitResult) -> list[str]:
+    """Bounds at which most starts ended, the best one not among them."""
+    ends = [start.x for start in result.starts if math.isfinite(start.cost)]
+    if len(ends) < 3:
+        return []
+    share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
+    return [
+        f"{name} ended at a bound in {round(100 * one)} % of the starts: widen its bounds, or start it elsewhere"
+        for name, one, held in zip(result.parameters.free_names, share, result.at_bound, strict=True)
+        if one > MOST and not held
+    ]
 
 
 def _undetermined(result: FitResult, unreached: BoolArray) -> list[str]:

@@ -8,6 +8,7 @@ and solved again until nothing moves.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,8 +19,9 @@ from elastid.errors import DataError, FitError, StudyError
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
-from elastid.fit.explained import explained, sign_words
+from elastid.fit.explained import apart_words, explained, sign_words
 from elastid.fit.findings import at_bound, findings, status_and_message
+from elastid.fit.inputs import check_responses
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.residuals import Criterion
 from elastid.fit.result import FitResult, Start
@@ -61,21 +63,24 @@ def identify(
     Raises StudyError for parameters, masks or places that do not exist; DataError where nothing is left to fit;
     FitError for a parameter that reaches no response and where no start leads anywhere.
     """
+    check_responses(responses, robot)
     parameters = choose(spec, robot)
     check_masks(responses, spec)
     assembly = Assembly.of(responses, robot, spec, parameters)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
-        raise DataError("nothing is left to fit: " + " ".join(assembly.notes or ("band and masks leave no line",)))
+        reason = "; ".join(assembly.notes) or "band, masks and the factors of fit.weights leave no line"
+        raise DataError(f"nothing is left to fit: {reason}")
     if fit.problem.dof < 1:
         raise DataError(
             f"{fit.n_residuals} real numbers are left to fit {len(parameters.free)} parameters; fix some, or use more "
             "lines"
         )
     refuse_without_effect(fit)
-    stages = [assembly.at(parameters.x, "log")] if spec.log_first and spec.criterion == "complex" else []
+    first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
+    stages = [*widening(first, spec.continuation), *([first] if first is not fit else []), fit]
     starts = spread(parameters, spec.starts, spec.start_factor, seed)
-    ranked, hits = multistart([stage.problem for stage in (*stages, fit)], starts, jobs, progress)
+    ranked, hits = multistart([stage.problem for stage in stages], starts, jobs, progress, spec.solver)
     settled = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
     return _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes))
@@ -132,6 +137,13 @@ class Assembly:
         return replace(self, weights=tuple(weights))
 
 
+def widening(fit: ElasticFit, bands: int) -> list[ElasticFit]:
+    """Frequency continuation: the fit on the lower 1 / bands, 2 / bands, ... of its lines, all of them not included."""
+    freq_hz = np.unique(np.concatenate([part.kernel.freq_hz for part in fit.parts]))
+    edges = [freq_hz[math.ceil(len(freq_hz) * band / bands) - 1] for band in range(1, bands)]
+    return [replace(fit, parts=tuple(part.below(edge) for part in fit.parts)) for edge in edges]
+
+
 def refuse_without_effect(fit: ElasticFit) -> None:
     """FitError that names the free parameters which reach none of the responses that count."""
     x = fit.parameters.x
@@ -173,7 +185,7 @@ def settle(assembly: Assembly, start: Start, criterion: Criterion) -> Settled:
             fit = there.at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
-        before, end = end, solve(fit.problem, end.x)
+        before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < SETTLED:
             return Settled(end, fit, there.weights)
@@ -218,4 +230,6 @@ def _result(
     share = explained(fit, end.x, result.cost_expected)
     status, message = status_and_message(result, end, sure.unreached, share)
     signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
-    return replace(result, status=status, message=message, warnings=(*signs, *notes, *findings(result, sure.unreached)))
+    apart = apart_words(fit, end.x) if result.model_error > 1 else ()
+    found = findings(result, sure.unreached)
+    return replace(result, status=status, message=message, warnings=(*signs, *apart, *notes, *found))

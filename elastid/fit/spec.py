@@ -15,6 +15,7 @@ Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
 # Whatever is more is a slip of the pen.
 MOST_STARTS = 10_000
 LARGEST_FACTOR = 1e3
+MOST_BANDS = 20
 
 
 def _check_band(band_hz: tuple[float, float] | None) -> None:
@@ -128,7 +129,8 @@ class FitSpec:
     criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
-    and frictions spread over its square.
+    and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
+    line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
     band_hz: lines used.  mask: what is left out.
     """
 
@@ -137,6 +139,8 @@ class FitSpec:
     parameters: dict[str, ParameterSpec] = field(default_factory=dict)
     starts: int = 20
     start_factor: float = 3.0
+    continuation: int = 1
+    solver: Literal["ipopt", "sqp"] = "ipopt"
     band_hz: tuple[Frequency, Frequency] | None = None
     mask: tuple[MaskSpec, ...] = ()
     weights: WeightSpec = WeightSpec()
@@ -148,5 +152,9 @@ class FitSpec:
         if not 1 <= self.start_factor <= LARGEST_FACTOR:
             raise ValueError(
                 f"start_factor is {self.start_factor:g}; it must be 1 to {LARGEST_FACTOR:g}, commonly 2 to 10"
+            )
+        if not 1 <= self.continuation <= MOST_BANDS:
+            raise ValueError(
+                f"continuation is {self.continuation} bands; it must be 1 to {MOST_BANDS}, commonly 1 to 4"
             )
         _check_band(self.band_hz)

@@ -52,6 +52,11 @@ class Columns:
 
     kernel: Kernel
 
+    def size(self, theta: FloatArray) -> FloatArray:
+        """|theta| (P,) of the wanted parameters, 1 where one is zero."""
+        here = np.abs([theta[self.kernel.model.parameters.index(name)] for name in self.kernel.wanted])
+        return np.where(here > 0, here, 1.0)
+
     @cached_property
     def is_symmetric(self) -> bool:
         """Whether G = G^T: outputs in the directions of the inputs."""
@@ -66,7 +71,7 @@ class Columns:
 
     @cached_property
     def pieces(self) -> Pieces:
-        """The pieces of all wanted parameters."""
+        """The pieces of all wanted parameters; bases of rank one first."""
         bases: list[FloatArray] = []
         found: list[tuple[int, int, int, float]] = []
         for place, name in enumerate(self.kernel.wanted):
@@ -76,47 +81,50 @@ class Columns:
                     base, sigma = _base(bases, matrix)
                     found.append((place, base, power, sigma))
         found += [(p, len(bases), 1, 1.0) for p, name in enumerate(self.kernel.wanted) if name == DELAY]
+        simple = [_root(E) is not None for E in bases]
+        order = sorted(range(len(bases)), key=lambda b: not simple[b])
+        now_at = np.append(np.argsort(order), len(bases)).astype(np.int64)
         sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
         for t, (place, _, _, sigma) in enumerate(found):
             sigma_of[t, place] = sigma
         n = self.kernel.model.n
         return Pieces(
-            np.array(bases).reshape(-1, n, n),
-            np.array([base for _, base, _, _ in found], np.int64),
+            np.array(bases).reshape(-1, n, n)[order],
+            now_at[[base for _, base, _, _ in found]],
             np.array([power for _, _, power, _ in found], np.int64),
             sigma_of,
         )
 
     @cached_property
-    def _factors(self) -> tuple[IntArray, ComplexArray, IntArray]:
-        """Bases of rank one, their y in E = +-y y^T as columns (n, n_1), and the others."""
-        E = self.pieces.E
-        values, vectors = np.linalg.eigh(E) if len(E) else (np.zeros((0, 1)), np.zeros((0, 1, 1)))
-        largest = np.argmax(np.abs(values), axis=1)
-        single = np.array([np.sum(np.abs(v) > 1e-12 * np.abs(v).max()) == 1 for v in values], dtype=bool)
-        one, many = np.flatnonzero(single), np.flatnonzero(~single)
-        y = np.array([vectors[b][:, largest[b]] * np.emath.sqrt(values[b, largest[b]]) for b in one], complex)
-        return one, y.reshape(len(one), self.kernel.model.n).T, many
+    def _factors(self) -> tuple[ComplexArray, ComplexArray]:
+        """y of the bases of rank one, E = y y^T, as columns (n, n_1); the others side by side (n, n_2 n)."""
+        n, roots = self.kernel.model.n, [_root(E) for E in self.pieces.E]
+        y = np.array([root for root in roots if root is not None], complex).reshape(-1, n).T
+        others = self.pieces.E[y.shape[1] :]
+        return y, others.transpose(1, 0, 2).reshape(n, -1).astype(complex)
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
-        one, y, many = self._factors
-        E, delayed = self.pieces.E, DELAY in self.kernel.wanted
+        (y, wide), delayed = self._factors, DELAY in self.kernel.wanted
+        n_1, n_b = y.shape[1], len(self.pieces.E)
         places, n_u = self.kernel.output_columns, self.kernel.model.B.shape[1]
         for block, s, X, gain in self.kernel.solutions(theta):
             F, n, m = X.shape
             right = X[:, :, :n_u]
             G = (gain[:, None, None] * (self.kernel.model.C @ right))[:, rows, columns]
-            found = np.empty((F, len(rows), len(E) + delayed), complex)
-            if len(one):
-                YX = (np.ascontiguousarray(X.transpose(0, 2, 1)).reshape(F * m, n) @ y).reshape(F, m, len(one))
-                left = YX.take(places[rows], axis=1)
-                left *= (gain[:, None, None] * YX[:, :n_u]).take(columns, axis=1)
-                found[:, :, one] = left
-            for b in many:
-                full = X.transpose(0, 2, 1) @ (E[b] @ right)
-                found[:, :, b] = gain[:, None] * full[:, places[rows], columns]
+            found = np.empty((F, len(rows), n_b + delayed), complex)
+            XT = np.ascontiguousarray(X.transpose(0, 2, 1)).reshape(F * m, n)
+            if n_1:
+                YX = (XT @ y).reshape(F, m, n_1)
+                driven = (gain[:, None, None] * YX[:, :n_u]).take(columns, axis=1)
+                np.multiply(YX.take(places[rows], axis=1), driven, out=found[:, :, :n_1])
+            if n_b > n_1:
+                n_2 = n_b - n_1
+                EX = (XT @ wide).reshape(F, m * n_2, n)
+                full = (EX @ (gain[:, None, None] * right)).reshape(F, -1)
+                place = (places[rows][:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]
+                found[:, :, n_1:n_b] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
             if delayed:
                 found[:, :, -1] = G
             yield Sensitivity(block, s, G, found)
@@ -132,3 +140,13 @@ def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
             return place, sigma * float(np.sign(product))
     bases.append(E)
     return len(bases) - 1, sigma
+
+
+def _root(E: FloatArray) -> ComplexArray | None:
+    """y of E = y y^T, imaginary where E is negative; None for a higher rank."""
+    values, vectors = np.linalg.eigh(E)
+    largest = int(np.argmax(np.abs(values)))
+    if np.sum(np.abs(values) > SAME * abs(values[largest])) > 1:
+        return None
+    root: ComplexArray = vectors[:, largest] * np.emath.sqrt(values[largest])
+    return root
