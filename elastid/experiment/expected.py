@@ -25,7 +25,7 @@ from elastid.experiment.friction_level import friction_level
 from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights import Weights, weigh
+from elastid.fit.weights import Weights, one_by_one, weigh
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import frequency_response
@@ -94,7 +94,7 @@ class Prospect:
         response = FrequencyResponse(
             self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
         )
-        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+        return Expected(response, model, weigh(response, one_by_one(self.fit)), self.parameters, self.fit)
 
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""

@@ -95,6 +95,13 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     return Weights(sigma, response.uncertainty, scale, floor, tuple(notes), factor, correlated)
 
 
+def one_by_one(spec: FitSpec) -> FitSpec:
+    """The same without correlated weights unless asked for: how a covariance will weigh that is yet to be measured."""
+    if spec.weights.covariance == "full":
+        return spec
+    return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
+
+
 def normalised(weights: Sequence[Weights], responses: Sequence[FrequencyResponse]) -> tuple[Weights, ...]:
     """Weights with which every configuration has the same sum |G|^2 / sigma^2, the geometric mean of what they had."""
     power = np.array(
