@@ -18,7 +18,7 @@ recorded rig; responses of other programs), `frf` (records to responses and thei
 Model wing: `model` (equations of motion in CasADi), `friction`, `simulation` (closed loop in time), `linear`
 (equilibrium, linearisation, frequency response and its derivatives, modes).
 
-Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`.
+Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).
 
 The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance`, `planning`, `imported` and `stages`
 (file to value to file, what is current), `outcome` (summary.json), `console`, `overview`, `inspection`, `scaffold`,

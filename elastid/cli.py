@@ -98,6 +98,8 @@ def _options(*names: str) -> Decorator:
 
 _RUN_HELP = "Where the results go (default: runs/<name of the study>)."
 _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
+# The keys of export.targets.TARGETS, which would bring CasADi and SciPy to every command.
+_TARGETS = ["control", "matlab", "mujoco", "casadi", "c", "csv"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "verbose", "quiet")
 
@@ -221,6 +223,18 @@ def run(study: Path, **options: Any) -> None:
     from elastid import stages
 
     stages.run_all(asked)
+
+
+@cli.command()
+@_study
+@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
+@_stage_options
+def export(study: Path, target: str, **options: Any) -> None:
+    """Write the identified model for another tool: export/<target>/ in the run folder."""
+    asked = _run(study, options)
+    from elastid import stages
+
+    stages.export(asked, target)
 
 
 @cli.command()

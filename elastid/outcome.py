@@ -12,7 +12,7 @@ from elastid.fit.result import FitResult
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
-from elastid.model.serial import serial
+from elastid.model.formulation import formulate
 from elastid.report.content import ModeRow
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
@@ -37,7 +37,7 @@ def truth(study: Study) -> dict[str, float] | None:
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
     """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
-    linearisation, theta = Linearisation.of(serial(study.robot)), result.theta
+    linearisation, theta = Linearisation.of(formulate(study.robot, study.model)), result.theta
     rows = []
     for response in responses:
         model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)

@@ -43,4 +43,5 @@ def brief_of(loaded: LoadedStudy) -> Brief:
         measured=tuple(measured),
         found=tuple(found.items()),
         like=like,
+        model=study.model,
     )

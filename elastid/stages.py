@@ -177,7 +177,15 @@ def fit(run: Run) -> None:
     fitted = [response for response in responses if response.configuration.name not in left_out]
     try:
         with run.console.progress("fit") as progress:
-            result = identify(fitted, study.robot, study.fit, seed=study.seed, jobs=run.jobs, progress=progress)
+            result = identify(
+                fitted,
+                study.robot,
+                study.fit,
+                model=study.model,
+                seed=study.seed,
+                jobs=run.jobs,
+                progress=progress,
+            )
     except FitError as error:
         _write_summary(run, failure(study, str(error)))
         raise
@@ -191,10 +199,27 @@ def validate(run: Run) -> None:
     """validation.h5: how far the fitted model carries, on left-out configurations if there are any."""
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     validation = validate_responses(
-        responses, predict(result, run.study.robot, responses), run.study.validation.left_out
+        responses, predict(result, run.study.robot, responses, run.study.model), run.study.validation.left_out
     )
     write_validation(run.path("validate"), validation, run.stamps["validate"])
     run.console.say(f"validate: {validation.verdict}")
+
+
+def export(run: Run, target: str) -> tuple[Path, ...]:
+    """export/<target>/: the identified model for another tool; StudyError where there is no current fit."""
+    from elastid.export.identified import identified
+    from elastid.export.targets import TARGETS
+
+    run.require("validate")  # reads what an export reads
+    responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
+    folder = run.folder / "export" / target
+    shutil.rmtree(folder, ignore_errors=True)
+    paths = TARGETS[target](folder, identified(run.study.name, run.study.robot, result, responses, run.study.model))
+    if result.status not in TRUSTED:
+        run.console.warn(f"export: the fit is not to be trusted ({result.status.replace('_', ' ')}): {result.message}")
+    for path in paths:
+        run.console.say(f"export: {path}")
+    return paths
 
 
 def report(run: Run) -> None:
@@ -210,7 +235,7 @@ def report(run: Run) -> None:
         verdict=validation.verdict,
         warnings=tuple(note for response in responses for note in response.notes),
         result=result,
-        frf=tuple(zip(responses, predict(result, study.robot, responses), strict=True)),
+        frf=tuple(zip(responses, predict(result, study.robot, responses, study.model), strict=True)),
         validation=validation,
         modes=modes_of(study, result, responses),
         study_text=run.loaded.text,
@@ -300,7 +325,7 @@ def _measured(rig: Rig, folder: Path, notes: dict[str, None]) -> Iterator[Record
 
 
 def _summary(run: Run, result: FitResult, responses: tuple[FrequencyResponse, ...]) -> dict[str, Any]:
-    model = predict(result, run.study.robot, responses)
+    model = predict(result, run.study.robot, responses, run.study.model)
     left_out = run.study.validation.left_out
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, model, strict=True)]
     notes = [note for response in responses for note in response.notes]

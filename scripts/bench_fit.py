@@ -26,9 +26,9 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from elastid.arrays import FloatArray
+from elastid.fit.assembly import Assembly
 from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit, Part
-from elastid.fit.identify import Assembly
 from elastid.fit.residuals import RESIDUALS, as_real
 from elastid.fit.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from three_mass import FREQ, circular
 
+from elastid.fit.assembly import Assembly
 from elastid.fit.choose import choose
-from elastid.fit.identify import Assembly
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response

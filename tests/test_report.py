@@ -2,6 +2,7 @@
 
 import math
 import re
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -280,13 +281,15 @@ def test_the_page_shows_every_warning_parameter_and_configuration(tmp_path):
 
 
 def test_the_page_needs_nothing_from_outside(tmp_path):
-    """No script, no style sheet, no address but embedded images and places on the page."""
+    """No script or style sheet but its own, no address but embedded images and places on the page."""
     source = write_report(report_content(), tmp_path, ()).read_text("utf-8")
     page = Page(source)
-    assert not {"script", "link", "iframe", "object", "base"} & set(page.tags)
+    assert 'src="http' not in source
+    assert "<script src" not in source
+    assert not {"link", "iframe", "object", "base"} & set(page.tags)
     assert page.tags.count("img") == 8
     assert all(address.startswith(("data:image/png;base64,", "#")) for address in page.addresses)
-    without_images = re.sub(r"base64,[A-Za-z0-9+/=]+", "", source)
+    without_images = re.sub(r"base64,[A-Za-z0-9+/=]+|<script>.*?</script>", "", source, flags=re.DOTALL)
     assert "://" not in without_images
     assert "url(" not in without_images
     places = re.findall(r'id="([^"]+)"', without_images)
@@ -311,12 +314,12 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
         truth=None,
     )
     page = Page(write_report(content, tmp_path / "run", ("png", "pdf")).read_text("utf-8"))
-    assert "script" not in page.tags
+    assert page.tags.count("script") == 3  # the data, the plotting library, the page's own
     for name in (*parameters.names, *content.warnings, frf[0][0].configuration.name):
         assert name in page.text
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
-    assert all(re.fullmatch(r"run/(report\.html|figures/[A-Za-z0-9_.-]+\.(png|pdf))", file) for file in files)
-    assert len(files) == 1 + 2 * (2 * len(frf) + 4)
+    assert all(re.fullmatch(r"run/(report\.(html|pdf)|figures/[A-Za-z0-9_.-]+\.(png|pdf))", file) for file in files)
+    assert len(files) == 2 + 2 * (2 * len(frf) + 4)
 
 
 def test_the_same_content_gives_the_same_bytes(tmp_path):
@@ -325,7 +328,7 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
     for folder in folders:
         write_report(report_content(), folder, ("png", "pdf"))
     first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
-    assert len(first) == 17
+    assert len(first) == 18
     assert first == second
 
 
@@ -358,3 +361,118 @@ def test_options_load_neither_matplotlib_nor_jinja():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+# In a real browser. Without background traffic: a page that opens offline must not wait for anything.
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+QUIET = [
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+
+@pytest.fixture
+def browser():
+    if CHROMIUM is None:
+        pytest.skip("no Chromium on this machine")
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as engine:
+        chromium = engine.chromium.launch(executable_path=CHROMIUM, args=QUIET)
+        yield chromium
+        chromium.close()
+
+
+@pytest.fixture
+def opened(browser, tmp_path):
+    """The page of two configurations of a two-axis robot, and what its console said or it asked the network for."""
+    path = write_report(report_content(), tmp_path, [])
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    complaints = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: complaints.append(request.url) if request.url.startswith("http") else None)
+    page.goto(path.as_uri())
+    yield page
+    assert complaints == []
+
+
+def hovered(page, panel, part):
+    """Nearest line's readout: frequency and numbers by label."""
+    over = page.locator("#explorer .u-over").nth(panel)
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    page.mouse.move(box["x"] + part * box["width"], box["y"] + box["height"] / 2)
+    text = page.locator("#explorer output").inner_text()
+    name, rest = text.split(", ", 1)
+    frequency, values = rest.split(" Hz: ")
+    numbers = {}
+    for piece in values.rsplit(" ", 1)[0].split(", "):
+        label, value = piece.rsplit(" ", 1)
+        numbers[label] = float(value.replace("−", "-"))
+    return name, float(frequency), numbers
+
+
+def test_the_browser_shows_one_panel_an_element_with_the_numbers_of_the_study(opened):
+    measured, modelled = report_content().frf[0]
+    assert opened.locator("#explorer .u-wrap").count() == 4
+    for panel, (i, j) in enumerate(((0, 0), (0, 1), (1, 0), (1, 1))):
+        name, frequency, numbers = hovered(opened, panel, 0.4)
+        assert name == f"motor {j + 1} → place {i + 1}"
+        line = int(np.argmin(np.abs(measured.freq_hz - frequency)))
+        assert measured.freq_hz[line] == pytest.approx(frequency, rel=1e-5)
+        assert numbers["measured"] == pytest.approx(20 * np.log10(abs(measured.G[line, i, j])), abs=0.011)
+        assert numbers["model"] == pytest.approx(20 * np.log10(abs(modelled.G[line, i, j])), abs=0.011)
+        error = abs(measured.G[line, i, j] - modelled.G[line, i, j])
+        assert numbers["|measured − model|"] == pytest.approx(20 * np.log10(error), abs=0.011)
+
+
+def test_the_browser_changes_configuration_quantity_and_element(opened):
+    measured, _ = report_content().frf[1]
+    configuration, quantity, element = (opened.locator("#explorer select").nth(i) for i in range(3))
+    configuration.select_option(index=1)
+    quantity.select_option("phase")
+    element.select_option(label="motor 2 → place 1")
+    assert opened.locator("#explorer .u-wrap").count() == 1
+    name, frequency, numbers = hovered(opened, 0, 0.6)
+    line = int(np.argmin(np.abs(measured.freq_hz - frequency)))
+    assert name == "motor 2 → place 1"
+    assert numbers["measured"] == pytest.approx(np.degrees(np.angle(measured.G[line, 0, 1])), abs=0.11)
+
+
+def test_the_browser_zooms_all_panels_together_and_back(opened):
+    def frequencies():
+        return [hovered(opened, panel, part)[1] for panel in (0, 3) for part in (0.01, 0.99)]
+
+    whole = frequencies()
+    opened.locator("#explorer .u-over").nth(0).scroll_into_view_if_needed()
+    box = opened.locator("#explorer .u-over").nth(0).bounding_box()
+    for part, press in ((0.3, opened.mouse.down), (0.6, opened.mouse.up)):
+        opened.mouse.move(box["x"] + part * box["width"], box["y"] + 20)
+        press()
+    near = frequencies()
+    assert near[0] == near[2] > whole[0]
+    assert near[1] == near[3] < whole[1]
+    opened.locator("#explorer .u-over").nth(0).dblclick()
+    assert frequencies() == whole
+
+
+def test_the_page_fits_a_phone_and_paper(browser, tmp_path):
+    path = write_report(report_content(), tmp_path, [])
+    phone = browser.new_page(viewport={"width": 390, "height": 800})
+    phone.goto(path.as_uri())
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    phone.emulate_media(media="print")
+    assert not phone.locator("#explorer").is_visible()
+    assert phone.pdf().startswith(b"%PDF")
+
+
+def test_names_from_a_file_cannot_run_in_the_browser(browser, tmp_path):
+    frf = (pair(2, name="</script><script>document.title='run'</script>"),)
+    content = report_content(title="<img src=x onerror=alert(1)>", frf=frf)
+    page = browser.new_page()
+    page.goto(write_report(content, tmp_path, []).as_uri())
+    assert page.title() == "<img src=x onerror=alert(1)>"
+    assert "</script>" in page.locator("#explorer select").nth(0).inner_text()

@@ -26,6 +26,8 @@ from elastid.experiment.sticking import sticking
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
 from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
 from elastid.record import Motion
@@ -43,7 +45,7 @@ class Brief:
     """The sections of a study that a plan hangs on, and what has been measured before.
 
     left_out: configurations that the fit does not see.  measured: responses that the choice adds to.  found: values of
-    parameters that their fit found.  like: responses whose variance is expected again.
+    parameters that their fit found.  like: responses whose variance is expected again.  model: of the fit.
     """
 
     robot: Robot
@@ -57,6 +59,7 @@ class Brief:
     measured: tuple[FrequencyResponse, ...] = ()
     found: tuple[tuple[str, float], ...] = ()
     like: tuple[FrequencyResponse, ...] = ()
+    model: ModelSpec = EXACT
 
     def with_amplitudes(self) -> Brief:
         """The same with the torques that a few postures bear, where the study leaves them to the limits."""
@@ -182,6 +185,7 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     if brief.like:
         variance = _variance_like(brief.like, plan.freq_hz, outputs, plan.inputs) * brief.experiment.realisations
     return Prospect(
+        model=brief.model,
         robot=brief.robot,
         parameters=brief.parameters,
         fit=brief.fit,
@@ -263,7 +267,7 @@ def _known(brief: Brief, prospect: Prospect, plan: Plan, x: FloatArray) -> Float
         if configuration.name in set(brief.experiment.configurations) - set(brief.left_out):
             known = known + _prospect(brief, plan, q).expected(configuration, x).information(x)
     for response in brief.measured:
-        model = linear_model(brief.robot, prospect.parameters, response, x)
+        model = linear_model(brief.robot, brief.model, prospect.parameters, response, x)
         expected = Expected(response, model, weigh(response, brief.fit), prospect.parameters, brief.fit)
         known = known + expected.information(x)
     return known

@@ -26,10 +26,12 @@ from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, one_by_one, weigh
+from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import frequency_response
-from elastid.model.serial import serial
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
@@ -73,6 +75,7 @@ class Prospect:
     period_samples: int
     periods: int
     realisations: int
+    model: ModelSpec = EXACT
 
     @property
     def freq_hz(self) -> FloatArray:
@@ -86,7 +89,9 @@ class Prospect:
         """
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
-        both = _linearisation(self.robot).at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
+        both = _linearisation(self.robot, self.model).at(
+            configuration, theta[:-1], (*motors, *self.outputs), self.quantity
+        )
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
         G, model = every[:, n_u:], replace(both, C=both.C[n_u:], outputs=self.outputs)
@@ -119,7 +124,7 @@ class Prospect:
         """Nms/rad (n_u,), link side: what Coulomb friction adds to the viscous friction that a fit finds."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
-        model = _linearisation(self.robot).at(configuration, theta[:-1], motors, self.quantity)
+        model = _linearisation(self.robot, self.model).at(configuration, theta[:-1], motors, self.quantity)
         motion = frequency_response(model, theta, self.freq_hz)
         sensitivity = self._sensitivity(configuration, motion)
         return self._friction((sensitivity @ self.R[..., None])[..., 0], motion)[0]
@@ -143,7 +148,7 @@ class Prospect:
     def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
         """(I + F G_q)^-1 (F, n_u, n_u): what the controller leaves of injected torques."""
         s = 2j * np.pi * self.freq_hz[:, None, None]
-        k_p, k_d = _gains(self.robot, tuple(configuration.angles.tolist()), self.controller)
+        k_p, k_d = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
         F = k_p[:, None] + k_d[:, None] * s
         difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
         return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
@@ -215,26 +220,30 @@ def expected_fit(expected: Sequence[Expected]) -> ElasticFit:
     )
 
 
-def linear_model(robot: Robot, parameters: ParameterSet, response: FrequencyResponse, x: FloatArray) -> LinearModel:
+def linear_model(
+    robot: Robot, formulation: ModelSpec, parameters: ParameterSet, response: FrequencyResponse, x: FloatArray
+) -> LinearModel:
     """The model of a measured response about parameters x (n_x,), its inputs and outputs in its order."""
     theta = parameters.expand(x)
-    model = _linearisation(robot).at(response.configuration, theta[:-1], response.outputs, response.quantity)
+    model = _linearisation(robot, formulation).at(
+        response.configuration, theta[:-1], response.outputs, response.quantity
+    )
     return matched(model, response)
 
 
 @lru_cache(maxsize=4)
-def _linearisation(robot: Robot) -> Linearisation:
+def _linearisation(robot: Robot, formulation: ModelSpec) -> Linearisation:
     """Built once in a process."""
-    return Linearisation.of(serial(robot))
+    return Linearisation.of(formulate(robot, formulation))
 
 
 @lru_cache(maxsize=1024)
-def _gains(robot: Robot, angles: tuple[float, ...], spec: ControllerSpec) -> tuple[FloatArray, FloatArray]:
+def _gains(
+    robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
+) -> tuple[FloatArray, FloatArray]:
     """k_p and k_d (n_u,) of the simulated joint controller in a configuration."""
-    model = _linearisation(robot).model
-    q = np.zeros(model.n_q)
-    for joint, angle in zip(robot.driven, angles, strict=True):
-        q[[model.index(f"joint {joint.name}"), model.index(f"motor {joint.name}")]] = angle
+    model = _linearisation(robot, formulation).model
+    q = rigid_posture(model, Configuration("", np.array(angles)))
     gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio)
     return gains.kp, gains.kd
 

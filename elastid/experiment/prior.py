@@ -19,7 +19,7 @@ from elastid.experiment.spec import ControllerSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import frequency_response
-from elastid.model.serial import serial
+from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.controller import tuned
@@ -60,4 +60,4 @@ def closed_loop_response(
 
 @lru_cache(maxsize=4)
 def _linearisation(robot: Robot) -> Linearisation:
-    return Linearisation.of(serial(robot))
+    return Linearisation.of(formulate(robot))

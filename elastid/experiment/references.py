@@ -18,7 +18,7 @@ from elastid.experiment.plan import Plan
 from elastid.experiment.spec import CarrierSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.simulation.controller import feed_forward
@@ -54,7 +54,7 @@ class Reference:
 
 def references(plan: Plan, carrier: CarrierSpec | None, robot: Robot) -> tuple[Reference, ...]:
     """The references of all configurations of a plan, with the nominal robot's feed-forward torque."""
-    model = serial(robot)
+    model = formulate(robot)
     rest = (equilibrium(model, model.theta, configuration).q for configuration in plan.configurations)
     return tuple(reference(plan, carrier, model, q0, c) for q0, c in zip(rest, plan.configurations, strict=True))
 

@@ -21,7 +21,8 @@ from elastid.experiment.references import Reference, reference
 from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
-from elastid.model.serial import serial
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
 from elastid.record import Motion, Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
@@ -121,7 +122,9 @@ class SimulatedRig:
     def _prepared(self, experiment: Experiment) -> tuple[_Plant, FloatArray, Reference]:
         """The true robot, its equilibrium, and what its controller is given."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
-        plant = _plant(true_robot(self.robot, spec.truth), rate_hz, spec.substeps, spec.noise.encoder_counts)
+        plant = _plant(
+            true_robot(self.robot, spec.truth), spec.model, rate_hz, spec.substeps, spec.noise.encoder_counts
+        )
         q0 = equilibrium(plant.model, plant.model.theta, experiment.configuration).q
         _check_steps(plant, q0, experiment, spec.substeps, rate_hz)
         return plant, q0, reference(self.plan, spec.carrier, plant.model, q0, experiment.configuration)
@@ -179,9 +182,9 @@ def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
 
 
 @lru_cache(maxsize=4)
-def _plant(robot: Robot, rate_hz: float, substeps: int, encoder_counts: int) -> _Plant:
+def _plant(robot: Robot, equations: ModelSpec, rate_hz: float, substeps: int, encoder_counts: int) -> _Plant:
     """Built once in a process: CasADi expressions do not pickle."""
-    model = serial(robot)
+    model = formulate(robot, equations)
     motors = [(joint.motor, joint.limits) for joint in robot.driven if joint.motor is not None]
     coulomb = np.array([abs(motor.ratio) * motor.coulomb for motor, _ in motors])
     per_turn = [encoder_counts * abs(motor.ratio) for motor, _ in motors]

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from elastid.arrays import FloatArray
+from elastid.model.spec import ModelSpec
 from elastid.record import MOTION_UNIT
 from elastid.section import section
 from elastid.units import Angle, AngularVelocity, Frequency, Quantity, Time, Torque, TorqueConstant
@@ -98,7 +99,7 @@ class SimulatedSpec:
     """A rig that is a model: the study's robot with some of its numbers replaced by the truth that the fit must find.
 
     truth: parameter name to value.  outputs: places that are logged (default: every motor).
-    substeps: integration steps per sample of the controller.
+    substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
     """
 
     truth: dict[str, Quantity] = field(default_factory=dict)
@@ -107,6 +108,7 @@ class SimulatedSpec:
     carrier: CarrierSpec | None = None
     noise: NoiseSpec = NoiseSpec()
     substeps: int = 2
+    model: ModelSpec = ModelSpec()
 
     def __post_init__(self) -> None:
         """Refuse a simulation without steps, and outputs that would count twice."""

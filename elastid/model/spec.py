@@ -9,6 +9,6 @@ from elastid.section import section
 
 @section
 class ModelSpec:
-    """formulation: how the robot becomes equations; `serial` for a tree of bodies."""
+    """formulation: how the robot becomes equations (default: what suits the robot); `serial` for a tree of bodies."""
 
-    formulation: Literal["serial"] = "serial"
+    formulation: Literal["serial"] | None = None

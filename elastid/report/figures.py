@@ -14,7 +14,7 @@ from elastid.report.design_figures import information, postures
 from elastid.report.excitation_figures import excitation
 from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
-from elastid.report.frf_figures import frf_magnitude, frf_phase
+from elastid.report.frf_figures import configuration_title, frf_magnitude, frf_phase
 from elastid.report.limit_figures import peaks_against_limits, time_signals
 from elastid.report.parameter_rows import parameter_rows
 from elastid.report.quality_figures import coherence, levels
@@ -38,7 +38,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
     for name, (measured, modelled) in zip(_file_names(content), content.frf, strict=True):
         configuration = measured.configuration.name
-        title = _configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
+        title = configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
         yield Drawing(
             f"{name}-magnitude",
             f"configuration {configuration}",
@@ -110,11 +110,6 @@ def _limits(content: ReportContent) -> Iterator[Drawing]:
             f"shaded: the {content.peaks.margin:.0%} of it that are kept free; grey: not measured)."
         )
         yield Drawing("limits", "plan", caption, time_signals(content.nearest, content.peaks, content.plan))
-
-
-def _configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
-    angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
-    return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
 
 
 def _file_names(content: ReportContent) -> list[str]:

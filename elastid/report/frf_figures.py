@@ -16,6 +16,12 @@ from elastid.response import FrequencyResponse
 from elastid.validation.noise import above_2sigma, smoothed_std
 
 
+def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
+    """Name, angles of the driven joints, and whether the fit has seen it."""
+    angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
+    return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
+
+
 def frf_magnitude(measured: FrequencyResponse, modelled: FrequencyResponse, title: str) -> Figure:
     """|G| in dB of every element (n_y rows, n_u columns) on one y range.
 

@@ -14,7 +14,9 @@ from typing import Literal, TypeAlias
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
+from elastid.report.booklet import booklet
 from elastid.report.content import ReportContent
+from elastid.report.explorer import explorer
 from elastid.report.figures import drawings
 from elastid.report.numbers import digits, number, percent
 from elastid.report.parameter_rows import parameter_rows
@@ -42,17 +44,24 @@ class EmbeddedFigure:
 def write_report(content: ReportContent, folder: Path, formats: Collection[Format]) -> Path:
     """folder/report.html, and folder/figures/*.png and *.pdf as formats say; returns the page's path.
 
+    With pdf among the formats also folder/report.pdf, for paper: verdict, warnings, parameters, and all figures.
+
     Every file appears whole or not at all, the page last. The same content gives the same bytes.
     """
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
-    embedded = []
-    for drawing in drawings(content):
-        png = rendered(drawing.figure, "png")
-        for kind in formats:
-            _write(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind))
-        text = base64.b64encode(png).decode("ascii")
-        embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text))
+    embedded, paper = [], io.BytesIO()
+    with booklet(paper, content) as add:
+        for drawing in drawings(content):
+            png = rendered(drawing.figure, "png")
+            for kind in formats:
+                _write(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind))
+            if "pdf" in formats:
+                add(drawing.figure)
+            text = base64.b64encode(png).decode("ascii")
+            embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text))
+    if "pdf" in formats:
+        _write(folder / "report.pdf", paper.getvalue())
     page = folder / "report.html"
     _write(page, html(content, embedded).encode("utf-8"))
     return page
@@ -76,6 +85,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
         figures=figures,
+        explorer=explorer(content.frf, [a.configuration for a in content.validation.left_out]) if content.frf else None,
         rate_is_known=all(measured.rate_is_known for measured, _ in content.frf),
     )
 

@@ -11,7 +11,7 @@ The same value gives the same bytes: nothing in a file tells the time.
 
 from elastid.store.description import described, kind_of
 from elastid.store.design import read_peaks, read_rehearsal, write_movement, write_torque
-from elastid.store.files import Stamp, read_stamp, remove_leftovers, text_file
+from elastid.store.files import Stamp, read_stamp, remove_leftovers, replacing, text_file
 from elastid.store.forecasts import read_forecast
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
 from elastid.store.wing import (
@@ -39,6 +39,7 @@ __all__ = [
     "read_stamp",
     "read_validation",
     "remove_leftovers",
+    "replacing",
     "text_file",
     "write_fit",
     "write_movement",

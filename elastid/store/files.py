@@ -37,7 +37,7 @@ NO_STAMP = Stamp()
 @contextmanager
 def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
     """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
-    with _replacing(path) as temporary:
+    with replacing(path) as temporary:
         try:
             with h5py.File(temporary, "w") as file:
                 file.attrs["elastid"] = kind
@@ -55,12 +55,13 @@ def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
 @contextmanager
 def text_file(path: Path) -> Iterator[TextIO]:
     """A new text file; it takes its name only when it is complete and on the disk."""
-    with _replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
+    with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         yield file
 
 
 @contextmanager
-def _replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path) -> Iterator[Path]:
+    """Another path to write to; the file takes its name only when it is complete and on the disk."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.unfinished")
     try:

@@ -1,0 +1,1 @@
+"""The identified model for other tools, one target a file."""

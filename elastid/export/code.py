@@ -1,0 +1,70 @@
+r"""Export of the nonlinear equations: CasADi functions in one file each, and C code without dependencies.
+
+.. math:: M(q)\, \ddot q + f(q, \dot q) = B u
+
+with the identified numbers put in. Conventions of sign and side: `elastid.model.elastic`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import casadi as ca
+
+from elastid.export.identified import Identified
+from elastid.store import replacing, text_file
+
+
+def functions(model: Identified) -> tuple[ca.Function, ...]:
+    """mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, at the fitted numbers.
+
+    damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q.
+    """
+    m, theta = model.model, model.theta[:-1]
+    q, v = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q)
+    return (
+        ca.Function("mass", [q], [m.mass(q, theta)], ["q"], ["M"], {"cse": True}),
+        ca.Function("force", [q, v], [m.force(q, v, theta)], ["q", "v"], ["f"], {"cse": True}),
+        ca.Function("damping", [q], [m.damping(q, theta)], ["q"], ["D"], {"cse": True}),
+        ca.Function("stiffness", [q], [m.stiffness(q, ca.SX(m.n_c, 1), theta)], ["q"], ["K"], {"cse": True}),
+        ca.Function("input_matrix", [], [ca.SX(ca.DM(m.B))], [], ["B"]),
+    )
+
+
+def write_casadi(folder: Path, model: Identified) -> tuple[Path, ...]:
+    """mass.casadi, force.casadi, damping.casadi, stiffness.casadi, input_matrix.casadi for casadi.Function.load."""
+    paths = []
+    for function in functions(model):
+        path = folder / f"{function.name()}.casadi"
+        with replacing(path) as temporary:
+            function.save(str(temporary))
+        paths.append(path)
+    return (*paths, _coordinates(folder, model))
+
+
+def write_c(folder: Path, model: Identified) -> tuple[Path, ...]:
+    """robot.c and robot.h: the same functions, each `int mass(const double** arg, double** res, ...)`.
+
+    Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`.
+    """
+    generator = ca.CodeGenerator("robot.c", {"with_header": True})
+    for function in functions(model):
+        dense = [ca.densify(part) for part in function.call(function.sx_in())]
+        generator.add(
+            ca.Function(
+                function.name(), function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True}
+            )
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    generator.generate(f"{folder}/")
+    return folder / "robot.c", folder / "robot.h", _coordinates(folder, model)
+
+
+def _coordinates(folder: Path, model: Identified) -> Path:
+    """What the entries of q and u are, in words."""
+    path = folder / "coordinates.txt"
+    with text_file(path) as file:
+        file.write(f"{model.name}: M(q) q'' + f(q, q') = B u, link side, SI\n")
+        for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
+            file.writelines(f"{letter}[{i}]  {name}\n" for i, name in enumerate(names))
+    return path

@@ -1,0 +1,150 @@
+r"""Export to MuJoCo: the identified robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
+
+A flexible joint becomes two hinges of one axis on one body, motor angle and twist of the gear, q_a = q_m + twist:
+
+.. math:: V = \tfrac12 k\, twist^2, \quad R = \tfrac12 d\, \dot{twist}^2 + \tfrac12 f_m \dot q_m^2
+          + \tfrac12 f (\dot q_m + \dot{twist})^2, \quad T_m = \tfrac12 J_m \dot q_m^2
+
+Rotors are armatures, viscous friction of the arm a damped tendon. Everything is on the link side: an actuator exerts
+link-side torque. The keyframes are the equilibria, controls included.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.export.identified import Identified
+from elastid.linear.equilibrium import equilibrium
+from elastid.robot import BASE, Body, Joint, Robot, unit_axis
+from elastid.store import text_file
+
+# MuJoCo refuses a moving body without mass or with a point's inertia: kg and kg m^2 that no robot notices.
+_LEAST = 1e-12
+
+
+def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
+    """robot.xml. StudyError where the robot has something that MJCF cannot say."""
+    root = ET.Element("mujoco", model=model.robot.name)
+    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
+    ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    ET.SubElement(root, "option", gravity=_numbers(model.robot.gravity), integrator="implicit", timestep="0.0005")
+    _bodies(ET.SubElement(root, "worldbody"), model.robot)
+    _tendons(root, model.robot)
+    _actuators(root, model.robot)
+    _keyframes(root, model)
+    ET.indent(root)
+    path = folder / "robot.xml"
+    with text_file(path) as file:
+        file.write(ET.tostring(root, encoding="unicode") + "\n")
+    return (path,)
+
+
+def _bodies(world: ET.Element, robot: Robot) -> None:
+    elements = {BASE: world}
+    for body in robot.bodies:
+        element = ET.SubElement(
+            elements[body.parent],
+            "body",
+            name=body.name,
+            pos=_numbers(body.placement.xyz),
+            quat=_numbers(_quaternion(body.placement.rotation)),
+        )
+        if body.mass or np.any(body.inertia_matrix):
+            _inertial(element, body)
+        for joint in body.joints:
+            _hinges(element, joint)
+        elements[body.name] = element
+
+
+def _inertial(element: ET.Element, body: Body) -> None:
+    I = body.inertia_matrix  # noqa: E741
+    I = I + max(0.0, _LEAST - np.linalg.eigvalsh(I)[0]) * np.eye(3)  # noqa: E741
+    entries = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
+    ET.SubElement(
+        element,
+        "inertial",
+        pos=_numbers(body.center_of_mass),
+        mass=_number(max(body.mass, _LEAST)),
+        fullinertia=_numbers(entries),
+    )
+
+
+def _hinges(element: ET.Element, joint: Joint) -> None:
+    axis = _numbers(unit_axis(joint.axis))
+    armature, friction = 0.0, 0.0
+    if joint.motor is not None:
+        armature = joint.motor.ratio**2 * joint.motor.inertia
+        friction = joint.motor.ratio**2 * joint.motor.viscous
+    if joint.spring is None:
+        _hinge(element, _driven(joint), axis, armature=armature, damping=friction + joint.viscous)
+    elif joint.motor is None:
+        k, d = joint.spring.stiffness, joint.spring.damping
+        _hinge(element, f"joint {joint.name}", axis, stiffness=k, damping=d + joint.viscous)
+    else:
+        _hinge(element, f"motor {joint.name}", axis, armature=armature, damping=friction)
+        _hinge(element, f"twist {joint.name}", axis, stiffness=joint.spring.stiffness, damping=joint.spring.damping)
+
+
+def _hinge(element: ET.Element, name: str, axis: str, **numbers: float) -> None:
+    ET.SubElement(element, "joint", {"name": name, "axis": axis} | {key: _number(n) for key, n in numbers.items()})
+
+
+def _driven(joint: Joint) -> str:
+    return f"joint {joint.name}" if joint.motor is None else f"motor {joint.name}"
+
+
+def _tendons(root: ET.Element, robot: Robot) -> None:
+    """Viscous friction across a flexible joint acts on motor angle and twist together."""
+    rough = [joint for joint in robot.flexible if joint.viscous]
+    if not rough:
+        return
+    tendons = ET.SubElement(root, "tendon")
+    for joint in rough:
+        fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}", damping=_number(joint.viscous))
+        for part in ("motor", "twist"):
+            ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
+
+
+def _actuators(root: ET.Element, robot: Robot) -> None:
+    actuators = ET.SubElement(root, "actuator")
+    for joint in robot.driven:
+        ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
+
+
+def _keyframes(root: ET.Element, model: Identified) -> None:
+    keys = ET.SubElement(root, "keyframe")
+    for linear in model.linear:
+        point = equilibrium(model.model, model.theta[:-1], linear.configuration)
+        at = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
+        q: list[float] = []
+        for joint in model.robot.joints:  # MuJoCo's order: bodies by depth first, joints of a body in their order
+            angle = at[f"joint {joint.name}"]
+            q += [at[f"motor {joint.name}"], angle - at[f"motor {joint.name}"]] if joint.is_flexible else [angle]
+        ET.SubElement(keys, "key", name=linear.configuration.name, qpos=_numbers(q), ctrl=_numbers(point.u))
+
+
+def _quaternion(R: FloatArray) -> FloatArray:
+    """(w, x, y, z) of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix, with w >= 0."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
+    K = np.array(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
+            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
+            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
+        ]
+    )
+    q: FloatArray = np.linalg.eigh(K)[1][:, -1]
+    return q if q[0] >= 0 else -q
+
+
+def _numbers(values: object) -> str:
+    return " ".join(_number(float(value)) for value in values)  # type: ignore[attr-defined]
+
+
+def _number(value: float) -> str:
+    return repr(float(value))

@@ -1,0 +1,81 @@
+"""The report on paper: one PDF with the verdict, the warnings and the parameters in front of all figures."""
+
+from __future__ import annotations
+
+import io
+import textwrap
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from matplotlib.backends.backend_pdf import PdfPages
+from matplotlib.figure import Figure
+
+from elastid.report import style
+from elastid.report.content import ReportContent
+from elastid.report.numbers import digits, number
+from elastid.report.parameter_rows import ParameterRow, parameter_rows
+
+# A4 in inches; letters a line and lines a page of a fixed-width font of style.NORMAL points.
+PAPER = (8.27, 11.69)
+LETTERS, LINES = 96, 68
+
+
+def front_pages(content: ReportContent) -> Iterator[Figure]:
+    """Title, verdict, warnings and the table of parameters, as many pages as they take."""
+    lines = list(_text(content))
+    for start in range(0, len(lines), LINES):
+        figure = Figure(figsize=PAPER)
+        text = style.plain("\n".join(lines[start : start + LINES]))
+        figure.text(0.08, 0.95, text, va="top", family="monospace", fontsize=style.NORMAL, linespacing=1.25)
+        yield figure
+
+
+@contextmanager
+def booklet(file: io.BytesIO, content: ReportContent) -> Iterator[Callable[[Figure], None]]:
+    """A PDF that begins with the front pages; what is yielded adds a page to it, so that no figure need be kept.
+
+    Without names and dates of the writing program the same pages give the same bytes.
+    """
+    with PdfPages(file, metadata={"Creator": None, "Producer": None, "CreationDate": None}) as pdf:
+
+        def add(page: Figure) -> None:
+            with warnings.catch_warnings():
+                warnings.filterwarnings("ignore", message="Glyph .* missing from")
+                pdf.savefig(page)
+
+        for page in front_pages(content):
+            add(page)
+        yield add
+
+
+def _text(content: ReportContent) -> Iterator[str]:
+    yield from _wrapped(content.title)
+    yield ""
+    for warning in content.all_warnings:
+        yield from _wrapped(f"! {warning}", "  ")
+    if content.all_warnings:
+        yield ""
+    yield from _wrapped(content.verdict)
+    if content.result.message != content.verdict:
+        yield from _wrapped(content.result.message)
+    yield ""
+    rows = parameter_rows(content.result, content.truth)
+    yield from _columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
+
+
+def _row(row: ParameterRow) -> tuple[str, ...]:
+    places = digits(row.estimate, row.std)
+    interval = f"{number(row.interval[0], places)} … {number(row.interval[1], places)}"
+    bound_hit = "at its bound" if row.at_bound else ""
+    return row.name, row.unit, number(row.estimate, places), number(row.std, 2), interval, bound_hit
+
+
+def _columns(table: list[tuple[str, ...]]) -> Iterator[str]:
+    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    for row in table:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _wrapped(text: str, indent: str = "") -> list[str]:
+    return textwrap.wrap(text, LETTERS, subsequent_indent=indent) or [""]
