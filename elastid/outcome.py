@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from elastid.fit.result import FitResult
+from elastid.fit.choose import choose
+from elastid.fit.result import FitResult, Start
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
@@ -107,6 +108,21 @@ def failure(study: Study, message: str) -> dict[str, Any]:
     }
 
 
+def interrupted(study: Study, ends: Sequence[Start]) -> dict[str, Any]:
+    """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
+    best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to go on")
+    if not ends:
+        return best | {"status": "interrupted"}
+    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
+    rows = {
+        p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}
+        | {"start": x_start[p.name]}
+        for p in parameters.free
+    }
+    return best | {"status": "interrupted", "cost": _number(ends[0].cost), "parameters": rows}
+
+
 def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
     rows = parameter_rows(result, truth(study))
     return {
@@ -118,9 +134,30 @@ def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
             "at_bound": row.at_bound,
             "start": row.start,
             **({} if row.truth is None else {"truth": row.truth}),
+            **_further(result, row.name),
         }
         for row in rows
     }
+
+
+def _further(result: FitResult, name: str) -> dict[str, Any]:
+    """Intervals by other ways, and what informs a free parameter: the configuration that does most, and the band."""
+    if name not in result.parameters.free_names:
+        return {}
+    i = result.parameters.free_names.index(name)
+    found: dict[str, Any] = {}
+    for key in ("profile95", "bootstrap95"):
+        ends = getattr(result, key)
+        if len(ends) and not np.isnan(ends[i]).any():
+            found[key] = _numbers(ends[i].tolist())
+    if len(result.share) and np.isfinite(result.share[:, i]).all():
+        most = int(np.argmax(result.share[:, i]))
+        found["informed_by"] = {
+            "configuration": result.configurations[most],
+            "share": round(float(result.share[most, i]), 4),
+            "band_hz": _numbers(result.informing_hz[i].tolist()),
+        }
+    return found
 
 
 def _correlations(result: FitResult) -> list[list[Any]]:

@@ -7,7 +7,7 @@ linear. What a study does not name keeps the robot's number.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 
 from elastid.errors import StudyError
@@ -24,7 +24,7 @@ REACH_OF_FRICTION = 1e4
 DELAY_BOUNDS = (0.0, 0.01)
 
 
-def choose(spec: FitSpec, robot: Robot) -> ParameterSet:
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.

@@ -14,6 +14,9 @@ from elastid.parameters import ParameterSet
 WIDE = 10.0
 HOPELESS = 1e6
 CORRELATED = 0.99
+# A singular value below this share of the largest is worth a word, with the parameters that have such a part in it.
+ILL = 1e-3
+TELLING = 0.2
 # x within this share of its range from a bound is at it.
 NEAR_BOUND = 1e-4
 # A bound that holds a parameter in this share of the starts is worth a word.
@@ -67,6 +70,7 @@ def findings(result: FitResult, unreached: BoolArray) -> tuple[str, ...]:
         *_undetermined(result, unreached),
         *_weak(result, unreached),
         *_correlated(result),
+        *_weakest(result),
         *_search(result),
     )
 
@@ -126,6 +130,20 @@ def _correlated(result: FitResult) -> list[str]:
     return [
         f"{names[i]} and {names[j]} are hardly told apart: their estimates are correlated by {correlation[i, j]:.4f}"
         for i, j in pairs
+    ]
+
+
+def _weakest(result: FitResult) -> list[str]:
+    """The combination that is known worst, where it is known far worse than the rest."""
+    values = result.singular_values
+    if not len(result.weakest) or len(values) < 2 or values[-1] > ILL * values[0] or values[-1] < 1e-8 * values[0]:
+        return []
+    places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > TELLING]
+    names = result.parameters.free_names
+    terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
+    return [
+        f"the combination {terms} (relative changes of what they do) is known worst: singular value "
+        f"{values[-1] / values[0]:.1e} of the largest; measure where these act differently, or tie them"
     ]
 
 

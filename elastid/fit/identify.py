@@ -22,6 +22,7 @@ from elastid.fit.elastic import ElasticFit
 from elastid.fit.explained import apart_words, explained, sign_words
 from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.inputs import check_responses
+from elastid.fit.intervals import further_intervals
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.result import FitResult, Start
 from elastid.fit.spec import FitSpec
@@ -56,7 +57,8 @@ def identify(
     model: the formulation of the equations.  seed: of the starts; the result does not depend on `jobs`, the number of
     processes.  progress(done, starts).
     Raises StudyError for parameters, masks or places that do not exist; DataError where nothing is left to fit;
-    FitError for a parameter that reaches no response and where no start leads anywhere.
+    FitError for a parameter that reaches no response and where no start leads anywhere; Interrupted, with the starts
+    that were done, on Ctrl-C.
     """
     check_responses(responses, robot)
     parameters = choose(spec, robot)
@@ -78,7 +80,8 @@ def identify(
     ranked, hits = multistart([stage.problem for stage in stages], starts, jobs, progress, spec.solver)
     settled = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
-    return _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes))
+    result = _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes))
+    return further_intervals(result, settled, spec, seed, jobs, progress)
 
 
 def predict(
@@ -134,6 +137,10 @@ def _result(
         at_bound=at_bound(fit.parameters, end.x),
         singular_values=sure.singular_values,
         criterion=fit.parts[0].criterion,
+        configurations=tuple(part.kernel.model.configuration.name for part in fit.parts),
+        share=sure.informed.share,
+        informing_hz=sure.informed.band_hz,
+        weakest=sure.informed.weakest,
     )
     share = explained(fit, end.x, result.cost_expected)
     status, message = status_and_message(result, end, sure.unreached, share)

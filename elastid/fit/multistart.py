@@ -75,18 +75,13 @@ def multistart(
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
     begin = _Begin(tuple(problems), method)
-    rough = _kept(begin, list(starts), jobs, lambda done, total: progress(done, 2 * total))
+    rough = _kept(begin, list(starts), jobs, progress)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
         raise FitError(f"none of the {len(rough)} starts led anywhere; the first one ended so: {rough[0].message}")
     reach = best + _deviation(best, problems[-1])
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
-    polished = _kept(
-        _Polish(problems[-1], method),
-        [rough[i] for i in hopeful],
-        jobs,
-        lambda done, total: progress(len(starts) + done, len(starts) + total),
-    )
+    polished = _kept(_Polish(problems[-1], method), [rough[i] for i in hopeful], jobs, silent)
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
     ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
     best = ranked[0].cost

@@ -16,6 +16,8 @@ Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
 MOST_STARTS = 10_000
 LARGEST_FACTOR = 1e3
 MOST_BANDS = 20
+# Below, no interval of 95 % can be read off.
+FEWEST_REPETITIONS = 40
 
 
 def _check_band(band_hz: tuple[float, float] | None) -> None:
@@ -132,6 +134,8 @@ class FitSpec:
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
     line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
     band_hz: lines used.  mask: what is left out.
+    profile: names or patterns of parameters whose interval is found by profile likelihood too.  bootstrap: repetitions
+    of the fit on data drawn anew, commonly 200; bootstrap_kind: from the measured covariance or from the residuals.
     """
 
     criterion: Literal["complex", "log"] = "complex"
@@ -144,6 +148,9 @@ class FitSpec:
     band_hz: tuple[Frequency, Frequency] | None = None
     mask: tuple[MaskSpec, ...] = ()
     weights: WeightSpec = WeightSpec()
+    profile: tuple[str, ...] = ()
+    bootstrap: int = 0
+    bootstrap_kind: Literal["parametric", "residual"] = "parametric"
 
     def __post_init__(self) -> None:
         """Refuse a multistart without starts or without end, and a band upside down."""
@@ -153,6 +160,8 @@ class FitSpec:
             raise ValueError(
                 f"start_factor is {self.start_factor:g}; it must be 1 to {LARGEST_FACTOR:g}, commonly 2 to 10"
             )
+        if not (self.bootstrap == 0 or FEWEST_REPETITIONS <= self.bootstrap <= MOST_STARTS):
+            raise ValueError(f"bootstrap is {self.bootstrap}; give 0, or {FEWEST_REPETITIONS} to {MOST_STARTS}")
         if not 1 <= self.continuation <= MOST_BANDS:
             raise ValueError(
                 f"continuation is {self.continuation} bands; it must be 1 to {MOST_BANDS}, commonly 1 to 4"

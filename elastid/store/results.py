@@ -31,6 +31,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         singular = scale(file, "direction", np.arange(len(result.singular_values)), "direction, best known first")
         variable(file, "singular_values", result.singular_values, [singular], "of the Jacobian, columns scaled")
         _write_starts(file, result, free)
+        _write_further(file, result, free)
         scale(file, "warning", result.warnings, "warning")
 
 
@@ -46,8 +47,28 @@ def read_fit(path: Path) -> FitResult:
             at_bound=file["at_bound"][:],
             singular_values=file["singular_values"][:],
             warnings=texts(file, "warning"),
+            **_read_further(file),
             **{name: known[name] for name in _FIT_ATTRIBUTES},
         )
+
+
+def _write_further(file: Any, result: FitResult, free: Any) -> None:
+    """What some fits have besides: intervals of two ends, and what informs each parameter."""
+    end = scale(file, "end", ["lower", "upper"], "end of an interval")
+    for name, what in (("profile95", "95 % interval by profile likelihood"), ("bootstrap95", "and by bootstrap")):
+        if len(getattr(result, name)):
+            variable(file, name, getattr(result, name), [free, end], what, "SI")
+    if len(result.share):
+        configuration = scale(file, "configuration", result.configurations, "configuration")
+        variable(file, "share", result.share, [configuration, free], "share of what is known of a parameter")
+        variable(file, "informing_hz", result.informing_hz, [free, end], "middle half of what informs it", "Hz")
+        variable(file, "weakest", result.weakest, [free], "combination that is known worst")
+
+
+def _read_further(file: Any) -> dict[str, Any]:
+    names = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
+    found = {name: file[name][:] for name in names if name in file}
+    return found | ({"configurations": texts(file, "configuration")} if "configuration" in file else {})
 
 
 def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
