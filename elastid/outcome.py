@@ -38,9 +38,10 @@ def truth(study: Study) -> dict[str, float] | None:
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
     """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
-    linearisation, theta = Linearisation.of(formulate(study.robot, study.model)), result.theta
+    linearisation = Linearisation.of(formulate(study.robot, study.model))
     rows = []
     for response in responses:
+        theta = result.theta_of(response.configuration.name)
         model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
         found = modes(model, theta)
         rows.append(ModeRow(response.configuration.name, found.freq_hz, found.zeta))

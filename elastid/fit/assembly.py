@@ -63,7 +63,7 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: Criterion) -> ElasticFit:
         """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
-        models = linearised(self.linearisation, self.responses, self.parameters.expand(x))
+        models = linearised(self.linearisation, self.responses, self.parameters, x)
         return elastic_fit(
             self.responses, models, self.weights, self.parameters, criterion, criterion == self.spec.criterion
         )
@@ -116,10 +116,12 @@ def settle(assembly: Assembly, start: Start, criterion: Criterion) -> Settled:
 
 
 def linearised(
-    linearisation: Linearisation, responses: Sequence[FrequencyResponse], theta: FloatArray
+    linearisation: Linearisation, responses: Sequence[FrequencyResponse], parameters: ParameterSet, x: FloatArray
 ) -> list[LinearModel]:
-    """The model of each response at theta, with its inputs and outputs in its order; theta ends with the delay."""
-    return [
-        matched(linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity), response)
-        for response in responses
-    ]
+    """The model of each response at x, with its inputs and outputs in its order; theta ends with the delay."""
+    models = []
+    for response in responses:
+        theta = parameters.expand(x, response.configuration.name)
+        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
+        models.append(matched(model, response))
+    return models

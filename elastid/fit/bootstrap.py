@@ -43,8 +43,8 @@ def bootstrap(
     Each repetition has its own random numbers, so that the result does not depend on `jobs`.
     """
     draws = np.random.SeedSequence(seed).spawn(repetitions)
-    source, theta = _parametric if kind == "parametric" else _residual, fit.parameters.expand(x)
-    sources = tuple(source(part, weight, theta) for part, weight in zip(fit.parts, weights, strict=True))
+    source = _parametric if kind == "parametric" else _residual
+    sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
     return np.array(ordered(_Repetition(fit, sources, x), draws, jobs, progress))
 
 

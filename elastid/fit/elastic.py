@@ -47,6 +47,11 @@ class Part:
     criterion: Criterion
     mixing: ComplexArray | None = None
 
+    @property
+    def configuration(self) -> str:
+        """The name of the configuration."""
+        return self.kernel.model.configuration.name
+
     @cached_property
     def normal(self) -> Normal:
         """Cost, gradient and normal matrix without the derivatives of every element."""
@@ -110,16 +115,16 @@ class ElasticFit:
         return self.evaluate(x, np.float32)
 
     def _evaluate(self, x: FloatArray, precision: type[np.floating[Any]]) -> Evaluation:
-        theta, T = self.parameters.expand(x), self._chain(x)
-        V, g, A = 0.0, np.zeros(T.shape[0]), np.zeros((T.shape[0], T.shape[0]))
+        V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
         for part in self.parts:
-            cost, gradient, normal = part.normal.at(theta, precision)
-            V, g, A = V + cost, g + gradient, A + normal
+            cost, gradient, normal = part.normal.at(self.theta(part, x), precision)
+            T = self._chain(part, x)
+            V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         distance, slope = self._priors(x)
         return Evaluation(
             V + float(distance @ distance),
-            2 * (T.T @ g + slope * distance),
-            2 * (T.T @ A @ T + np.diag(slope**2)),
+            2 * (g + slope * distance),
+            2 * (A + np.diag(slope**2)),
         )
 
     def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -136,15 +141,18 @@ class ElasticFit:
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
         """Whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
-        theta, T = self.parameters.expand(x), self._chain(x)
         for part in self.parts:
-            r, dr = part.whitened(theta)
-            yield r, np.tensordot(T.T, dr, axes=1)
+            r, dr = part.whitened(self.theta(part, x))
+            yield r, np.tensordot(self._chain(part, x).T, dr, axes=1)
 
-    def _chain(self, x: FloatArray) -> FloatArray:
-        """d theta / d x (P, n_x) of the parameters that x moves: the kernels' order."""
-        moved = [self.parameters.index(name) for name in self.parameters.moved_names]
-        return self.parameters.jacobian(x)[moved]
+    def theta(self, part: Part, x: FloatArray) -> FloatArray:
+        """theta (n_theta,) in the configuration of a part."""
+        return self.parameters.expand(x, part.configuration)
+
+    def _chain(self, part: Part, x: FloatArray) -> FloatArray:
+        """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
+        moved = [self.parameters.index(name) for name in part.kernel.wanted]
+        return self.parameters.jacobian(x, part.configuration)[moved]
 
     @property
     def prior_slopes(self) -> FloatArray:
@@ -207,11 +215,12 @@ def _part(
 ) -> Part:
     if model.parameters != parameters.names:
         raise ValueError(f"the model's parameters {model.parameters} are not those of the set {parameters.names}")
-    kernel = Kernel(_with_the_rest_held(model, parameters), response.freq_hz, parameters.moved_names)
+    held = _with_the_rest_held(model, parameters)
+    kernel = Kernel(held, response.freq_hz, parameters.moved(model.configuration.name))
     used = weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for (identification.md 2).
-        G = kernel.response(parameters.theta)
+        G = kernel.response(held.theta_ref)
         used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > LOG_GATE * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
@@ -233,9 +242,10 @@ def _mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
 
 def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearModel:
     """The same affine model without slopes of what x does not move: a fraction to carry to other processes."""
-    theta = parameters.theta
+    where = model.configuration.name
+    theta = parameters.expand(parameters.x, where)
     M, D, K = model.matrices(theta)
-    slopes = {name: model.slopes[name] for name in parameters.moved_names if name in model.slopes}
+    slopes = {name: model.slopes[name] for name in parameters.moved(where) if name in model.slopes}
     return replace(model, theta_ref=theta, M=M, D=D, K=K, slopes=slopes)
 
 

@@ -26,12 +26,11 @@ FAR_APART = 5.0
 
 def explained(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     """The share of the measured responses that the model at x (n_x,) explains; negative where it is worse than none."""
-    theta = fit.parameters.expand(x)
     left, whole = 0.0, 0.0
     for part in fit.parts:
         weight = part.gain * np.abs(error_gain(part.criterion, part.measured))
         used = part.gain > 0
-        error = np.where(used, weight * (part.measured - part.kernel.response(theta)), 0.0)
+        error = np.where(used, weight * (part.measured - part.kernel.response(fit.theta(part, x))), 0.0)
         left += float(np.sum(np.abs(error) ** 2))
         whole += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
@@ -81,12 +80,11 @@ def sign_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
 
 def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
     """A word about each configuration that the model at x explains far worse than the others."""
-    theta = fit.parameters.expand(x)
     level = {}
     for part in fit.parts:
         if part.n_residuals:
             name = part.kernel.model.configuration.name
-            level[name] = np.sqrt(part.normal.at(theta)[0] / part.n_residuals)
+            level[name] = np.sqrt(part.normal.at(fit.theta(part, x))[0] / part.n_residuals)
     if len(level) < 3:
         return ()
     usual = float(np.median(list(level.values())))

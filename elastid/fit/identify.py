@@ -61,7 +61,7 @@ def identify(
     that were done, on Ctrl-C.
     """
     check_responses(responses, robot)
-    parameters = choose(spec, robot)
+    parameters = choose(spec, robot, [response.configuration.name for response in responses])
     check_masks(responses, spec)
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
@@ -88,10 +88,12 @@ def predict(
     result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse], model: ModelSpec = EXACT
 ) -> tuple[FrequencyResponse, ...]:
     """The fitted model's response for each of `responses`: its lines, inputs, outputs and configuration."""
-    theta = result.theta
-    models = linearised(Linearisation.of(formulate(robot, model)), responses, theta)
+    models = linearised(Linearisation.of(formulate(robot, model)), responses, result.parameters, result.x)
     return tuple(
-        replace(to_response(linear, theta, response.freq_hz), rate_is_known=response.rate_is_known)
+        replace(
+            to_response(linear, result.theta_of(linear.configuration.name), response.freq_hz),
+            rate_is_known=response.rate_is_known,
+        )
         for linear, response in zip(models, responses, strict=True)
     )
 

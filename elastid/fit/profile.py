@@ -95,7 +95,7 @@ class Held:
     def _untied(self, name: str) -> ParameterSet:
         """Those without what is tied to the held one, which the whole problem moves anyway."""
         every = self.problem.parameters
-        return ParameterSet(tuple(p for p in every if p.tie is None or p.tie.to != name))
+        return ParameterSet(tuple(p for p in every if p.tie is None or name not in (p.tie.to, p.tie.by)))
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,12 @@ def uncertain_modes(
     model: LinearModel, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
 ) -> UncertainModes:
     """The oscillating modes at x (n_x,) whose covariance is (n_x, n_x); infinite deviations where that one's are."""
-    theta = parameters.expand(x)
+    where = model.configuration.name
+    theta = parameters.expand(x, where)
     found = modes(model, theta)
     omega = 2 * np.pi * found.freq_hz
     poles = omega * (-found.zeta + 1j * np.sqrt(np.maximum(1 - found.zeta**2, 0.0)))
-    slopes = _pole_slopes(model, theta, poles, found.shapes) @ parameters.jacobian(x)
+    slopes = _pole_slopes(model, theta, poles, found.shapes) @ parameters.jacobian(x, where)
     # d|lambda| = Re(conj(lambda) dlambda) / |lambda|; zeta = -Re lambda / |lambda|.
     d_omega = (poles.conj()[:, None] * slopes).real / omega[:, None]
     d_zeta = -(slopes.real + found.zeta[:, None] * d_omega) / omega[:, None]
@@ -51,10 +52,11 @@ def response_deviation(
     model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
     """G (F, n_y, n_u) and the standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) that the covariance of x leaves."""
-    kernel = Kernel(model, freq_hz, parameters.moved_names)
-    G, dG = kernel.evaluate(parameters.expand(x))
-    moved = [parameters.index(name) for name in parameters.moved_names]
-    J = np.tensordot(parameters.jacobian(x)[moved].T, dG, axes=1)
+    where = model.configuration.name
+    kernel = Kernel(model, freq_hz, parameters.moved(where))
+    G, dG = kernel.evaluate(parameters.expand(x, where))
+    moved = [parameters.index(name) for name in kernel.wanted]
+    J = np.tensordot(parameters.jacobian(x, where)[moved].T, dG, axes=1)
     flat = J.reshape(len(x), -1).T
     return G, np.hypot(_deviation(flat.real, covariance), _deviation(flat.imag, covariance)).reshape(G.shape)
 

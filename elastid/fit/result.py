@@ -87,6 +87,10 @@ class FitResult:
         """The estimate (n_theta,) of all parameters in SI, fixed and tied ones included."""
         return self.parameters.expand(self.x)
 
+    def theta_of(self, configuration: str) -> FloatArray:
+        """The same in one configuration, where it has parameters of its own."""
+        return self.parameters.expand(self.x, configuration)
+
     @property
     def values(self) -> dict[str, float]:
         """The estimate by name, in SI."""

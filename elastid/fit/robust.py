@@ -27,10 +27,9 @@ def robust_factors(
     fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, spec: WeightSpec
 ) -> tuple[FloatArray, ...]:
     """w (F, n_y, n_u) of each configuration at x (n_x,), 1 where an element is left out."""
-    theta = fit.parameters.expand(x)
     distances = []
     for part, weight in zip(fit.parts, weights, strict=True):
-        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(theta))
+        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(fit.theta(part, x)))
         used = part.gain > 0
         gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
         distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))

@@ -35,15 +35,38 @@ class PriorSpec:
 
 @section
 class TieSpec:
-    """This parameter is factor times the parameter `to`."""
+    """This parameter is factor times the parameter `to`, and times the ratio `by` if one is named.
+
+    to: a * stands for what the * of the key stands for (d_*: {tie: {to: k_*}}).  at_hz: the factor is divided by
+    2 pi at_hz, so that a damping d = eta k / omega has the loss factor eta at that frequency.
+    """
 
     to: str
     factor: float = 1.0
+    by: str = ""
+    at_hz: Frequency | None = None
 
-    @property
-    def tie(self) -> Tie:
-        """As the parameter set wants it."""
-        return Tie(self.to, self.factor)
+    def __post_init__(self) -> None:
+        """Refuse a frequency that cannot divide."""
+        if self.at_hz is not None and not self.at_hz > 0:
+            raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
+
+    def tie(self, star: str = "") -> Tie:
+        """As the parameter set wants it, the * of `to` filled in."""
+        omega = 1.0 if self.at_hz is None else 2 * math.pi * self.at_hz
+        return Tie(self.to.replace("*", star), self.factor / omega, self.by)
+
+
+@section
+class RatioSpec:
+    """A factor of ties that is identified: a loss factor, or beta of a damping d = beta k that many springs share.
+
+    start: in SI.  bounds: default start / 100 to start * 100.  prior: as of a positive parameter.
+    """
+
+    start: Quantity
+    bounds: tuple[Quantity, Quantity] | None = None
+    prior: PriorSpec | None = None
 
 
 @section
@@ -51,6 +74,8 @@ class ParameterSpec:
     """What to do with one parameter: identify it (the default), fix it, or tie it to another.
 
     start: default the robot's number.  bounds: [lower, upper]; default start / 100 to start * 100 for a positive one.
+    per: `configuration` identifies it in each configuration by itself; {warm: [c1, c2], cold: [c3]} in each of these
+    groups (a temperature, a load, one of several robots of a type), and once in all configurations that no group names.
     """
 
     start: Quantity | None = None
@@ -58,6 +83,12 @@ class ParameterSpec:
     fixed: bool = False
     tie: TieSpec | None = None
     prior: PriorSpec | None = None
+    per: Literal["configuration"] | dict[str, tuple[str, ...]] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be together."""
+        if self.per is not None and (self.fixed or self.tie is not None):
+            raise ValueError("per is for a parameter that is identified, neither fixed nor tied")
 
 
 @section
@@ -130,6 +161,7 @@ class FitSpec:
 
     criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
+    ratios: factors that ties share, by a name of your own.
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
     line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
@@ -141,6 +173,7 @@ class FitSpec:
     criterion: Literal["complex", "log"] = "complex"
     log_first: bool = True
     parameters: dict[str, ParameterSpec] = field(default_factory=dict)
+    ratios: dict[str, RatioSpec] = field(default_factory=dict)
     starts: int = 20
     start_factor: float = 3.0
     continuation: int = 1
