@@ -34,7 +34,7 @@ def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
     for one, other in zip(here, there, strict=True):
         np.testing.assert_array_equal(one.x, other.x)
         assert (one.cost, one.message) == (other.cost, other.message)
-    with on_dask(address), pytest.raises(ValueError, match="math domain|nonnegative"):
+    with on_dask(address), pytest.raises(ValueError, match=r"math domain|nonnegative"):
         ordered(math.sqrt, [1.0, -1.0], 1)
 
 
