@@ -250,3 +250,48 @@ def test_normalised_weights_are_used(data):
     weights = Assembly.of([quiet, data[1]], bench(), spec, choose(spec, bench())).weights
     assert np.all(weights[0].factor < 1)
     assert np.all(weights[1].factor > 1)
+
+
+def bodied(inertia=(0.02, 0.03, 0.04, 0.001, 0.0, 0.002)) -> Robot:
+    """A driven axis under two elastic rotations: every axis of the body's inertia is felt."""
+    joints = (
+        Joint("1", "z", Spring(100.0, 0.05), Motor(1e-3, viscous=1e-3)),
+        Joint("x", "x", Spring(200.0, 0.1)),
+        Joint("y", "y", Spring(300.0, 0.1)),
+    )
+    body = Body("arm", joints=joints, mass=2.0, center_of_mass=(0.05, 0.03, 0.02), inertia=inertia)
+    return Robot("bodied", (body,), gravity=(0.0, 0.0, 0.0))
+
+
+def of_body(robot: Robot, rng: np.random.Generator) -> FrequencyResponse:
+    model = serial(robot)
+    places = ("motor 1", "joint 1", "joint x", "joint y")
+    linear = Linearisation.of(model).at(Configuration("c1", (0.0,)), model.theta, places, "acceleration")
+    exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
+    std = 0.01 * np.abs(exact.G)
+    noise = std / np.sqrt(2) * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape))
+    return replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+
+
+def test_an_inertia_tensor_is_found():
+    """Three moments and two products from motor and joint motion, from starts that are a tenth off."""
+    names = ("I_arm_xx", "I_arm_yy", "I_arm_zz", "I_arm_xy", "I_arm_yz")
+    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, starts=1, weights=WeightSpec(floor=0.0))
+    start = bodied((0.022, 0.028, 0.038, 0.0, 0.0, 0.0))
+    result = identify([of_body(bodied(), np.random.default_rng(0))], start, spec)
+    truth = bodied().parameters()
+    std = np.sqrt(np.diag(result.covariance))
+    x = np.array([parameter.to_x(truth[parameter.name][0]) for parameter in result.parameters.free])
+    assert result.status == "converged"
+    assert np.all(np.abs(result.x - x) < 4 * std)
+    assert not any("no body can have" in warning for warning in result.warnings)
+
+
+def test_an_inertia_stays_one_that_a_body_can_have():
+    """A body as thin as a sheet, whose largest moment is the sum of the others, with the others held 10 % too small."""
+    sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
+    held = {"I_arm_xx": ParameterSpec(start=0.018, fixed=True), "I_arm_yy": ParameterSpec(start=0.027, fixed=True)}
+    spec = FitSpec(parameters=held | {"I_arm_zz": ParameterSpec(start=0.03), "k_1": ParameterSpec()}, starts=2)
+    result = identify([of_body(sheet, np.random.default_rng(1))], bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), spec)
+    assert 0.044 < result.values["I_arm_zz"] < 0.045
+    assert any("body arm: the data want an inertia that no body can have" in w for w in result.warnings)

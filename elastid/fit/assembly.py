@@ -11,6 +11,7 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import FitError, StudyError
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
+from elastid.fit.physical import shapes
 from elastid.fit.residuals import Criterion
 from elastid.fit.result import Start
 from elastid.fit.robust import robust_factors
@@ -64,9 +65,9 @@ class Assembly:
     def at(self, x: FloatArray, criterion: Criterion) -> ElasticFit:
         """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
         models = linearised(self.linearisation, self.responses, self.parameters, x)
-        return elastic_fit(
-            self.responses, models, self.weights, self.parameters, criterion, criterion == self.spec.criterion
-        )
+        correlated = criterion == self.spec.criterion
+        fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
+        return replace(fit, shapes=shapes(self.parameters, self.linearisation.model.robot))
 
     def reweighed(self, x: FloatArray) -> Assembly:
         """The same with less weight on what is far off at x, as the study's loss wants it."""

@@ -20,6 +20,7 @@ from elastid.arrays import ComplexArray, FloatArray, frozen
 from elastid.errors import StudyError
 from elastid.fit.correlated import unmixing
 from elastid.fit.normal import Normal
+from elastid.fit.physical import Shape, barrier
 from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.residuals import RESIDUALS, Criterion, as_real, error_gain
 from elastid.fit.weights import Weights
@@ -86,10 +87,14 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class ElasticFit:
-    """The parts of all configurations over one set of parameters; it pickles, so that starts can run in processes."""
+    """The parts of all configurations over one set of parameters; it pickles, so that starts can run in processes.
+
+    shapes: bodies whose inertia must stay one that a body can have.
+    """
 
     parameters: ParameterSet
     parts: tuple[Part, ...]
+    shapes: tuple[Shape, ...] = ()
 
     @property
     def n_residuals(self) -> int:
@@ -121,10 +126,11 @@ class ElasticFit:
             T = self._chain(part, x)
             V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         distance, slope = self._priors(x)
+        b, b_slope, b_curvature = barrier(self.shapes, self.parameters, x)
         return Evaluation(
-            V + float(distance @ distance),
-            2 * (g + slope * distance),
-            2 * (A + np.diag(slope**2)),
+            V + float(distance @ distance) + b,
+            2 * (g + slope * distance) + b_slope,
+            2 * (A + np.diag(slope**2)) + b_curvature,
         )
 
     def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:

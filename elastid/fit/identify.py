@@ -24,6 +24,7 @@ from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.inputs import check_responses
 from elastid.fit.intervals import further_intervals
 from elastid.fit.multistart import multistart, spread
+from elastid.fit.physical import border_words
 from elastid.fit.result import FitResult, Start
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import check_masks
@@ -148,5 +149,5 @@ def _result(
     status, message = status_and_message(result, end, sure.unreached, share)
     signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
-    found = findings(result, sure.unreached)
+    found = (*border_words(fit.shapes, fit.parameters.expand(end.x)), *findings(result, sure.unreached))
     return replace(result, status=status, message=message, warnings=(*signs, *apart, *notes, *found))
