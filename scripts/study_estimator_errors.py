@@ -80,7 +80,7 @@ def variance_ratios(runs: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         data = simulated(rng, G, mix)
         for method, (error, noise, total) in sums.items():
             found = METHODS[method](data.blocks, data.scatter.C_Z)
-            of_total = total_error(data.blocks, found)
+            of_total = total_error(data, found)
             assert of_total is not None
             # A bias is no variance.
             error += np.mean(np.abs(found.G - found.G.mean(axis=0)) ** 2, axis=0) * F / (F - 1)

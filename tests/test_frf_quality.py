@@ -224,8 +224,7 @@ def test_coherence_is_that_of_theory() -> None:
     expected = 1 / (1 + s**2)
     assert quality.coherence.mean() == pytest.approx(expected, abs=0.005)
     np.testing.assert_allclose(quality.multiple_coherence, quality.coherence[:, :, 0], rtol=1e-9)
-    S = np.array([[[2.0, 1, 1], [1, 1, 0], [1, 0, 1]]]) + 0j
-    ordinary, multiple = coherences(S, 1)
+    ordinary, multiple = coherences(np.array([[2.0]]), np.ones((1, 1, 2)) + 0j, np.eye(2)[None] + 0j)
     np.testing.assert_allclose(ordinary, [[[0.5, 0.5]]])
     np.testing.assert_allclose(multiple, 1)
 

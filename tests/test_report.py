@@ -21,7 +21,7 @@ from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import frf_magnitude, frf_phase
 from elastid.report.numbers import number
-from elastid.report.page import rendered, write_report
+from elastid.report.page import html, rendered, write_report
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.frequency import validate
@@ -278,6 +278,19 @@ def test_the_page_shows_every_warning_parameter_and_configuration(tmp_path):
     assert (
         text.index(content.warnings[0]) < text.index(content.verdict) < text.index("k_1", text.index("95 % interval"))
     )
+
+
+def test_the_page_counts_what_was_mended_in_the_records():
+    """A row for each configuration with repairs, a column for each kind; no table where nothing was mended."""
+    (first, model), (second, other) = pair(1, name="c1"), pair(1, name="c2")
+    first = replace(first, repairs={"missing samples filled": 21})
+    second = replace(second, repairs={"spikes replaced": 3, "missing samples filled": 4})
+    shown = html(report_content(frf=((first, model), (second, other))), [])
+    table = shown[shown.index("What was mended") : shown.index("</table>", shown.index("What was mended"))]
+    assert "<th>missing samples filled</th><th>spikes replaced</th>" in table
+    assert "<td>c1</td><td>21</td><td>0</td>" in table
+    assert "<td>c2</td><td>4</td><td>3</td>" in table
+    assert "What was mended" not in html(report_content(), [])
 
 
 def test_the_page_needs_nothing_from_outside(tmp_path):

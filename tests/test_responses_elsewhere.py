@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import sys
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 
 from elastid import stages
 from elastid.arrays import ComplexArray, FloatArray
@@ -26,6 +27,7 @@ from elastid.record import Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.run import Run
+from elastid.scaffold import new
 from elastid.store import read_responses
 from elastid.study import load
 
@@ -363,11 +365,56 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
     stages.estimate(Run(load(again), folder / "again", 1, Console(-1)))
-    for old, new in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
-        np.testing.assert_array_equal(old.G, new.G)
+    for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
+        np.testing.assert_array_equal(old.G, same.G)
         assert old.noise is not None
-        assert new.noise is not None
-        np.testing.assert_array_equal(old.noise.variance, new.noise.variance)
+        assert same.noise is not None
+        np.testing.assert_array_equal(old.noise.variance, same.noise.variance)
+
+
+def test_the_template_runs_once_its_file_is_there(tmp_path: Path) -> None:
+    """A CSV with the columns that the template names: stiffness 60 within its interval, from the template's start."""
+    study = new(tmp_path / "mine", "responses")
+    freq_hz, rng = np.linspace(5, 100, 60), np.random.default_rng(4)
+    s = 2j * np.pi * freq_hz
+    k, d, J, load_inertia, friction = 60.0, 0.01, 1.1e-3, 0.9e-3, 1e-3
+    through = k + d * s
+    determinant = (J * s**2 + friction * s + through) * (load_inertia * s**2 + through) - through**2
+    parts: dict[str, FloatArray] = {"freq_hz": freq_hz}
+    for name, numerator in (("motor", load_inertia * s**2 + through), ("load", through)):
+        G = s**2 * numerator / determinant
+        G = G * (1 + 0.02 * (rng.normal(size=60) + 1j * rng.normal(size=60)) / np.sqrt(2))
+        parts |= {f"re_{name}_torque": G.real, f"im_{name}_torque": G.imag}
+    _csv_of(study.parent, parts)
+    (study.parent / "frf.csv").rename(study.parent / "bench.csv")
+    folder = tmp_path / "run"
+    stages.run_all(Run(load(study), folder, 1, Console(-1)))
+    low, high = json.loads((folder / "summary.json").read_text())["parameters"]["k_1"]["interval95"]
+    assert low < 60 < high
+    assert high - low < 2
+
+
+def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> None:
+    """Some programs write exp(-j omega t): nothing in one response tells, but no mechanism has such damping."""
+    for name in ("a", "b"):
+        file = loadmat(elsewhere.with_name(f"{name}.mat"), simplify_cells=True)["G"]
+        savemat(
+            elsewhere.with_name(f"{name}.mat"), {"G": file | {"ResponseData": file["ResponseData"].conj()[None, None]}}
+        )
+    folder = elsewhere.parent / "run"
+    with contextlib.suppress(ElastidError):
+        stages.run_all(Run(load(elsewhere), folder, 1, Console(-1)))
+    said = " ".join(json.loads((folder / "summary.json").read_text())["warnings"])
+    assert "the responses fit far better with all phases turned round" in said
+
+
+@pytest.mark.parametrize("factor", [1e250, 1e-250])
+def test_sizes_that_nothing_measures_are_refused(factor: float, tmp_path: Path) -> None:
+    """Squares of them would overflow or vanish; the element is named."""
+    parts = _elements(("re", lambda g: factor * g.real), ("im", lambda g: factor * g.imag))
+    _csv_of(tmp_path, parts)
+    with pytest.raises(DataError, match=r"frf.csv: the response of column 1 to column 1 is .* at 24 places"):
+        _read(tmp_path, _spec("frf.csv"))
 
 
 def test_another_file_makes_the_import_out_of_date(elsewhere: Path) -> None:

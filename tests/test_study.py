@@ -51,13 +51,14 @@ def test_every_shipped_study_loads(path: Path) -> None:
         pytest.skip(f"its recorded data are not here: {error}")
 
 
-def test_the_recorded_template_lacks_only_its_log(tmp_path: Path) -> None:
-    """A new recorded study says which file to bring."""
-    for file in (TEMPLATES / "recorded").iterdir():
-        (tmp_path / file.name).write_text(file.read_text())
+@pytest.mark.parametrize(("template", "file"), [("recorded", "logs/bench_1.csv"), ("responses", "bench.csv")])
+def test_a_template_lacks_only_its_data(template: str, file: str, tmp_path: Path) -> None:
+    """A new study of measured data says which file to bring."""
+    for source in (TEMPLATES / template).iterdir():
+        (tmp_path / source.name).write_text(source.read_text())
     (error,) = errors(tmp_path / "study.yml")
-    assert "experiment.recorded.files[0].path: no such file" in error
-    assert "logs/bench_1.csv" in error
+    assert f"experiment.{template}.files[0].path: no such file" in error
+    assert file in error
 
 
 # (what stands in the study, what is written instead, the key path, part of the message)

@@ -56,19 +56,29 @@ class Channel:
         model = part.kernel.model
         outputs = [-1.0 if self.role == "y" and name == self.at else 1.0 for name in model.outputs]
         inputs = [-1.0 if self.role == "u" and name == self.at else 1.0 for name in model.inputs]
-        return replace(part, measured=part.measured * np.outer(outputs, inputs))
+        signs = np.outer(outputs, inputs)
+        mixing = None if part.mixing is None else part.mixing * signs.ravel()
+        return replace(part, measured=part.measured * signs, mixing=mixing)
 
 
 def sign_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
     """A word about the channel with whose sign turned the fit, found again from its optimum x, is far better.
 
+    Or about the phase of all responses, which some programs count the other way.
+
     cost: V at x.  An output and an input that do the same, as those of a single motor do, are named together.
     """
+    turned_back = min(_best_cost(_conjugated(fit, sign), x) for sign in (1, -1))
     models = [part.kernel.model for part in fit.parts]
     channels = [Channel("y", at) for at in dict.fromkeys(name for model in models for name in model.outputs)]
     channels += [Channel("u", at) for at in dict.fromkeys(name for model in models for name in model.inputs)]
     costs = {channel.name: _best_cost(channel.turned(fit), x) for channel in channels}
     best = min(costs.values())
+    if turned_back <= FAR_BETTER * cost and turned_back < best:
+        return (
+            f"the responses fit far better with all phases turned round (V = {turned_back:.4g} instead of {cost:.4g}): "
+            "what wrote them counts phase by exp(-j omega t); take their complex conjugates",
+        )
     if best > FAR_BETTER * cost:
         return ()
     names = " or ".join(name for name, one in costs.items() if one <= best / FAR_BETTER and one <= FAR_BETTER * cost)
@@ -94,6 +104,16 @@ def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
         for name, one in level.items()
         if one > FAR_APART * usual
     )
+
+
+def _conjugated(fit: ElasticFit, sign: int) -> ElasticFit:
+    """sign is -1 where an odd power of j omega made of them what is fitted: (j omega)^* = -j omega."""
+    return replace(fit, parts=tuple(_as_conjugate(part, sign) for part in fit.parts))
+
+
+def _as_conjugate(part: Part, sign: int) -> Part:
+    mixing = None if part.mixing is None else part.mixing.conj()
+    return replace(part, measured=sign * part.measured.conj(), mixing=mixing)
 
 
 def _best_cost(fit: ElasticFit, x: FloatArray) -> float:

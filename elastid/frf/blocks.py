@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.periods import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import period_spectra, reference_spectrum
+from elastid.frf.spectra import PeriodSpectra, period_spectra, reference_spectrum
 from elastid.record import Record
 
 # Lines whose spectra, of all periods of a record, fit into the processor's cache.
@@ -32,6 +32,27 @@ class Block:
     periods: FloatArray
     input_noise: FloatArray
     dof: int
+
+    @cached_property
+    def W(self) -> ComplexArray:
+        """(F, E, n_u) with U W = 1: U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
+        _, n_u, E = self.U.shape
+        if n_u == E:
+            W: ComplexArray = np.linalg.inv(self.U).astype(np.complex128, copy=False)
+            return W
+        right: ComplexArray = np.swapaxes(self.U, 1, 2).conj() @ np.linalg.inv(self.UU)
+        return right
+
+    @cached_property
+    def UU(self) -> ComplexArray:
+        """U U^H (F, n_u, n_u)."""
+        return self.U @ np.swapaxes(self.U, 1, 2).conj()
+
+    @cached_property
+    def input_rms(self) -> FloatArray:
+        """RMS (n_u,) of each input over lines and experiments; 1 for one that is zero."""
+        rms: FloatArray = np.sqrt(np.mean(np.abs(self.U) ** 2, axis=(0, 2)))
+        return np.where(rms > 0, rms, 1.0)
 
     def on(self, lines: BoolArray) -> Block:
         """The same on some of its lines (F,)."""
@@ -66,6 +87,16 @@ class Gathered:
     scatter: Scatter
     notes: tuple[str, ...] = ()
 
+    @property
+    def periods(self) -> FloatArray:
+        """(K,): how many of each of the K experiments."""
+        return np.concatenate([each.periods for each in self.blocks])
+
+    @cached_property
+    def UU(self) -> ComplexArray:
+        """U U^H (F, n_u, n_u) of all experiments."""
+        return added(each.UU for each in self.blocks)
+
     @cached_property
     def every(self) -> Block:
         """All experiments of all realisations as one block."""
@@ -77,26 +108,37 @@ class Gathered:
 
 
 class _Sums:
-    """What is added up over experiments: the scatter of their periods."""
+    """What is added up over experiments: the scatter of their periods, before its scale (F, n)."""
 
-    def __init__(self, F: int, n: int) -> None:
-        self.S_Z: ComplexArray = np.zeros((F, n, n), dtype=np.complex128)
+    def __init__(self, scale: ComplexArray) -> None:
+        self.scale = scale
+        self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), dtype=np.complex128)
         self.dof = 0
 
-    def add(self, Z: ComplexArray) -> ComplexArray:
-        """Adds the scatter of Z (P, F, n); returns the mean (F, n). In parts that stay in the processor's cache."""
-        mean: ComplexArray = Z.mean(axis=0)
+    def add(self, spectra: PeriodSpectra) -> ComplexArray:
+        """Adds the scatter of a record's periods; returns their mean Z (F, n)."""
+        mean = np.empty_like(self.scale)
+        # In parts that stay in the processor's cache.
         for first in range(0, len(mean), _AT_ONCE):
             part = slice(first, first + _AT_ONCE)
-            V = np.moveaxis(Z[:, part] - mean[part], 0, 2)
-            self.S_Z[part] += V @ np.swapaxes(V, 1, 2).conj()
-        self.dof += len(Z) - 1
-        return mean
+            V = np.concatenate([spectra.y[:, part], spectra.u[:, part]], axis=2)
+            mean[part] = V.mean(axis=0)
+            V -= mean[part]
+            V = np.moveaxis(V, 0, 2)
+            self.S[part] += V @ np.swapaxes(V, 1, 2).conj()
+        self.dof += len(spectra.periods) - 1
+        return mean * self.scale
 
     def power(self) -> FloatArray:
         """Sum (F, n) over periods of |Z - mean|^2."""
-        diagonal: FloatArray = np.einsum("fii->fi", self.S_Z).real.copy()
-        return diagonal
+        power: FloatArray = np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2
+        return power
+
+    def scatter(self) -> Scatter:
+        """S_Z."""
+        self.S *= self.scale[:, :, None]
+        self.S *= self.scale[:, None, :].conj()
+        return Scatter(self.S, self.dof)
 
 
 def gathered(
@@ -116,21 +158,21 @@ def gathered(
     blocks: list[Block] = []
     notes: list[str] = []
     for group in realisations:
-        n_y, n_u = len(group[0].outputs), len(group[0].inputs)
-        sums = sums or _Sums(len(everywhere), n_y + n_u)
-        power, dof = sums.power(), sums.dof
+        power, dof = (0.0, 0) if sums is None else (sums.power(), sums.dof)
         means, R, periods = [], [], []
         for record in group:
             spectra = period_spectra(record, everywhere, spec.quantity)
             kept = trusted(spectra.on(excited), spec)
             notes += kept.notes
             periods.append(len(kept.periods))
-            means.append(sums.add(spectra.Z if len(kept.periods) == len(spectra.Z) else spectra.Z[kept.periods]))
+            sums = sums or _Sums(spectra.scale)
+            means.append(sums.add(spectra.only(kept.periods)))
             R.append(reference_spectrum(record, everywhere) if with_reference else None)
-        noise = (sums.power() - power)[:, n_y:] / (sums.dof - dof)
+        assert sums is not None  # a group holds at least one record
+        noise = (sums.power() - power)[:, len(group[0].outputs) :] / (sums.dof - dof)
         blocks.append(_block(means, R, periods, noise, sums.dof - dof))
-    assert sums is not None  # there is at least one record
-    return Gathered(tuple(blocks), Scatter(sums.S_Z, sums.dof), tuple(notes))
+    assert sums is not None
+    return Gathered(tuple(blocks), sums.scatter(), tuple(notes))
 
 
 def _block(
@@ -140,16 +182,21 @@ def _block(
     input_noise: FloatArray,
     dof: int,
 ) -> Block:
-    Z, n_u = np.stack(means, axis=2), input_noise.shape[1]
+    n_y = means[0].shape[1] - input_noise.shape[1]
     known = [each for each in R if each is not None]
     return Block(
-        U=np.ascontiguousarray(Z[:, -n_u:]),
-        Y=np.ascontiguousarray(Z[:, :-n_u]),
+        U=np.stack([mean[:, n_y:] for mean in means], axis=2),
+        Y=np.stack([mean[:, :n_y] for mean in means], axis=2),
         R=np.stack(known, axis=2) if len(known) == len(means) else None,
         periods=np.array(periods, dtype=np.float64),
         input_noise=input_noise,
         dof=dof,
     )
+
+
+def added(terms: Iterable[ComplexArray]) -> ComplexArray:
+    """Their sum, two in memory at a time."""
+    return reduce(np.add, terms)
 
 
 def pooled(blocks: Sequence[Block]) -> Block:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.arrays import BoolArray, FloatArray, IntArray
 from elastid.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.blocks import Block, Gathered, gathered, pooled
@@ -16,15 +16,14 @@ from elastid.frf.lines import LEAST_SNR, analysed_lines, described_lines, smooth
 from elastid.frf.local.response import local_response
 from elastid.frf.methods import AVERAGED, METHODS, Estimate
 from elastid.frf.pairing import pairing_words
-from elastid.frf.quality import input_words, measured_quality
+from elastid.frf.quality import input_words, measured_quality, output_words
 from elastid.frf.spec import EstimatorSpec, Method
-from elastid.frf.spectra import refuse_missing
+from elastid.frf.spectra import refuse_uncomputable
 from elastid.frf.uncertainty import (
     distortion_covariance,
     equation_error,
     form_words,
     kronecker,
-    left_factor,
     noise_covariance,
     total_covariance,
     total_error,
@@ -57,7 +56,7 @@ def estimate(
     method, reason = chosen_method(spec, groups)
     if method in LOCAL:
         for record in records:
-            refuse_missing(record)
+            refuse_uncomputable(record)
         response = local_response(records, replace(spec, method=method), planned_lines)
         return replace(response, notes=(*reason, *response.notes))
     _check_periods(records, method)
@@ -86,7 +85,7 @@ def _from_periods(
         notes.append(_left_out(lines[~usable], usable.any(), first))
     data = data.on(usable)
     notes += _same_phases(data.blocks, groups)
-    found = METHODS[method](data.blocks, data.scatter.C_Z)
+    found = _found(method, data, first)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     response = FrequencyResponse(
         freq_hz=freq_hz,
@@ -103,8 +102,20 @@ def _from_periods(
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, words = _with_covariances(response, data, found, levels, lines[usable])
     notes += [f"configuration {where}: {note}" for note in found.notes]
-    notes += [*words, *input_words(where, first.inputs, data.every, quality)]
+    notes += [*words, *input_words(where, first.inputs, data, quality), *output_words(where, first.outputs, quality)]
     return replace(response, notes=(*notes, *pairing_words(response)))
+
+
+def _found(method: str, data: Gathered, first: Record) -> Estimate:
+    """What the method makes of the data; DataError where it must divide by what is not there."""
+    try:
+        return METHODS[method](data.blocks, data.scatter.C_Z)
+    except np.linalg.LinAlgError as error:
+        raise DataError(
+            f"configuration {first.configuration.name}: estimator.method {method} finds a singular matrix at some "
+            f"line: an output of {', '.join(first.outputs)} does not move on its own, or the units of inputs and "
+            "outputs are too far apart; check these channels, or take arithmetic"
+        ) from error
 
 
 def chosen_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[str, ...]]:
@@ -195,17 +206,16 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     The weakest combination has the power lambda_min(U U^H) / E, each input counted relative to its RMS. Dividing by
     it biases G by a part exp(-power / noise): 2 % where it stands out least.
     """
-    U, (_, n_u, E) = block.U, block.U.shape
-    rms = np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 2)))
-    rms[rms == 0] = 1.0
-    S_U = U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms))
+    rms, (_, n_u, E) = block.input_rms, block.U.shape
     of_mean = block.input_noise * np.mean(1 / block.periods)
     noise = LEAST_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
-    least = np.maximum(noise, _LEAST_POWER_RATIO * np.einsum("fii->f", S_U).real)
-    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs a tenth of an eigenvalue.
-    separated = _weakest_at_least(S_U, least)
+    whole = np.sum(np.abs(block.U) ** 2, axis=2) @ (1 / (E * rms**2))
+    least = np.maximum(noise, _LEAST_POWER_RATIO * whole)
+    # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
+    separated = _weakest_at_least(block, least)
     doubtful = np.flatnonzero(~separated)
-    power = np.linalg.eigvalsh(S_U[doubtful])
+    U = block.U[doubtful]
+    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / (E * np.outer(rms, rms)))
     separated[doubtful] = power[:, 0] > least[doubtful]
     if not separated.any():
         record = group[0]
@@ -218,13 +228,13 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     return separated
 
 
-def _weakest_at_least(S_U: ComplexArray, least: FloatArray) -> BoolArray:
+def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
     """Lines (F,) where 1 / tr(S_U^-1) is above the least power; none where some matrix has no inverse at all."""
     try:
-        bound = 1 / np.einsum("fii->f", np.linalg.inv(S_U)).real
+        trace = block.U.shape[2] * (np.sum(np.abs(block.W) ** 2, axis=1) @ block.input_rms**2)
     except np.linalg.LinAlgError:
-        return np.zeros(len(S_U), dtype=np.bool_)
-    above: BoolArray = bound > least
+        return np.zeros(len(least), dtype=np.bool_)
+    above: BoolArray = least * trace < 1
     return above
 
 
@@ -244,16 +254,16 @@ def _with_covariances(
     """Noise, total and distortion of G, and the nonlinear levels in the outputs."""
     blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
     noise = noise_covariance(blocks, found, C_V, data.scatter.dof)
-    total, error = None, total_error(blocks, found)
+    total, error = None, total_error(data, found)
     if error is not None:
         total = total_covariance(blocks, found, *error)
     elif levels is not None:
         error = fast_total_error(levels, lines)
-        total = None if error is None else kronecker(left_factor(found), *error)
+        total = None if error is None else kronecker(found.left, *error)
     distortion, stochastic = None, None
     if total is not None and error is not None:
         distortion = distortion_covariance(noise, total, len(blocks))
-        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / data.every.periods)).real
+        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / data.periods)).real
         stochastic = np.sqrt(np.maximum(excess, 0.0))
     assert response.quality is not None
     quality = replace(

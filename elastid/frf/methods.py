@@ -14,13 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray
 from elastid.errors import DataError, StudyError
-from elastid.frf.blocks import Block, pooled
+from elastid.frf.blocks import Block, added, pooled
 
 # Power signal-to-noise ratio of one block's element above which its logarithm is safe: 8 dB.
 LOG_GATE = 10**0.8
@@ -35,6 +36,11 @@ class Estimate:
     G: ComplexArray
     W: tuple[ComplexArray, ...]
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def left(self) -> ComplexArray:
+        """sum_m W_m^T W_m^* (F, n_u, n_u): the input factor where every experiment's error has the same covariance."""
+        return added(np.swapaxes(W, 1, 2) @ W.conj() for W in self.W)
 
 
 Estimator: TypeAlias = Callable[[Sequence[Block], ComplexArray], Estimate]
@@ -95,6 +101,8 @@ def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
         Z = np.concatenate([every.Y[:, i : i + 1], every.U], axis=1)
         # v^H z = 0 for the weakest direction v.
         v = np.linalg.eigh(Z @ _H(Z))[1][:, :, 0].conj()
+        if not v[:, 0].all():
+            raise np.linalg.LinAlgError("the weakest direction has no part of the output")
         G[:, i] = -v[:, 1:] / v[:, :1]
     return Estimate(G, _least_squares_weights(blocks))
 
@@ -167,19 +175,10 @@ def log_is_safe(G: ComplexArray) -> BoolArray:
     return safe
 
 
-def right_inverse(U: ComplexArray) -> ComplexArray:
-    """W (F, E, n_u) with U W = 1, of U (F, n_u, E): U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
-    _, n_u, E = U.shape
-    if n_u == E:
-        return np.linalg.inv(U).astype(np.complex128)
-    return (_H(U) @ np.linalg.inv(U @ _H(U))).astype(np.complex128)
-
-
 def _each(blocks: Sequence[Block]) -> tuple[ComplexArray, tuple[ComplexArray, ...]]:
     """G_m (M, F, n_y, n_u) of every realisation, and the weights of their mean."""
-    inverses = [right_inverse(each.U) for each in blocks]
-    G = np.stack([each.Y @ W for each, W in zip(blocks, inverses, strict=True)])
-    return G, tuple(W / len(blocks) for W in inverses)
+    G = np.stack([each.Y @ each.W for each in blocks])
+    return G, tuple(each.W / len(blocks) for each in blocks)
 
 
 def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:

@@ -42,9 +42,15 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     rows = [response.outputs.index(place) for place in places]
     columns = [response.inputs.index(place) for place in places]
     G = response.G[-max(1, round(_HIGHEST * response.n_lines)) :][:, rows][:, :, columns]
-    if not np.linalg.cond(G / _geometric_scale(G)).max() < 1 / np.finfo(float).eps:
+    # Gains do not change with scales, so that units do not pass for a singular matrix.
+    G = G / _geometric_scale(G)
+    try:
+        inverse = np.linalg.inv(G)
+    except np.linalg.LinAlgError:
         return {}
-    Lambda = np.median((G * np.swapaxes(np.linalg.inv(G), 1, 2)).real, axis=0)
+    if not np.max(np.linalg.norm(G, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))) < 1 / np.finfo(float).eps:
+        return {}
+    Lambda = np.median((G * np.swapaxes(inverse, 1, 2)).real, axis=0)
     _, best = linear_sum_assignment(-Lambda)
     on_best, on_own = Lambda[np.arange(len(places)), best], np.diag(Lambda)
     moved = best != np.arange(len(places))
@@ -54,7 +60,7 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
 
 
 def _geometric_scale(G: ComplexArray) -> FloatArray:
-    """Scales (n, n) of outputs times inputs, so that units do not pass for a singular matrix."""
+    """Scales (n, n) of outputs times inputs."""
     magnitude = np.maximum(np.sqrt(np.mean(np.abs(G) ** 2, axis=0)), 1e-150)
     of_rows = np.sqrt(np.mean(magnitude**2, axis=1))[:, None]
     scale: FloatArray = of_rows * np.sqrt(np.mean((magnitude / of_rows) ** 2, axis=0))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.arrays import BoolArray, FloatArray, IntArray
 from elastid.errors import DataError
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
@@ -44,23 +44,48 @@ class Distances:
         return far
 
 
+@dataclass(frozen=True)
+class Compared:
+    """X (c, P, 2 K): real and imaginary parts of each channel at enough lines.
+
+    power (c, P): its squares; apart (c, P, P): how far any two periods are from each other.
+    """
+
+    X: FloatArray
+    power: FloatArray
+    apart: FloatArray
+
+    @classmethod
+    def of(cls, spectra: PeriodSpectra) -> Compared:
+        """All periods of a record with each other."""
+        few = spectra.on(slice(None, None, -(-len(spectra.scale) // _ENOUGH_LINES)))
+        Z = np.concatenate([few.y, few.u], axis=2) * few.scale
+        X = np.ascontiguousarray(np.moveaxis(Z, 2, 0)).view(np.float64)
+        products = X @ np.swapaxes(X, 1, 2)
+        power = np.einsum("cpp->cp", products)
+        squares = power[:, :, None] + power[:, None, :] - 2 * products
+        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)))
+
+
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
     """The periods that can be used, at least two; notes say which were left out and by how much they differ.
 
     Raises DataError where transient_periods leaves fewer than two.
     """
     spectra = _without_left_out(spectra)
-    P = len(spectra.periods)
-    if spec.transient_periods != "auto":
-        if P - spec.transient_periods < 2:
-            raise DataError(
-                f"record {spectra.record.name}: transient_periods {spec.transient_periods} leaves "
-                f"{max(0, P - spec.transient_periods)} of {P} periods; at least two are needed for the noise level"
-            )
-        settled = _only(spectra, np.arange(spec.transient_periods, P), ())
+    compared, P = Compared.of(spectra), len(spectra.periods)
+    if spec.transient_periods == "auto":
+        leading, words = _transient(spectra, compared, spec.outlier_sigma)
+    elif P - spec.transient_periods >= 2:
+        leading, words = spec.transient_periods, ()
     else:
-        settled = _without_transient(spectra, spec.outlier_sigma)
-    return _without_outliers(settled, spec.outlier_sigma)
+        raise DataError(
+            f"record {spectra.record.name}: transient_periods {spec.transient_periods} leaves "
+            f"{max(0, P - spec.transient_periods)} of {P} periods; at least two are needed for the noise level"
+        )
+    settled = np.arange(leading, P)
+    far, more = _outliers(spectra, compared, settled, spec.outlier_sigma)
+    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *words, *more))
 
 
 def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
@@ -68,69 +93,65 @@ def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
     keep = ~np.isin(spectra.periods, spectra.record.left_out)
     if keep.sum() < 2:
         raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair")
-    return spectra if keep.all() else _only(spectra, np.flatnonzero(keep), ())
+    return spectra.only(np.flatnonzero(keep))
 
 
-def distances(Z: ComplexArray, good: IntArray, outlier_sigma: float) -> Distances:
-    """Distances of all periods of Z (P, F, c) from the good ones (indices), of a good one from the other good ones.
+def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Distances:
+    """Distances of all periods from the good ones (indices), of a good one from the other good ones.
 
     Their spread is the median absolute deviation of D over the good periods, but at least what as many lines as
     carry the noise would show.
     """
-    X = np.moveaxis(Z, 2, 0)
-    products = (X @ np.swapaxes(X, 1, 2).conj()).real
-    power = np.einsum("cpp->cp", products)
-    size = np.maximum(np.median(power[:, good], axis=1), 1e-300)[:, None, None]
-    apart = np.sqrt(np.maximum(power[:, :, None] + power[:, None, :] - 2 * products, 0.0) / size)
-    apart[:, np.arange(len(Z)), np.arange(len(Z))] = np.nan
-    D = np.nanmedian(apart[:, :, good], axis=2).T
+    size = np.sqrt(np.maximum(np.median(compared.power[:, good], axis=1), 1e-300))
+    D = _median_of_others(compared.apart, good) / size
     typical = np.median(D[good], axis=0)
     spread = 1.4826 * np.median(np.abs(D[good] - typical), axis=0)
-    noise = np.sum(np.abs(Z[good] - Z[good].mean(axis=0)) ** 2, axis=0)
-    share = noise / np.maximum(noise.sum(axis=0), 1e-300)
+    V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
+    noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
+    share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
     # A noise that only few lines carry scatters more: 1 / sum of share^2 is their number.
-    least = typical * np.maximum(_LEAST_SPREAD, 0.5 * np.linalg.norm(share, axis=0))
+    least = typical * np.maximum(_LEAST_SPREAD, 0.5 * np.linalg.norm(share, axis=1))
     return Distances(D, typical, typical + outlier_sigma * np.maximum(spread, least))
 
 
-def _without_transient(spectra: PeriodSpectra, outlier_sigma: float) -> PeriodSpectra:
+def _median_of_others(apart: FloatArray, good: IntArray) -> FloatArray:
+    """Median (P, c) over the good periods of what each period is apart (c, P, P) from them, itself left out."""
+    of_good = apart[:, :, good]
+    of_good[:, good, np.arange(len(good))] = np.inf
+    of_good.sort(axis=2)
+    others = np.full(apart.shape[1], len(good))
+    others[good] -= 1
+    low, high = ((others - 1) // 2)[None, :, None], (others // 2)[None, :, None]
+    median: FloatArray = (np.take_along_axis(of_good, low, 2) + np.take_along_axis(of_good, high, 2))[:, :, 0].T / 2
+    return median
+
+
+def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float) -> tuple[int, tuple[str, ...]]:
+    """How many periods at the start are a transient."""
     P = len(spectra.periods)
     later = np.arange(P - max(2, -(-P // 2)), P)
     if later[0] == 0:
-        return spectra
-    found = distances(_channels(spectra), later, outlier_sigma)
+        return 0, ()
+    found = distances(compared, later, outlier_sigma)
     leading = int(np.argmin(np.append(found.far[: later[0]], False)))
     if leading == 0:
-        return spectra
+        return 0, ()
     word = _word(spectra, np.arange(leading), found, "a transient")
     if leading == later[0]:
         word += "; it may last longer than half of the record: measure more periods"
-    return _only(spectra, np.arange(leading, P), (word,))
+    return leading, (word,)
 
 
-def _without_outliers(spectra: PeriodSpectra, outlier_sigma: float) -> PeriodSpectra:
-    P = len(spectra.periods)
-    if P < _FEWEST_FOR_OUTLIERS:
-        return spectra
-    found = distances(_channels(spectra), np.arange(P), outlier_sigma)
-    if not found.far.any():
-        return spectra
-    word = _word(spectra, np.flatnonzero(found.far), found, "no repetition of the others")
-    return _only(spectra, np.flatnonzero(~found.far), (word,))
-
-
-def _channels(spectra: PeriodSpectra) -> ComplexArray:
-    step = -(-spectra.Z.shape[1] // _ENOUGH_LINES)
-    return spectra.Z[:, ::step]
-
-
-def _only(spectra: PeriodSpectra, keep: IntArray, words: tuple[str, ...]) -> PeriodSpectra:
-    return replace(
-        spectra,
-        periods=spectra.periods[keep],
-        Z=spectra.Z[keep],
-        notes=spectra.notes + words,
-    )
+def _outliers(
+    spectra: PeriodSpectra, compared: Compared, settled: IntArray, outlier_sigma: float
+) -> tuple[IntArray, tuple[str, ...]]:
+    """Those of the settled periods (indices) that are far from the others."""
+    none = settled[:0]
+    if len(settled) < _FEWEST_FOR_OUTLIERS:
+        return none, ()
+    found = distances(compared, settled, outlier_sigma)
+    far = settled[found.far[settled]]
+    return far, (_word(spectra, far, found, "no repetition of the others"),) if len(far) else ()
 
 
 def _word(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: str) -> str:

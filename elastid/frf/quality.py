@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
-from elastid.frf.blocks import Block, Gathered
+from elastid.frf.blocks import Gathered, added
+from elastid.frf.lines import LEAST_SNR
 from elastid.quality import Levels, Quality
 
 # An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
@@ -18,52 +19,67 @@ _WORST_CONDITION = 10.0
 
 def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Quality:
     """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
-    every, scatter = data.every, data.scatter
-    n_y = G.shape[1]
-    Z = np.concatenate([every.Y, every.U], axis=1)
-    S = (Z * every.periods) @ np.swapaxes(Z, 1, 2).conj() + scatter.S_Z
-    noise = np.einsum("fii->fi", scatter.S_Z).real / scatter.dof
-    coherence, multiple = coherences(S, n_y)
-    amplitude = np.sqrt(np.mean(np.abs(every.Y) ** 2, axis=2))
+    blocks, S_Z, n_y = data.blocks, data.scatter.S_Z, G.shape[1]
+    spread = np.einsum("fii->fi", S_Z).real
+    noise = spread / data.scatter.dof
+    power = [np.abs(each.Y) ** 2 for each in blocks]
+    U_H = [(each.U.conj() * each.periods).swapaxes(1, 2) for each in blocks]
+    coherence, multiple = coherences(
+        np.sum([p @ each.periods for each, p in zip(blocks, power, strict=True)], axis=0) + spread[:, :n_y],
+        added(each.Y @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, :n_y, n_y:],
+        added(each.U @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, n_y:, n_y:],
+    )
+    amplitude = np.sqrt(np.sum([p.sum(axis=2) for p in power], axis=0) / len(data.periods))
     return Quality(
         coherence=coherence,
         multiple_coherence=multiple,
         singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
-        input_singular_values=input_singular_values(every.U),
+        input_singular_values=input_singular_values(data),
         input_noise=noise[:, n_y:],
         output_noise=noise[:, :n_y],
-        excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / every.periods))),
+        excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / data.periods))),
     )
 
 
-def input_singular_values(U: ComplexArray) -> FloatArray:
-    """Of U (F, n_u, E) / sqrt(E), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
-    rms = np.sqrt(np.mean(np.abs(U) ** 2, axis=(0, 2)))
+def input_singular_values(data: Gathered) -> FloatArray:
+    """Of U (F, n_u, K) / sqrt(K), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
+    S_U = data.UU / len(data.periods)
+    rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
-    power = np.linalg.eigvalsh(U @ np.swapaxes(U, 1, 2).conj() / (U.shape[2] * np.outer(rms, rms)))
+    power = np.linalg.eigvalsh(S_U / np.outer(rms, rms))
     values: FloatArray = np.sqrt(np.maximum(power[:, ::-1], 0.0))
     return values
 
 
-def coherences(S: ComplexArray, n_y: int) -> tuple[FloatArray, FloatArray]:
-    r"""Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from the spectra S (F, n_y + n_u, ...) of [Y; U].
+def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    r"""Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from power yy (F, n_y) and spectra S_yu and S_uu.
 
     .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
     """
-    power = np.einsum("fii->fi", S).real
-    yu, uu = S[:, :n_y, n_y:], S[:, n_y:, n_y:]
-    both = power[:, :n_y, None] * power[:, None, n_y:]
+    both = yy[:, :, None] * np.einsum("fii->fi", uu).real[:, None, :]
     ordinary = np.divide(np.abs(yu) ** 2, both, out=np.zeros(both.shape), where=both > 0)
     explained = np.sum((yu @ np.linalg.inv(uu)) * yu.conj(), axis=2).real
-    multiple = np.divide(explained, power[:, :n_y], out=np.zeros(explained.shape), where=power[:, :n_y] > 0)
+    multiple = np.divide(explained, yy, out=np.zeros(explained.shape), where=yy > 0)
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
-def input_words(where: str, inputs: Sequence[str], every: Block, quality: Quality) -> list[str]:
+def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[str]:
+    """A word for every output that hardly moved."""
+    excited = quality.excited
+    weak = excited.amplitude**2 <= LEAST_SNR * excited.noise**2
+    return [
+        f"configuration {where}: output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
+        f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque"
+        for i, name in enumerate(outputs)
+        if weak[:, i].mean() > 0.5
+    ]
+
+
+def input_words(where: str, inputs: Sequence[str], data: Gathered, quality: Quality) -> list[str]:
     """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
-    power = np.mean(np.abs(every.U) ** 2, axis=2)
-    noise = quality.input_noise * np.mean(1 / every.periods)
+    power = np.einsum("fii->fi", data.UU).real / len(data.periods)
+    noise = quality.input_noise * np.mean(1 / data.periods)
     weak = power < _HARDLY * noise
     words = [
         f"configuration {where}: input {name} was hardly excited: less than 20 dB above its noise at "

@@ -19,8 +19,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
-from elastid.frf.blocks import Block, Scatter
-from elastid.frf.methods import Estimate, right_inverse
+from elastid.frf.blocks import Block, Gathered, Scatter, added
+from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
 # A sample covariance of vec G needs twice as many degrees of freedom as it has rows, or its inverse is worthless.
@@ -39,13 +39,14 @@ def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
 
 def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
     """Covariance of vec G that the disturbing noise explains: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
-    left = np.sum(
-        [_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True)], axis=0
-    )
+    P = np.concatenate([each.periods for each in blocks])
+    if np.ptp(P) == 0:
+        return kronecker(estimate.left / P[0], C_V, dof)
+    left = added(_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True))
     return kronecker(left, C_V, dof)
 
 
-def total_error(blocks: Sequence[Block], estimate: Estimate) -> tuple[ComplexArray, int] | None:
+def total_error(data: Gathered, estimate: Estimate) -> tuple[ComplexArray, int] | None:
     r"""C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
 
     With D = Y - G U of all of them, U and W side by side,
@@ -56,15 +57,12 @@ def total_error(blocks: Sequence[Block], estimate: Estimate) -> tuple[ComplexArr
     realisation, or where no experiment is left over when G is fitted.
     """
     n_u = estimate.G.shape[2]
-    K = sum(len(each.periods) for each in blocks)
-    if len(blocks) < 2 or n_u >= K:
+    K = len(data.periods)
+    if len(data.blocks) < 2 or n_u >= K:
         return None
-    D = [each.Y - estimate.G @ each.U for each in blocks]
-    S_D = np.sum([each @ _H(each) for each in D], axis=0)
-    S_U = np.sum([each.U @ _H(each.U) for each in blocks], axis=0)
-    S_W = np.sum([_H(W) @ W for W in estimate.W], axis=0)
-    expected = K - 2 * n_u + np.einsum("fab,fba->f", S_W, S_U).real
-    return S_D / expected[:, None, None], K - n_u
+    D = (each.Y - estimate.G @ each.U for each in data.blocks)
+    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
+    return added(each @ _H(each) for each in D) / expected[:, None, None], K - n_u
 
 
 def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: int) -> Covariance:
@@ -77,13 +75,7 @@ def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexAr
     M = len(blocks)
     if n_u > 1 and _FULL * n_y * n_u <= M - 1 and all(each.U.shape[2] >= n_u for each in blocks):
         return _sample_covariance(blocks, estimate.G)
-    return kronecker(left_factor(estimate), C_T, dof)
-
-
-def left_factor(estimate: Estimate) -> ComplexArray:
-    """sum_m W_m^T W_m^* (F, n_u, n_u): the input factor where every experiment's error has the same covariance."""
-    left: ComplexArray = np.sum([_T(W) @ W.conj() for W in estimate.W], axis=0)
-    return left
+    return kronecker(estimate.left, C_T, dof)
 
 
 def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covariance:
@@ -140,7 +132,7 @@ def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[
 
 def _sample_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance:
     M, shape = len(blocks), G.shape
-    D = np.stack([each.Y @ right_inverse(each.U) for each in blocks])
+    D = np.stack([each.Y @ each.W for each in blocks])
     D = D - D.mean(axis=0)
     vec = D.transpose(1, 3, 2, 0).reshape(shape[0], -1, M)
     return full_covariance(vec @ _H(vec) / (M - 1) / M, shape, M - 1)

@@ -63,6 +63,11 @@ class ReportContent:
     nearest: Rehearsal | None = None
 
     @property
+    def repairs(self) -> dict[str, dict[str, int]]:
+        """Configuration to what was mended or noticed in its records, and how often; those with anything."""
+        return {measured.configuration.name: dict(measured.repairs) for measured, _ in self.frf if measured.repairs}
+
+    @property
     def all_warnings(self) -> tuple[str, ...]:
         """The warnings given, those of the fit and the notes of the measured responses, each once."""
         notes = (note for measured, _ in self.frf for note in measured.notes)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray
+from elastid.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.errors import DataError
 from elastid.experiment.log_files import name_in_file, opened_log
 from elastid.experiment.responses.arrays_of_files import dataset_table, struct_table, structs_in
@@ -25,6 +25,9 @@ from elastid.experiment.text_logs import TextLog, guessed
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
+
+# Beyond these, squares and their products overflow or vanish.
+_SMALLEST, _LARGEST = 1e-60, 1e60
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
@@ -81,6 +84,7 @@ def link_side_response(
         good &= np.isfinite(variance).all(axis=(1, 2))
     notes = _left_out(table, freq_hz, good)
     freq_hz, G = freq_hz[good], G[good]
+    _refuse_uncomputable(table.path, G, spec)
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(f"{table.path}: {freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them")
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
@@ -95,6 +99,20 @@ def link_side_response(
         configuration,
         noise=_noise(None if variance is None else variance[good] * np.abs(gain_of_elements) ** 2, np.abs(G), spec),
         notes=notes,
+    )
+
+
+def _refuse_uncomputable(path: Path, G: ComplexArray, spec: ResponsesSpec) -> None:
+    """DataError for numbers whose squares overflow or vanish; zeros are numbers like others."""
+    size = np.abs(np.where(G == 0, 1.0, G))
+    worst = np.argwhere((size < _SMALLEST) | (size > _LARGEST))
+    if not worst.size:
+        return
+    line, i, j = worst[0]
+    outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
+    raise DataError(
+        f"{path}: the response of {name_in_file(outputs[i])} to {name_in_file(inputs[j])} is {size[line, i, j]:.3g} at "
+        f"{len(worst)} places, which nothing measures; check what the file writes where it has no value"
     )
 
 

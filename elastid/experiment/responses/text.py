@@ -48,7 +48,7 @@ def _polar(magnitude: FloatArray, phase: FloatArray, spec: ResponsesSpec) -> Com
 def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     missing = [name for name in names if name not in log.headings]
     if missing:
-        there = ", ".join(log.headings) or f"no headings, {log.n_columns} columns"
+        there = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
         raise DataError(
             f"{path}: no column {', '.join(missing)}; say under columns how they are called ({{y}}, {{u}} stand for "
             f"the channels). There are {there}"

@@ -34,6 +34,9 @@ from elastid.response import Covariance, FrequencyResponse
 _LEAST_DOF = 6
 # The regressors of a line have no more digits in common than these.
 _WORST_CONDITION = 1e9
+# An input that is so far above its noise (power) at fewer lines than this part was not excited.
+_CLEAR = 10.0
+_LEAST_SHARE = 0.05
 
 
 def local_response(
@@ -52,6 +55,7 @@ def local_response(
     lines = analysed_lines(records, spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [settled_spectra(record, lines, spec.quantity, dropped) for record in records]
+    _refuse_dead_inputs(first, spectra)
     closed = all(each.R is not None for each in spectra)
     ladder = _ladder(spec, len(first.inputs), transient=not all(each.settled for each in spectra))
     terms = ladder[-1]
@@ -66,6 +70,8 @@ def local_response(
     where = windows(lines, lines, n_w)
     fit = local_fit(Z, R, where, ladder)
     usable = fit.condition < _WORST_CONDITION
+    if closed:
+        usable &= _condition(fit.B[:, len(first.outputs) :]) < _WORST_CONDITION
     notes = [note for record in records for note in record.notes]
     where_at = f"configuration {first.configuration.name}"
     if not usable.any():
@@ -109,6 +115,27 @@ def _refuse_gaps(record: Record) -> None:
             f"record {record.name}: of period {periods} too much is missing, and a local method takes a record as one "
             "piece; cut it with samples: [first, last], or take another estimator.method"
         )
+
+
+def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> None:
+    """DataError where an input stands out of its noise at hardly any line, whatever the reference was."""
+    n_y = len(first.outputs)
+    power = np.sum([np.abs(each.U) ** 2 for each in spectra], axis=0)
+    noise = np.sum([_diagonal(each.noise)[:, n_y:] for each in spectra], axis=0)
+    clear = power > _CLEAR * noise
+    for i in np.flatnonzero(clear.mean(axis=0) < _LEAST_SHARE):
+        raise DataError(
+            f"configuration {first.configuration.name}: input {first.inputs[i]} is 10 dB above its noise at "
+            f"{int(clear[:, i].sum())} of {len(clear)} lines only: it was not excited, so that no column of G can be "
+            "had for it; check its channel, or raise its torque"
+        )
+
+
+def _condition(B: ComplexArray) -> FloatArray:
+    """Condition (F,) of B (F, n, n), each row relative to its RMS over all lines."""
+    rms = np.sqrt(np.mean(np.abs(B) ** 2, axis=(0, 2)))
+    condition: FloatArray = np.linalg.cond(B / np.where(rms > 0, rms, 1.0)[:, None])
+    return condition
 
 
 def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[Terms]:
