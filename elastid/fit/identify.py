@@ -102,7 +102,7 @@ def predict(
 def refuse_without_effect(fit: ElasticFit) -> None:
     """FitError that names the free parameters which reach none of the responses that count."""
     x = fit.parameters.x
-    information = np.diag(fit.evaluate(x).hessian) / 2 - fit.prior_slopes**2
+    information = np.diag(replace(fit, shapes=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
     effect = np.sqrt(np.maximum(information, 0.0)) * _span(fit.parameters)
     silent_ones = effect <= NO_EFFECT * effect.max()
     if silent_ones.any():
