@@ -142,7 +142,7 @@ def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
 
 
 def _further(result: FitResult, name: str) -> dict[str, Any]:
-    """Intervals by other ways, and what informs a free parameter: the configuration that does most, and the band."""
+    """Intervals by other ways, where the study asks for them."""
     if name not in result.parameters.free_names:
         return {}
     i = result.parameters.free_names.index(name)
@@ -151,13 +151,6 @@ def _further(result: FitResult, name: str) -> dict[str, Any]:
         ends = getattr(result, key)
         if len(ends) and not np.isnan(ends[i]).any():
             found[key] = _numbers(ends[i].tolist())
-    if len(result.share) and np.isfinite(result.share[:, i]).all():
-        most = int(np.argmax(result.share[:, i]))
-        found["informed_by"] = {
-            "configuration": result.configurations[most],
-            "share": round(float(result.share[most, i]), 4),
-            "band_hz": _numbers(result.informing_hz[i].tolist()),
-        }
     return found
 
 
