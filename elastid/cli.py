@@ -84,6 +84,7 @@ def _options(*names: str) -> Decorator:
         "run": click.option("--run", "folder", type=click.Path(path_type=Path), metavar="DIR", help=_RUN_HELP),
         "set": click.option("--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE", help=_SET_HELP),
         "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
+        "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
         "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
         "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
     }
@@ -101,7 +102,7 @@ _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
 # The keys of export.targets.TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = ["control", "matlab", "mujoco", "casadi", "c", "csv"]
 _study = click.argument("study", type=click.Path(path_type=Path))
-_stage_options = _options("run", "set", "jobs", "verbose", "quiet")
+_stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -114,9 +115,11 @@ def _run(study: Path, options: dict[str, Any]) -> Run:
     """The study loaded, with its folder and its ways of working."""
     one_blas_thread()
     from elastid.console import Console
+    from elastid.parallel import on_dask
     from elastid.run import Run, all_cores
     from elastid.study import load
 
+    click.get_current_context().with_resource(on_dask(options.get("dask", "")))
     loaded = load(study, options.get("overrides", ()))
     folder = options["folder"] or Path("runs") / loaded.study.name
     console = Console(options["verbose"] - options["quiet"])

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from elastid.fit.result import FitResult
+from elastid.fit.choose import choose
+from elastid.fit.result import FitResult, Start
 from elastid.friction.placed import frictions
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
@@ -40,9 +41,10 @@ def truth(study: Study) -> dict[str, float] | None:
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
     """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
-    linearisation, theta = Linearisation.of(formulate(study.robot, study.model)), result.theta
+    linearisation = Linearisation.of(formulate(study.robot, study.model))
     rows = []
     for response in responses:
+        theta = result.theta_of(response.configuration.name)
         model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
         found = modes(model, theta)
         rows.append(
@@ -118,6 +120,21 @@ def failure(study: Study, message: str) -> dict[str, Any]:
     }
 
 
+def interrupted(study: Study, ends: Sequence[Start]) -> dict[str, Any]:
+    """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
+    best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to go on")
+    if not ends:
+        return best | {"status": "interrupted"}
+    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
+    rows = {
+        p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}
+        | {"start": x_start[p.name]}
+        for p in parameters.free
+    }
+    return best | {"status": "interrupted", "cost": _number(ends[0].cost), "parameters": rows}
+
+
 def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
     rows = parameter_rows(result, truth(study))
     return {
@@ -129,9 +146,23 @@ def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
             "at_bound": row.at_bound,
             "start": row.start,
             **({} if row.truth is None else {"truth": row.truth}),
+            **_further(result, row.name),
         }
         for row in rows
     }
+
+
+def _further(result: FitResult, name: str) -> dict[str, Any]:
+    """Intervals by other ways, where the study asks for them."""
+    if name not in result.parameters.free_names:
+        return {}
+    i = result.parameters.free_names.index(name)
+    found: dict[str, Any] = {}
+    for key in ("profile95", "bootstrap95"):
+        ends = getattr(result, key)
+        if len(ends) and not np.isnan(ends[i]).any():
+            found[key] = _numbers(ends[i].tolist())
+    return found
 
 
 def _correlations(result: FitResult) -> list[list[Any]]:

@@ -1,11 +1,17 @@
-"""Independent work in several processes: same results whatever the number of workers, and a clean stop on Ctrl-C."""
+"""Independent work in several processes: same results whatever the number of workers, and a clean stop on Ctrl-C.
+
+Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask cluster, which must see the same files.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from contextvars import ContextVar
+from importlib.util import find_spec
 from multiprocessing import get_context, parent_process
 from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
@@ -16,6 +22,10 @@ from elastid.errors import ElastidError
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 Progress: TypeAlias = Callable[[int, int], None]
+
+# Seconds for a Dask scheduler to answer.
+ANSWER_S = 10.0
+_SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 
 def silent(done: int, total: int) -> None:
@@ -31,18 +41,41 @@ def unordered(
     Raises ElastidError where a worker was killed.
     """
     progress(0, len(items))
-    if min(jobs, len(items)) <= 1:
+    if min(jobs, len(items)) <= 1 and not _SCHEDULER.get():
         for index, item in enumerate(items):
             yield index, function(item)
             progress(index + 1, len(items))
         return
-    # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
-    pool = ProcessPoolExecutor(min(jobs, len(items)), mp_context=get_context("forkserver"), initializer=_start_worker)
-    try:
+    address = _SCHEDULER.get()
+    with _on_cluster(address) if address else _processes(min(jobs, len(items))) as pool:
         futures = {pool.submit(function, item): index for index, item in enumerate(items)}
         for done, future in enumerate(as_completed(futures), start=1):
             yield futures[future], future.result()
             progress(done, len(items))
+
+
+@contextmanager
+def on_dask(address: str) -> Iterator[None]:
+    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address changes nothing.
+
+    Raises ElastidError where Dask is not installed.
+    """
+    if address and find_spec("distributed") is None:
+        raise ElastidError("Dask is not installed; install elastid with the extra dask, or leave --dask out")
+    token = _SCHEDULER.set(address)
+    try:
+        yield
+    finally:
+        _SCHEDULER.reset(token)
+
+
+@contextmanager
+def _processes(count: int) -> Iterator[Executor]:
+    """Processes of this machine, ended at once where anything goes wrong."""
+    # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
+    pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker)
+    try:
+        yield pool
     except BrokenProcessPool as error:
         raise ElastidError("a worker process died, perhaps for lack of memory; try again with fewer --jobs") from error
     except BaseException:
@@ -51,6 +84,21 @@ def unordered(
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def _on_cluster(address: str) -> Iterator[Executor]:
+    """The workers of a Dask cluster; ElastidError where none answers."""
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except OSError as error:
+        raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
+    try:
+        yield client.get_executor(pure=False)
+    finally:
+        client.close()
 
 
 def ordered(

@@ -1,6 +1,7 @@
 """Parameters: names and SI values for people, a vector x of free (mostly logarithmic) variables for solvers.
 
-    theta = expand(x):   theta_p = exp(x_i) for a logarithmic one, x_i for a linear one, factor * theta_q for a tied one
+    theta = expand(x):   theta_p = exp(x_i) for a logarithmic one, x_i for a linear one,
+                         factor * theta_q, or factor * theta_q * theta_r, for a tied one
 
 Positive parameters (stiffness, damping, inertia) are optimised as ln p: positivity is free and std(x) is the relative
 standard deviation.
@@ -20,10 +21,14 @@ from elastid.arrays import BoolArray, FloatArray
 
 @dataclass(frozen=True)
 class Tie:
-    """This parameter is `factor` times another: theta_p = factor * theta_to."""
+    """theta_p = factor theta_to, times theta_by if `by` names a third parameter.
+
+    With a ratio to identify as the third, the dampers of many springs have one loss factor: d = eta k / omega.
+    """
 
     to: str
     factor: float = 1.0
+    by: str = ""
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,8 @@ class Prior:
 class Parameter:
     """One scalar of the model, in SI: value is its start or its fixed value.
 
+    only: configurations in which it stands in for the parameter `stands_for`; `fm_1@warm` for fm_1 there.
+    ratio: it is no number of the model but a factor of ties.
     Raises ValueError where bounds exclude the value or a logarithmic parameter could reach zero.
     """
 
@@ -58,6 +65,8 @@ class Parameter:
     free: bool = True
     tie: Tie | None = None
     prior: Prior | None = None
+    only: tuple[str, ...] = ()
+    ratio: bool = False
 
     def __post_init__(self) -> None:
         """Check that value, bounds and scale agree."""
@@ -78,6 +87,16 @@ class Parameter:
         """Whether the solver has a variable for it: neither fixed nor tied."""
         return self.free and self.tie is None
 
+    @property
+    def is_of_model(self) -> bool:
+        """Whether it is one of theta, and not a ratio or a stand-in."""
+        return not self.only and not self.ratio
+
+    @property
+    def stands_for(self) -> str:
+        """The parameter of the model in whose place it is."""
+        return self.name.partition("@")[0]
+
     def to_x(self, value: float) -> float:
         """The solver's variable of an SI value."""
         if not self.log:
@@ -89,24 +108,33 @@ class Parameter:
 class ParameterSet:
     """All parameters of a model in a fixed order: theta (n_theta,) in SI against x (n_x,) of the free ones.
 
-    Raises ValueError for a name given twice, a tie to an unknown, fixed-to-itself or tied parameter.
+    theta are the numbers of the model. Ratios and stand-ins for some configurations have a place in x, not in theta;
+    theta of such a configuration has their values. Raises ValueError for a name given twice, a tie to an unknown,
+    fixed-to-itself or tied parameter, a stand-in for no parameter or two in one configuration.
     """
 
     parameters: tuple[Parameter, ...]
 
     def __post_init__(self) -> None:
         """Check names and ties."""
-        names = self.names
+        names = tuple(parameter.name for parameter in self.parameters)
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"parameter {name} is given twice")
+        places = [(p.stands_for, configuration) for p in self.parameters for configuration in p.only]
+        for name, configuration in places:
+            if name not in self.names:
+                raise ValueError(f"{name}@ in configuration {configuration} stands for no parameter: {self.names}")
+            if places.count((name, configuration)) > 1:
+                raise ValueError(f"{name} has two values in configuration {configuration}")
         for parameter in self.parameters:
             if parameter.tie is None:
                 continue
-            if parameter.tie.to not in names:
-                raise ValueError(f"{parameter.name} is tied to {parameter.tie.to}, which is not a parameter: {names}")
-            if self[parameter.tie.to].tie is not None:
-                raise ValueError(f"{parameter.name} is tied to {parameter.tie.to}, which is tied itself")
+            for other in (parameter.tie.to, parameter.tie.by):
+                if other and other not in names:
+                    raise ValueError(f"{parameter.name} is tied to {other}, which is not a parameter: {names}")
+                if other and self[other].tie is not None:
+                    raise ValueError(f"{parameter.name} is tied to {other}, which is tied itself")
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -115,7 +143,10 @@ class ParameterSet:
         return iter(self.parameters)
 
     def __getitem__(self, name: str) -> Parameter:
-        return self.parameters[self.index(name)]
+        for parameter in self.parameters:
+            if parameter.name == name:
+                return parameter
+        raise KeyError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters)}")
 
     def index(self, name: str) -> int:
         """The place of a name in theta; KeyError lists the names there are."""
@@ -127,7 +158,7 @@ class ParameterSet:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Names in the order of theta."""
-        return tuple(parameter.name for parameter in self.parameters)
+        return tuple(parameter.name for parameter in self.parameters if parameter.is_of_model)
 
     @cached_property
     def free(self) -> tuple[Parameter, ...]:
@@ -139,11 +170,15 @@ class ParameterSet:
         """Names in the order of x."""
         return tuple(parameter.name for parameter in self.free)
 
-    @cached_property
+    @property
     def moved_names(self) -> tuple[str, ...]:
-        """Names of those that x moves, in the order of theta: the free ones and those tied to them."""
-        free = self.free_names
-        return tuple(p.name for p in self.parameters if (p.name if p.tie is None else p.tie.to) in free)
+        """Names of those of theta that x moves, in the order of theta: the free ones and those tied to them."""
+        return self.moved()
+
+    def moved(self, configuration: str = "") -> tuple[str, ...]:
+        """The same in one configuration."""
+        moves = np.any(self._chain(configuration).reach, axis=1)
+        return tuple(name for name, one in zip(self.names, moves, strict=True) if one)
 
     @property
     def theta(self) -> FloatArray:
@@ -162,35 +197,36 @@ class ParameterSet:
         upper = np.array([p.to_x(p.upper) for p in self.free], dtype=float)
         return lower, upper
 
-    def expand(self, x: FloatArray) -> FloatArray:
-        """theta (n_theta,) in SI of a solver's vector x (n_x,): exponentials and ties applied."""
-        constant, gain, _ = self._chain
-        return constant + gain @ self._natural(x)
+    def expand(self, x: FloatArray, configuration: str = "") -> FloatArray:
+        """theta (n_theta,) in SI of a solver's vector x (n_x,), in a configuration: exponentials and ties applied."""
+        return self._chain(configuration).theta(self._natural(x))
 
-    def jacobian(self, x: FloatArray) -> FloatArray:
+    def jacobian(self, x: FloatArray, configuration: str = "") -> FloatArray:
         """d theta / d x (n_theta, n_x): theta_p itself for a logarithmic parameter, ties carried along."""
-        _, gain, log = self._chain
-        return gain * np.where(log, self._natural(x), 1.0)
+        natural = self._natural(x)
+        return self._chain(configuration).slopes(natural) * np.where(self._log, natural, 1.0)
 
     def _natural(self, x: FloatArray) -> FloatArray:
         """The free parameters (n_x,) in SI; infinite, not an error, where a solver tries an absurd step."""
         with np.errstate(over="ignore"):
-            natural: FloatArray = np.where(self._chain[2], np.exp(x), x)
+            natural: FloatArray = np.where(self._log, np.exp(x), x)
         return natural
 
     @cached_property
-    def _chain(self) -> tuple[FloatArray, FloatArray, BoolArray]:
-        """constant (n_theta,), gain (n_theta, n_x), log (n_x,): theta = constant + gain @ natural(x)."""
-        columns = {name: i for i, name in enumerate(self.free_names)}
-        constant, gain = np.zeros(len(self)), np.zeros((len(self), len(columns)))
-        for row, parameter in enumerate(self.parameters):
-            source = parameter if parameter.tie is None else self[parameter.tie.to]
-            factor = 1.0 if parameter.tie is None else parameter.tie.factor
-            if source.name in columns:
-                gain[row, columns[source.name]] = factor
-            else:
-                constant[row] = factor * source.value
-        return constant, gain, np.array([p.log for p in self.free], dtype=np.bool_)
+    def _log(self) -> BoolArray:
+        return np.array([p.log for p in self.free], dtype=np.bool_)
+
+    def _chain(self, configuration: str) -> _Chain:
+        """How theta follows from the free parameters in a configuration."""
+        local = configuration if any(configuration in p.only for p in self.parameters) else ""
+        if local not in self._chains:
+            standing = {p.stands_for: p for p in self.parameters if local in p.only}
+            self._chains[local] = _chain([standing.get(name, self[name]) for name in self.names], self)
+        return self._chains[local]
+
+    @cached_property
+    def _chains(self) -> dict[str, _Chain]:
+        return {}
 
     def with_values(self, values: Mapping[str, float]) -> ParameterSet:
         """The same set starting from other SI values."""
@@ -201,6 +237,56 @@ class ParameterSet:
         )
 
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
-        """Names to SI values, at the start or at x."""
-        theta = self.theta if x is None else self.expand(x)
-        return dict(zip(self.names, theta.tolist(), strict=True))
+        """Names to SI values, at the start or at x; ratios and stand-ins at the end."""
+        x = self.x if x is None else x
+        found = dict(zip(self.names, self.expand(x).tolist(), strict=True))
+        free = dict(zip(self.free_names, self._natural(x).tolist(), strict=True))
+        others = (p for p in self.parameters if not p.is_of_model)
+        return found | {p.name: free.get(p.name, p.value) for p in others}
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """theta = (a_1 + A_1 z) * (a_2 + A_2 z), element by element, z the free parameters in SI."""
+
+    constant: FloatArray
+    gain: FloatArray
+    by_constant: FloatArray
+    by_gain: FloatArray
+
+    @cached_property
+    def reach(self) -> BoolArray:
+        """Which of z (n_x,) move which of theta (n_theta, n_x)."""
+        reach: BoolArray = (self.gain != 0) | (self.by_gain != 0)
+        return reach
+
+    def theta(self, z: FloatArray) -> FloatArray:
+        """theta (n_theta,) of z (n_x,)."""
+        theta: FloatArray = (self.constant + self.gain @ z) * (self.by_constant + self.by_gain @ z)
+        return theta
+
+    def slopes(self, z: FloatArray) -> FloatArray:
+        """d theta / d z (n_theta, n_x)."""
+        one, other = self.constant + self.gain @ z, self.by_constant + self.by_gain @ z
+        slopes: FloatArray = self.gain * other[:, None] + one[:, None] * self.by_gain
+        return slopes
+
+
+def _chain(model: list[Parameter], parameters: ParameterSet) -> _Chain:
+    """The chain of these parameters, one for each of theta."""
+    columns = {name: i for i, name in enumerate(parameters.free_names)}
+    n, n_x = len(model), len(columns)
+    constant, gain = np.zeros(n), np.zeros((n, n_x))
+    by_constant, by_gain = np.ones(n), np.zeros((n, n_x))
+    for row, parameter in enumerate(model):
+        tie = parameter.tie or Tie(parameter.name)
+        to = parameters[tie.to]
+        if to.name in columns:
+            gain[row, columns[to.name]] = tie.factor
+        else:
+            constant[row] = tie.factor * to.value
+        if tie.by in columns:
+            by_constant[row], by_gain[row, columns[tie.by]] = 0.0, 1.0
+        elif tie.by:
+            by_constant[row] = parameters[tie.by].value
+    return _Chain(constant, gain, by_constant, by_gain)

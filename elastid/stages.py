@@ -22,11 +22,12 @@ from elastid.experiment.references import references
 from elastid.experiment.rig import Rig
 from elastid.experiment.simulated import SimulatedRig
 from elastid.fit.identify import identify, predict
+from elastid.fit.multistart import Interrupted
 from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.imported import imported_responses
-from elastid.outcome import failure, modes_of, summary, truth
+from elastid.outcome import failure, interrupted, modes_of, summary, truth
 from elastid.parallel import unordered
 from elastid.planning import brief_of
 from elastid.record import Record
@@ -189,6 +190,9 @@ def fit(run: Run) -> None:
             )
     except FitError as error:
         _write_summary(run, failure(study, str(error)))
+        raise
+    except Interrupted as stop:
+        _write_summary(run, interrupted(study, stop.ends))
         raise
     _write_summary(run, _summary(run, result, responses))
     write_fit(run.path("fit"), result, run.stamps["fit"])

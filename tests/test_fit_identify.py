@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from elastid.errors import DataError, FitError, StudyError
+from elastid.fit.assembly import Assembly
 from elastid.fit.choose import choose
-from elastid.fit.identify import Assembly, identify, predict
+from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
 from elastid.fit.solvers import solve
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec

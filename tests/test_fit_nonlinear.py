@@ -103,7 +103,8 @@ def test_starts_are_solved_in_processes_alike() -> None:
     """What the search solves survives pickling, its value and its gradient that of differences."""
     responses, start = measure(CUBIC, POSTURES[:2], 0), started_elsewhere(CUBIC, 1.5, 0)
     parameters = choose(WANTED, start)
-    problem = Assembly.of(responses, start, WANTED, parameters).problem(parameters.x, "complex")
+    assembly = Assembly.of(responses, start, WANTED, parameters)
+    problem = assembly.searched(assembly.at(parameters.x, "complex"), "complex")
     sent = pickle.loads(pickle.dumps(problem))
     x = parameters.x + 0.01
     here, there = problem.evaluate(x), sent.evaluate(x)

@@ -162,4 +162,4 @@ def test_exact_data_without_a_floor_leave_nothing():
 def test_a_mask_of_what_was_not_measured_is_refused(mask, says):
     """A misspelt name would mask nothing, without a word."""
     with pytest.raises(StudyError, match=says):
-        check_masks([response(1.0)], [mask])
+        check_masks([response(1.0)], FitSpec(mask=(mask,)))

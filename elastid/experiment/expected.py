@@ -28,7 +28,7 @@ from elastid.experiment.sensors import logged_quantity, output_stds
 from elastid.experiment.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights import Weights, weigh
+from elastid.fit.weights import Weights, one_by_one, weigh
 from elastid.friction.placed import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
@@ -96,7 +96,7 @@ class Prospect:
         response = FrequencyResponse(
             self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
         )
-        return Expected(response, model, weigh(response, self.fit), self.parameters, self.fit)
+        return Expected(response, model, weigh(response, one_by_one(self.fit)), self.parameters, self.fit)
 
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> Source:
         """The same as a function of the powers of R; friction scatters as it does under R.

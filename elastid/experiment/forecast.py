@@ -104,7 +104,7 @@ def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
     return Forecast(
         parameters=parameters.free_names,
         units=tuple(p.unit for p in free),
-        nominal=parameters.expand(x)[[parameters.index(p.name) for p in free]],
+        nominal=np.array([parameters.as_dict(x)[p.name] for p in free]),
         log=tuple(p.log for p in free),
         covariance=covariance,
         configurations=tuple(each.response.configuration.name for each in expected),

@@ -31,6 +31,7 @@ import numpy as np
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.elastic import ElasticFit
 from elastid.fit.evidence import Evidence, correlation_length, evidence
+from elastid.fit.informed import Informed, informed
 from elastid.fit.weights import Weights
 from elastid.response import FrequencyResponse
 
@@ -43,12 +44,14 @@ class Certainty:
     """covariance (n_x, n_x) of x, inf where unreached; singular_values of J with columns scaled to unit length.
 
     unreached (n_x,): parameters in a direction that no data reach.  expected_cost: V that the noise alone would give.
+    informed: what informs which parameter.
     """
 
     covariance: FloatArray
     singular_values: FloatArray
     unreached: BoolArray
     expected_cost: float
+    informed: Informed
 
 
 def certainty(
@@ -70,7 +73,8 @@ def certainty(
     covariance += _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse)
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    return Certainty(covariance, singular_values, unreached, expected_cost)
+    told = informed(parts, A_inverse, _weakest(R))
+    return Certainty(covariance, singular_values, unreached, expected_cost, told)
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -85,6 +89,14 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     half = (Vt[reached] / singular_values[reached, None]) / length
     unreached: BoolArray = np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
     return half.T @ half, singular_values, unreached
+
+
+def _weakest(R: FloatArray) -> FloatArray:
+    """The last right singular vector (n_x,) of R with columns scaled to unit length, its largest entry positive."""
+    length = np.linalg.norm(R, axis=0)
+    direction: FloatArray = np.linalg.svd(R / np.where(length > 0, length, 1.0))[2][-1]
+    turned: FloatArray = direction * np.sign(direction[np.argmax(np.abs(direction))])
+    return turned
 
 
 def _noise(fit: ElasticFit, parts: Sequence[Evidence], A_inverse: FloatArray) -> tuple[FloatArray, float]:

@@ -7,11 +7,12 @@ quadratic terms, a compensator's length and the delay are linear. What a study d
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from elastid.errors import StudyError
-from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
 from elastid.parameters import Parameter, ParameterSet, Prior
@@ -24,25 +25,34 @@ REACH_OF_FRICTION = 1e4
 DELAY_BOUNDS = (0.0, 0.01)
 
 
-def choose(spec: FitSpec, robot: Robot) -> ParameterSet:
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
-    Without keys: every stiffness, and every damping and motor friction that is not zero.
-    Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, and
-    where nothing is free.
+    Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
+    are fitted, for parameters of their own; without any, such a parameter is one for all.
+    Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
+    of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
     table = robot.parameters() | {DELAY: (0.0, "s")}
     wanted = _match(spec.parameters, table) if spec.parameters else _default(robot)
     linear = _linear_names(robot)
-    chosen = tuple(
-        _parameter(name, value, unit, wanted[name], name not in linear)
-        if name in wanted
-        else Parameter(name, value, unit, log=name not in linear, free=False)
-        for name, (value, unit) in table.items()
-    )
+    chosen: list[Parameter] = []
+    further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
+    for name, (value, unit) in table.items():
+        if name not in wanted:
+            chosen.append(Parameter(name, value, unit, log=name not in linear, free=False))
+            continue
+        parameter = _parameter(name, value, unit, wanted[name], name not in linear)
+        groups = _groups(name, wanted[name].per, configurations)
+        grouped = [configuration for group in groups.values() for configuration in group]
+        everywhere = bool(grouped) and set(grouped) >= set(configurations)
+        chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
+        further += [replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items()]
+    _check_ratios(spec, chosen)
+    chosen += further
     try:
-        parameters = ParameterSet(chosen)
+        parameters = ParameterSet(tuple(chosen))
     except ValueError as error:
         raise StudyError(f"fit.parameters: {error}") from None
     if not parameters.free:
@@ -57,8 +67,64 @@ def _match(given: Mapping[str, ParameterSpec], table: Mapping[str, object]) -> d
         names = [name for name in table if fnmatchcase(name, key)]
         if not names:
             raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, list(table))}")
-        matched |= dict.fromkeys(names, wish)
+        matched |= {name: _starred(key, name, wish) for name in names}
     return matched | {key: wish for key, wish in given.items() if key in table}
+
+
+def _starred(key: str, name: str, wish: ParameterSpec) -> ParameterSpec:
+    """The wish for one name of a pattern: the * of its tie is what the * of the key stands for."""
+    if wish.tie is None or "*" not in wish.tie.to:
+        return wish
+    if key.count("*") != 1:
+        raise StudyError(f"fit.parameters.{key}: a tie to {wish.tie.to} needs exactly one * in the key")
+    before, after = key.split("*")
+    star = name[len(before) : len(name) - len(after)]
+    return replace(wish, tie=replace(wish.tie, to=wish.tie.to.replace("*", star)))
+
+
+def _groups(
+    name: str, per: str | Mapping[str, Sequence[str]] | None, configurations: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Group to its configurations among those that are fitted."""
+    if per is None or not configurations:
+        return {}
+    if isinstance(per, str):
+        return {configuration: (configuration,) for configuration in configurations}
+    where, taken = f"fit.parameters.{name}.per", [one for group in per.values() for one in group]
+    for one in taken:
+        if taken.count(one) > 1:
+            raise StudyError(f"{where}: configuration {one} is in two groups")
+    found = {group: tuple(one for one in members if one in configurations) for group, members in per.items()}
+    return {group: members for group, members in found.items() if members}
+
+
+def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
+    where = f"fit.ratios.{name}"
+    if name in table:
+        raise StudyError(f"{where}: the robot has a parameter of that name; choose another one")
+    start = float(ratio.start)
+    if not start > 0:
+        raise StudyError(f"{where}: the start is {start:g}; it must be positive")
+    lower, upper = (float(b) for b in ratio.bounds) if ratio.bounds is not None else (start / REACH, start * REACH)
+    prior = None if ratio.prior is None else Prior(float(ratio.prior.mean), ratio.prior.std)
+    try:
+        return Parameter(name, start, "1", lower, upper, log=True, prior=prior, ratio=True)
+    except ValueError as error:
+        raise StudyError(f"fit.ratios: {error}") from None
+
+
+def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
+    """Every ratio is a factor of a tie; StudyError names the one that is not, and a tie to one that is not there."""
+    used = {parameter.tie.by: parameter.name for parameter in chosen if parameter.tie is not None}
+    for name in spec.ratios:
+        if name not in used:
+            raise StudyError(
+                f"fit.ratios.{name}: no tie uses it; name it in one, such as {{tie: {{to: k_1, by: {name}}}}}"
+            )
+    for by, name in used.items():
+        if by and by not in spec.ratios and by not in {parameter.name for parameter in chosen}:
+            known = ", ".join(spec.ratios) or "none"
+            raise StudyError(f"fit.parameters.{name}.tie: no ratio is called {by}; fit.ratios has {known}")
 
 
 def _default(robot: Robot) -> dict[str, ParameterSpec]:
@@ -98,7 +164,7 @@ def _linear_names(robot: Robot) -> set[str]:
 def _parameter(name: str, value: float, unit: str, wish: ParameterSpec, log: bool) -> Parameter:
     where = f"fit.parameters.{name}"
     if wish.tie is not None:
-        return Parameter(name, value, unit, log=log, tie=wish.tie.tie)
+        return Parameter(name, value, unit, log=log, tie=wish.tie.tie())
     start = value if wish.start is None else float(wish.start)
     if wish.fixed:
         return Parameter(name, start, unit, log=log, free=False)

@@ -46,12 +46,11 @@ class Evidence:
 
 def evidence(part: Part, response: FrequencyResponse, weights: Weights, r: ComplexArray, J: ComplexArray) -> Evidence:
     """The sums of one configuration from its whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u)."""
-    gain: ComplexArray
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # How an error of Ghat appears in the whitened residual.
-        gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
-    floor = gain * weights.floor * response.G
-    S = None if weights.noise is None else _noise(gain * weights.scale, weights)
+    T = _whitening(part)
+    floor = _vec(weights.floor * response.G)
+    noise = weights.noise_covariance()
+    S = None if noise is None else T @ noise @ _H(T)
+    pulls = _vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     return Evidence(
         freq_hz=response.freq_hz,
         rows=as_real(J).reshape(len(J), -1).T,
@@ -59,8 +58,8 @@ def evidence(part: Part, response: FrequencyResponse, weights: Weights, r: Compl
         pull=np.einsum("pfab,fab->pf", J.conj(), r).real,
         noise_meat=None if S is None else _meat(J, S),
         noise_power=None if S is None else float(np.einsum("faa->", S).real),
-        floor_power=float(np.vdot(floor, floor).real),
-        floor_pull=_coherent(response, J.conj() * floor),
+        floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
+        floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
     )
 
 
@@ -83,17 +82,28 @@ def correlation_length(residuals: Sequence[ComplexArray]) -> float:
     return tau
 
 
-def _noise(gain: ComplexArray, weights: Weights) -> ComplexArray:
-    """S (F, n_y n_u, n_y n_u), E r r^H under the measured noise, vec column-major."""
-    assert weights.noise is not None
+def _whitening(part: Part) -> ComplexArray:
+    """T (F, m, m), vec column-major: how errors of Ghat appear in the whitened residuals."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
     t = _vec(gain)
-    S: ComplexArray = t[:, :, None] * weights.noise.full() * t[:, None, :].conj()
-    return S
+    if part.mixing is None:
+        T: ComplexArray = t[:, :, None] * np.eye(t.shape[1])
+        return T
+    n_y, n_u = part.measured.shape[1:]
+    column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
+    mixed: ComplexArray = part.mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :]
+    return mixed
 
 
 def _vec(array: ComplexArray) -> ComplexArray:
     """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
     return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
+
+
+def _H(A: ComplexArray) -> ComplexArray:
+    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
+    return adjoint
 
 
 def _meat(J: ComplexArray, S: ComplexArray) -> FloatArray:
@@ -104,11 +114,11 @@ def _meat(J: ComplexArray, S: ComplexArray) -> FloatArray:
 
 
 def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
-    """Pulls (n_x, F, n_y, n_u) of relative errors, summed over the lines of each octave."""
+    """Pulls (n_x, F, m) of relative errors, vec column-major, summed over the lines of each octave."""
     lowest = response.freq_hz[response.freq_hz > 0].min()
     octave = np.floor(np.log2(np.maximum(response.freq_hz, lowest) / lowest)).astype(int)
     return {
-        (output, given, int(o)): pulls[:, octave == o, i, j].sum(axis=1)
+        (output, given, int(o)): pulls[:, octave == o, i + j * len(response.outputs)].sum(axis=1)
         for o in np.unique(octave)
         for i, output in enumerate(response.outputs)
         for j, given in enumerate(response.inputs)

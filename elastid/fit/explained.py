@@ -20,16 +20,17 @@ from elastid.fit.solvers import ROUGH, solve
 
 # With the right sign a cost is at most this part of what it is with the wrong one.
 FAR_BETTER = 0.1
+# A configuration whose residuals are so many times those of the median one is not like the others.
+FAR_APART = 5.0
 
 
 def explained(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     """The share of the measured responses that the model at x (n_x,) explains; negative where it is worse than none."""
-    theta = fit.parameters.expand(x)
     left, whole = 0.0, 0.0
     for part in fit.parts:
         weight = part.gain * np.abs(error_gain(part.criterion, part.measured))
         used = part.gain > 0
-        error = np.where(used, weight * (part.measured - part.kernel.response(theta)), 0.0)
+        error = np.where(used, weight * (part.measured - part.kernel.response(fit.theta(part, x))), 0.0)
         left += float(np.sum(np.abs(error) ** 2))
         whole += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
@@ -55,7 +56,9 @@ class Channel:
         model = part.kernel.model
         outputs = [-1.0 if self.role == "y" and name == self.at else 1.0 for name in model.outputs]
         inputs = [-1.0 if self.role == "u" and name == self.at else 1.0 for name in model.inputs]
-        return replace(part, measured=part.measured * np.outer(outputs, inputs))
+        signs = np.outer(outputs, inputs)
+        mixing = None if part.mixing is None else part.mixing * signs.ravel()
+        return replace(part, measured=part.measured * signs, mixing=mixing)
 
 
 def sign_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
@@ -85,9 +88,32 @@ def sign_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
     )
 
 
+def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
+    """A word about each configuration that the model at x explains far worse than the others."""
+    level = {}
+    for part in fit.parts:
+        if part.n_residuals:
+            name = part.kernel.model.configuration.name
+            level[name] = np.sqrt(part.normal.at(fit.theta(part, x))[0] / part.n_residuals)
+    if len(level) < 3:
+        return ()
+    usual = float(np.median(list(level.values())))
+    return tuple(
+        f"configuration {name}: its residuals are {one / usual:.0f} times those of the other configurations; is it of "
+        "the same robot, with the same load, at the angles that it claims?"
+        for name, one in level.items()
+        if one > FAR_APART * usual
+    )
+
+
 def _conjugated(fit: ElasticFit, sign: int) -> ElasticFit:
     """sign is -1 where an odd power of j omega made of them what is fitted: (j omega)^* = -j omega."""
-    return replace(fit, parts=tuple(replace(part, measured=sign * part.measured.conj()) for part in fit.parts))
+    return replace(fit, parts=tuple(_as_conjugate(part, sign) for part in fit.parts))
+
+
+def _as_conjugate(part: Part, sign: int) -> Part:
+    mixing = None if part.mixing is None else part.mixing.conj()
+    return replace(part, measured=sign * part.measured.conj(), mixing=mixing)
 
 
 def _best_cost(fit: ElasticFit, x: FloatArray) -> float:

@@ -14,8 +14,13 @@ from elastid.parameters import ParameterSet
 WIDE = 10.0
 HOPELESS = 1e6
 CORRELATED = 0.99
+# A singular value below this share of the largest is worth a word, with the parameters that have such a part in it.
+ILL = 1e-3
+TELLING = 0.2
 # x within this share of its range from a bound is at it.
 NEAR_BOUND = 1e-4
+# A bound that holds a parameter in this share of the starts is worth a word.
+MOST = 0.5
 # Residuals so many times what the noise explains are a model error worth a word.
 MODEL_ERROR = 1.5
 # A model that explains less than this share of what was measured does not describe the robot, whatever its optimum. One
@@ -61,9 +66,11 @@ def findings(result: FitResult, unreached: BoolArray) -> tuple[str, ...]:
     """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
     return (
         *_bounds(result),
+        *_held_starts(result),
         *_undetermined(result, unreached),
         *_weak(result, unreached),
         *_correlated(result),
+        *_weakest(result),
         *_search(result),
     )
 
@@ -79,6 +86,19 @@ def _bounds(result: FitResult) -> list[str]:
                 "value beyond it makes sense, otherwise the data want something that the model lacks"
             )
     return sentences
+
+
+def _held_starts(result: FitResult) -> list[str]:
+    """Bounds at which most starts ended, the best one not among them."""
+    ends = [start.x for start in result.starts if math.isfinite(start.cost)]
+    if len(ends) < 3:
+        return []
+    share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
+    return [
+        f"{name} ended at a bound in {round(100 * one)} % of the starts: widen its bounds, or start it elsewhere"
+        for name, one, held in zip(result.parameters.free_names, share, result.at_bound, strict=True)
+        if one > MOST and not held
+    ]
 
 
 def _undetermined(result: FitResult, unreached: BoolArray) -> list[str]:
@@ -110,6 +130,20 @@ def _correlated(result: FitResult) -> list[str]:
     return [
         f"{names[i]} and {names[j]} are hardly told apart: their estimates are correlated by {correlation[i, j]:.4f}"
         for i, j in pairs
+    ]
+
+
+def _weakest(result: FitResult) -> list[str]:
+    """The combination that is known worst, where it is known far worse than the rest."""
+    values = result.singular_values
+    if not len(result.weakest) or len(values) < 2 or values[-1] > ILL * values[0] or values[-1] < 1e-8 * values[0]:
+        return []
+    places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > TELLING]
+    names = result.parameters.free_names
+    terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
+    return [
+        f"the combination {terms} (relative changes of what they do) is known worst: singular value "
+        f"{values[-1] / values[0]:.1e} of the largest; measure where these act differently, or tie them"
     ]
 
 

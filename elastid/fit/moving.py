@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
-from elastid.fit.elastic import ElasticFit
+from elastid.fit.elastic import ElasticFit, Part
 from elastid.fit.problem import Evaluation, LeastSquares
 
 
@@ -46,5 +46,10 @@ class MovingFit:
     def at(self, x: FloatArray) -> ElasticFit:
         """The fit at x; which elements count and how much stays as it is at the first start."""
         moved = self.linearised(x)
-        kept = zip(moved.parts, self.fixed.parts, strict=True)
-        return replace(moved, parts=tuple(replace(part, gain=first.gain) for part, first in kept))
+        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.fixed.parts)))
+
+
+def _weighed_as(part: Part, first: Part) -> Part:
+    """The part on the lines of another, with its weights."""
+    edge = first.kernel.freq_hz.max(initial=0.0)
+    return replace(part.below(edge), gain=first.gain, mixing=first.mixing)

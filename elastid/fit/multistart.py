@@ -6,8 +6,9 @@ It knows no robot: problems are solved one after the other, each from where the 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -15,8 +16,8 @@ from elastid.arrays import FloatArray
 from elastid.errors import FitError
 from elastid.fit.problem import LeastSquares
 from elastid.fit.result import Start
-from elastid.fit.solvers import FINE, ROUGH, solve
-from elastid.parallel import Progress, ordered, silent
+from elastid.fit.solvers import FINE, ROUGH, Method, solve
+from elastid.parallel import Progress, silent, unordered
 from elastid.parameters import Parameter, ParameterSet
 
 # Dampings and frictions are known worse than stiffnesses and inertias: their starts spread over factor^2.
@@ -25,6 +26,9 @@ SPREAD_OF_DAMPING = 2.0
 SPREAD_OF_LINEAR = 0.1
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
 HIT = 0.1
+# Iterations of a rough solve, and the multiple of the best cost from which one that used them all up is given up.
+ROUGH_ITERATIONS = 60
+HOPELESS = 30.0
 
 
 def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
@@ -49,28 +53,98 @@ def _reach(parameter: Parameter, factor: float) -> float:
     return SPREAD_OF_LINEAR * span if math.isfinite(span) else 0.0
 
 
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in the middle of many starts; ends: of those that were done, best first."""
+
+    def __init__(self, ends: tuple[Start, ...]) -> None:
+        super().__init__(f"interrupted after {len(ends)} starts")
+        self.ends = ends
+
+
 def multistart(
-    problems: Sequence[LeastSquares], starts: FloatArray, jobs: int = 1, progress: Progress = silent
+    problems: Sequence[LeastSquares],
+    starts: FloatArray,
+    jobs: int = 1,
+    progress: Progress = silent,
+    method: Method = "ipopt",
 ) -> tuple[tuple[Start, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
 
-    The same for any number of jobs; with several, the problems must pickle.  Raises FitError where none succeeds.
+    Every start is solved roughly; then those go on that can still reach the best one, and the others end where they
+    are, with a word. The same for any number of jobs; with several, the problems must pickle.
+    Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
-    ends = ordered(partial(_solve_in_turn, tuple(problems)), list(starts), jobs, progress)
-    ranked = tuple(sorted(ends, key=lambda end: end.cost))
-    best = ranked[0]
-    if not np.isfinite(best.cost):
-        raise FitError(f"none of the {len(ranked)} starts led anywhere; the first one ended so: {ends[0].message}")
-    per_deviation = max(1.0, best.cost / max(problems[-1].dof, 1))
-    return ranked, sum(end.cost <= best.cost + HIT * per_deviation for end in ranked)
+    begin = _Begin(tuple(problems), method)
+    rough = _kept(begin, list(starts), jobs, progress)
+    best = min(end.cost for end in rough)
+    if not np.isfinite(best):
+        raise FitError(f"none of the {len(rough)} starts led anywhere; the first one ended so: {rough[0].message}")
+    reach = best + _deviation(best, problems[-1])
+    hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
+    polished = _kept(_Polish(problems[-1], method), [rough[i] for i in hopeful], jobs, silent)
+    ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
+    ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
+    best = ranked[0].cost
+    hit = best + HIT * _deviation(best, problems[-1])
+    return ranked, sum(end.cost <= hit for end in ranked)
 
 
-def _solve_in_turn(problems: Sequence[LeastSquares], x_start: FloatArray) -> Start:
-    x, iterations = x_start, 0
+def _deviation(cost: float, problem: LeastSquares) -> float:
+    """By how much V rises at one standard deviation from its minimum."""
+    return max(1.0, cost / max(problem.dof, 1))
+
+
+def _may_fall(end: Start, best: float) -> bool:
+    """Whether a rough solve that ran out of iterations is near enough to go on."""
+    return not end.converged and end.cost <= HOPELESS * best
+
+
+def _stopped(end: Start) -> Start:
+    if not math.isfinite(end.cost):
+        return end
+    return replace(end, message=f"stopped early, far above the best cost; {end.message}")
+
+
+def _kept(function: Callable[[Any], Start], items: Sequence[Any], jobs: int, progress: Progress) -> list[Start]:
+    """function of each item in order; on Ctrl-C what is done is kept in the exception."""
+    ends: dict[int, Start] = {}
     try:
-        for tolerance, problem in zip([ROUGH] * (len(problems) - 1) + [FINE], problems, strict=True):
-            end = solve(problem, x, tolerance)
-            x, iterations = end.x, iterations + end.iterations
-    except FitError as error:
-        return Start(x_start, x, math.inf, iterations, False, str(error))
-    return Start(x_start, end.x, end.cost, iterations, end.converged, end.message)
+        for index, end in unordered(function, items, jobs, progress):
+            ends[index] = end
+    except KeyboardInterrupt:
+        done = (end for _, end in sorted(ends.items()) if math.isfinite(end.cost))
+        raise Interrupted(tuple(sorted(done, key=lambda end: end.cost))) from None
+    return [ends[i] for i in range(len(items))]
+
+
+@dataclass(frozen=True)
+class _Begin:
+    """A start solved roughly, problem by problem."""
+
+    problems: tuple[LeastSquares, ...]
+    method: Method
+
+    def __call__(self, x_start: FloatArray) -> Start:
+        x, iterations = x_start, 0
+        try:
+            for problem in self.problems:
+                end = solve(problem, x, ROUGH, ROUGH_ITERATIONS, self.method)
+                x, iterations = end.x, iterations + end.iterations
+        except FitError as error:
+            return Start(x_start, x, math.inf, iterations, False, str(error))
+        return Start(x_start, end.x, end.cost, iterations, end.converged, end.message)
+
+
+@dataclass(frozen=True)
+class _Polish:
+    """A rough end taken to the optimum."""
+
+    problem: LeastSquares
+    method: Method
+
+    def __call__(self, rough: Start) -> Start:
+        try:
+            end = solve(self.problem, rough.x, FINE, method=self.method)
+        except FitError as error:
+            return replace(rough, cost=math.inf, converged=False, message=str(error))
+        return replace(end, x_start=rough.x_start, iterations=rough.iterations + end.iterations)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -13,6 +13,9 @@ from elastid.parameters import ParameterSet
 
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
 Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_conditioned", "model_error"]
+
+
+_FURTHER = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ class FitResult:
     where the residuals say more and for the declared model error (`certainty` says how); infinite variances where no
     data reach.  cost: V.  cost_expected: the V that the measured noise alone would leave.  singular_values: of the
     Jacobian with columns scaled to unit length, largest first.  starts: sorted by V.
+    profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows if not asked for.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): what informs which parameter (`informed`).
     """
 
     parameters: ParameterSet
@@ -56,11 +61,17 @@ class FitResult:
     singular_values: FloatArray
     criterion: str
     warnings: tuple[str, ...] = ()
+    profile95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    bootstrap95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    configurations: tuple[str, ...] = ()
+    share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    informing_hz: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes."""
         n_x = len(self.parameters.free)
-        for name in ("x", "covariance", "singular_values"):
+        for name in ("x", "covariance", "singular_values", *_FURTHER):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         object.__setattr__(self, "at_bound", frozen(self.at_bound, np.bool_))
         if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
@@ -75,6 +86,10 @@ class FitResult:
     def theta(self) -> FloatArray:
         """The estimate (n_theta,) of all parameters in SI, fixed and tied ones included."""
         return self.parameters.expand(self.x)
+
+    def theta_of(self, configuration: str) -> FloatArray:
+        """The same in one configuration, where it has parameters of its own."""
+        return self.parameters.expand(self.x, configuration)
 
     @property
     def values(self) -> dict[str, float]:

@@ -1,4 +1,4 @@
-r"""IPOPT with a Gauss-Newton Hessian for any LeastSquares problem; it knows neither robot nor response.
+r"""IPOPT or SQP with a Gauss-Newton Hessian for any LeastSquares problem; it knows neither robot nor response.
 
 .. math:: \min_x V(x) / N \quad \text{s.t.} \quad x_{lower} \le x \le x_{upper}, \qquad \nabla^2 V \approx 2 J^T J
 
@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from signal import SIGINT, getsignal, signal
 from threading import current_thread, main_thread
 from types import FrameType
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import casadi as ca
 import numpy as np
@@ -23,6 +24,7 @@ from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.result import Start
 
 Outputs: TypeAlias = list[ca.DM]
+Method: TypeAlias = Literal["ipopt", "sqp"]
 
 # Distance to the stationary point, in standard deviations of the estimate, at which a solve stops: FINE for the
 # estimate, ROUGH where another solve goes on from there.
@@ -46,12 +48,33 @@ _OPTIONS: dict[str, Any] = {
     "ipopt.mu_strategy": "adaptive",
 }
 
+# CasADi's SQP: a step of Gauss-Newton within the bounds by an active-set QP, then a line search.
+_SQP_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "print_header": False,
+    "print_iteration": False,
+    "print_status": False,
+    "no_nlp_grad": True,
+    "calc_lam_p": False,
+    "show_eval_warnings": False,
+    "error_on_fail": False,
+    "qpsol": "qrqp",
+    "qpsol_options": {"print_header": False, "print_iter": False, "print_info": False, "error_on_fail": False},
+    "min_step_size": 1e-14,
+}
 
-def solve(problem: LeastSquares, x0: FloatArray, tolerance: float = FINE, max_iterations: int = 200) -> Start:
-    """The local optimum that IPOPT reaches from x0 (n_x,), and how it ended.
+
+def solve(
+    problem: LeastSquares,
+    x0: FloatArray,
+    tolerance: float = FINE,
+    max_iterations: int = 200,
+    method: Method = "ipopt",
+) -> Start:
+    """The local optimum that the solver reaches from x0 (n_x,), and how it ended.
 
     Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt. `converged` looks at the distance
-    to the stationary point in standard deviations, which means the same for every problem, and not at IPOPT's word.
+    to the stationary point in standard deviations, which means the same for every problem, not at the solver's word.
     Raises FitError where the cost is not finite at x0.
     """
     x0 = np.clip(x0, *problem.parameters.x_bounds)
@@ -61,7 +84,7 @@ def solve(problem: LeastSquares, x0: FloatArray, tolerance: float = FINE, max_it
         raise FitError(f"the cost is not finite at the start {problem.parameters.as_dict(x0)}; move the start")
     if len(x0) == 0:
         return Start(x0, x0, beginning.cost, 0, True, "nothing is free")
-    x, status, iterations = _run_ipopt(evaluator, tolerance, max_iterations)
+    x, status, iterations = _run(evaluator, tolerance, max_iterations, method)
     ending, off = evaluator.at(x), evaluator.distance(x)
     ended = f"{iterations} iterations" if status == _STOPPED else f"{status} after {iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
@@ -96,23 +119,46 @@ def _pushed_out(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> Boo
     return held
 
 
-def _run_ipopt(evaluator: _Evaluator, tolerance: float, max_iterations: int) -> tuple[FloatArray, str, int]:
-    """x, IPOPT's status and its number of iterations; errors kept by the evaluator are raised here."""
+def _run(evaluator: _Evaluator, tolerance: float, max_iterations: int, method: Method) -> tuple[FloatArray, str, int]:
+    """x, the solver's status and its number of iterations; errors kept by the evaluator are raised here."""
     with _interrupt_kept(evaluator):
-        objective, gradient, hessian, stop = _callbacks(evaluator, tolerance)
-        options = _OPTIONS | {"grad_f": gradient, "hess_lag": hessian, "iteration_callback": stop}
-        options |= {"ipopt.tol": 1e-3 * tolerance * evaluator.weight, "ipopt.max_iter": max_iterations}
-        solver = ca.nlpsol("fit", "ipopt", objective, options)
-        lower, upper = (evaluator.to_z(bound) for bound in evaluator.problem.parameters.x_bounds)
-        answer = solver(x0=evaluator.to_z(evaluator.x0), lbx=lower, ubx=upper)
-        status, iterations = str(solver.stats()["return_status"]), int(solver.stats()["iter_count"])
+        callbacks = _callbacks(evaluator, tolerance, method)
+        answer, status, iterations = _SOLVERS[method](evaluator, callbacks, tolerance, max_iterations)
     if evaluator.error is not None:
         raise evaluator.error
     # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
     if status == "NonIpopt_Exception_Thrown":
         raise KeyboardInterrupt
-    x = np.clip(evaluator.to_x(np.asarray(answer["x"]).ravel()), *evaluator.problem.parameters.x_bounds)
+    x = np.clip(evaluator.to_x(answer), *evaluator.problem.parameters.x_bounds)
     return x, status, iterations
+
+
+def _ipopt(
+    evaluator: _Evaluator, callbacks: _Callbacks, tolerance: float, max_iterations: int
+) -> tuple[FloatArray, str, int]:
+    options = _OPTIONS | {"grad_f": callbacks.gradient, "hess_lag": callbacks.hessian}
+    options |= {"iteration_callback": callbacks.stop, "ipopt.max_iter": max_iterations}
+    options |= {"ipopt.tol": 1e-3 * tolerance * evaluator.weight}
+    return _answer(evaluator, ca.nlpsol("fit", "ipopt", callbacks.objective, options))
+
+
+def _sqp(
+    evaluator: _Evaluator, callbacks: _Callbacks, tolerance: float, max_iterations: int
+) -> tuple[FloatArray, str, int]:
+    options = _SQP_OPTIONS | {"jac_fg": callbacks.gradient, "hess_lag": callbacks.hessian}
+    options |= {"iteration_callback": callbacks.stop, "max_iter": max_iterations}
+    options |= {"tol_du": 1e-3 * tolerance * evaluator.weight}
+    return _answer(evaluator, ca.nlpsol("fit", "sqpmethod", callbacks.objective, options))
+
+
+def _answer(evaluator: _Evaluator, solver: ca.Function) -> tuple[FloatArray, str, int]:
+    lower, upper = (evaluator.to_z(bound) for bound in evaluator.problem.parameters.x_bounds)
+    answer = solver(x0=evaluator.to_z(evaluator.x0), lbx=lower, ubx=upper)
+    stats = solver.stats()
+    return np.asarray(answer["x"]).ravel(), str(stats["return_status"]), int(stats["iter_count"])
+
+
+_SOLVERS = {"ipopt": _ipopt, "sqp": _sqp}
 
 
 @contextmanager
@@ -170,9 +216,9 @@ class _Evaluator:
         return distance_to_optimum(here, self.problem.dof, _pushed_out(self.problem, x, here))
 
     def guarded(self, z: ca.DM) -> Evaluation:
-        """The same for a callback, in which CasADi would swallow an exception: it is kept for `_run_ipopt`.
+        """The same for a callback, in which CasADi would swallow an exception: it is kept for `_run`.
 
-        From then on IPOPT sees a flat function, with which it ends at once and without a word.
+        From then on the solver sees a flat function, with which it ends at once and without a word.
         """
         if self.error is None:
             try:
@@ -219,40 +265,57 @@ class _Callback(ca.Callback):
         return self.function(arguments)
 
 
-def _callbacks(evaluator: _Evaluator, tolerance: float) -> tuple[_Callback, _Callback, _Callback, _Callback]:
-    """Objective, gradient, upper-triangular Hessian of the Lagrangian as IPOPT wants them, and when to stop.
+@dataclass(frozen=True, eq=False)
+class _Callbacks:
+    """What a solver calls; kept together, since CasADi deletes a Callback that goes out of scope."""
 
-    The caller keeps them alive while the solver runs: CasADi deletes a Callback that goes out of scope.
+    objective: _Callback
+    gradient: _Callback
+    hessian: _Callback
+    stop: _Callback
+
+
+def _callbacks(evaluator: _Evaluator, tolerance: float, method: Method) -> _Callbacks:
+    """Objective, gradient, Hessian of the Lagrangian and when to stop.
+
+    IPOPT wants the upper triangle of the Hessian and the gradient as a column, sqpmethod the whole matrix and a row.
     """
     n = len(evaluator.x0)
     vector, scalar, none = ca.Sparsity.dense(n, 1), ca.Sparsity.dense(1, 1), ca.Sparsity(0, 0)
+    no_rows = ca.Sparsity(0, 1)
     upper, rows_of_columns = ca.Sparsity.upper(n), np.tril_indices(n)
     point = [("x", vector), ("p", none)]
-    multipliers = [("lam_f", scalar), ("lam_g", ca.Sparsity(0, 1))]
-    scale, weight = evaluator.scale, evaluator.weight
+    multipliers = [("lam_f", scalar), ("lam_g", no_rows)]
+    scale, weight, triangular = evaluator.scale, evaluator.weight, method == "ipopt"
 
     def objective(arguments: Sequence[ca.DM]) -> Outputs:
         return [ca.DM(weight * evaluator.guarded(arguments[0]).cost), ca.DM(0, 1)]
 
     def gradient(arguments: Sequence[ca.DM]) -> Outputs:
         here = evaluator.guarded(arguments[0])
-        return [ca.DM(weight * here.cost), ca.DM(weight * scale * here.gradient)]
+        slope = weight * scale * here.gradient
+        if triangular:
+            return [ca.DM(weight * here.cost), ca.DM(slope)]
+        return [ca.DM(weight * here.cost), ca.DM(slope[None, :]), ca.DM(0, 1), ca.DM(0, n)]
 
     def hessian(arguments: Sequence[ca.DM]) -> Outputs:
         here = evaluator.guarded(arguments[0])
         H = float(arguments[2]) * weight * np.outer(scale, scale) * here.hessian
         # The upper triangle column by column is the lower one row by row.
-        return [ca.DM(upper, H[rows_of_columns])]
+        return [ca.DM(upper, H[rows_of_columns]) if triangular else ca.DM(H)]
 
     def stop(arguments: Sequence[ca.DM]) -> Outputs:
         evaluator.guarded(arguments[0])
         x = evaluator.to_x(np.asarray(arguments[0]).ravel())
         return [ca.DM(evaluator.error is not None or evaluator.distance(x) < tolerance)]
 
+    row = [("f", scalar), ("jac_f", ca.Sparsity.dense(1, n)), ("g", no_rows), ("jac_g", ca.Sparsity(0, n))]
+    column = [("f", scalar), ("grad_f_x", vector)]
     answer = [("x", vector), ("f", scalar), ("g", none), ("lam_x", vector), ("lam_g", none), ("lam_p", none)]
-    return (
-        _Callback("objective", point, [("f", scalar), ("g", ca.Sparsity(0, 1))], objective),
-        _Callback("nlp_grad_f", point, [("f", scalar), ("grad_f_x", vector)], gradient),
-        _Callback("nlp_hess_l", point + multipliers, [("hess_gamma_x_x", upper)], hessian),
+    whole = upper if triangular else ca.Sparsity.dense(n, n)
+    return _Callbacks(
+        _Callback("objective", point, [("f", scalar), ("g", no_rows)], objective),
+        _Callback("nlp_grad_f" if triangular else "nlp_jac_fg", point, column if triangular else row, gradient),
+        _Callback("nlp_hess_l", point + multipliers, [("hess_gamma_x_x", whole)], hessian),
         _Callback("stop", answer, [("ret", scalar)], stop),
     )

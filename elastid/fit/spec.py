@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import field
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from elastid.parameters import Tie
 from elastid.section import section
 from elastid.units import Frequency, Quantity
 
+Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
+
 # Whatever is more is a slip of the pen.
 MOST_STARTS = 10_000
 LARGEST_FACTOR = 1e3
+MOST_BANDS = 20
+# Below, no interval of 95 % can be read off.
+FEWEST_REPETITIONS = 40
 
 
 def _check_band(band_hz: tuple[float, float] | None) -> None:
@@ -29,15 +35,38 @@ class PriorSpec:
 
 @section
 class TieSpec:
-    """This parameter is factor times the parameter `to`."""
+    """This parameter is factor times the parameter `to`, and times the ratio `by` if one is named.
+
+    to: a * stands for what the * of the key stands for (d_*: {tie: {to: k_*}}).  at_hz: the factor is divided by
+    2 pi at_hz, so that a damping d = eta k / omega has the loss factor eta at that frequency.
+    """
 
     to: str
     factor: float = 1.0
+    by: str = ""
+    at_hz: Frequency | None = None
 
-    @property
-    def tie(self) -> Tie:
-        """As the parameter set wants it."""
-        return Tie(self.to, self.factor)
+    def __post_init__(self) -> None:
+        """Refuse a frequency that cannot divide."""
+        if self.at_hz is not None and not self.at_hz > 0:
+            raise ValueError(f"at_hz is {self.at_hz:g}; it must be positive")
+
+    def tie(self, star: str = "") -> Tie:
+        """As the parameter set wants it, the * of `to` filled in."""
+        omega = 1.0 if self.at_hz is None else 2 * math.pi * self.at_hz
+        return Tie(self.to.replace("*", star), self.factor / omega, self.by)
+
+
+@section
+class RatioSpec:
+    """A factor of ties that is identified: a loss factor, or beta of a damping d = beta k that many springs share.
+
+    start: in SI.  bounds: default start / 100 to start * 100.  prior: as of a positive parameter.
+    """
+
+    start: Quantity
+    bounds: tuple[Quantity, Quantity] | None = None
+    prior: PriorSpec | None = None
 
 
 @section
@@ -45,6 +74,8 @@ class ParameterSpec:
     """What to do with one parameter: identify it (the default), fix it, or tie it to another.
 
     start: default the robot's number.  bounds: [lower, upper]; default start / 100 to start * 100 for a positive one.
+    per: `configuration` identifies it in each configuration by itself; {warm: [c1, c2], cold: [c3]} in each of these
+    groups (a temperature, a load, one of several robots of a type), and once in all configurations that no group names.
     """
 
     start: Quantity | None = None
@@ -52,6 +83,12 @@ class ParameterSpec:
     fixed: bool = False
     tie: TieSpec | None = None
     prior: PriorSpec | None = None
+    per: Literal["configuration"] | dict[str, tuple[str, ...]] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be together."""
+        if self.per is not None and (self.fixed or self.tie is not None):
+            raise ValueError("per is for a parameter that is identified, neither fixed nor tied")
 
 
 @section
@@ -69,21 +106,53 @@ class MaskSpec:
 
 
 @section
+class FactorSpec:
+    """Counts what matches all that is given `factor` times as much: some configurations, an output, an input, a band.
+
+    0 leaves it out, as a mask does; several factors multiply.
+    """
+
+    factor: float
+    configurations: tuple[str, ...] = ()
+    output: str = ""
+    input: str = ""
+    band_hz: tuple[Frequency, Frequency] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a negative factor and a band upside down."""
+        if not 0 <= self.factor < math.inf:
+            raise ValueError(f"factor is {self.factor:g}; it multiplies a weight: 0 or more, commonly 0.1 to 10")
+        _check_band(self.band_hz)
+
+
+@section
 class WeightSpec:
-    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2.
+    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors.
 
     floor: model error that is expected anyway, relative to |G|, and that the intervals then answer for; about 0.03
     where friction is strong.  smooth: lines over which a variance that few periods or realisations gave is averaged;
     0 chooses it from the degrees of freedom.
+    covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
+    `auto` with the full one where ten times as many degrees of freedom as correlated elements are behind it.
+    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are.
+    loss: `huber` and `soft_l1` let elements that are off by more than loss_scale standard deviations of their real and
+    imaginary part pull less than their square, in iteratively reweighted least squares.
     """
 
     floor: float = 0.01
     smooth: int = 0
+    covariance: Literal["auto", "diagonal", "full"] = "auto"
+    normalise: bool = False
+    factors: tuple[FactorSpec, ...] = ()
+    loss: Loss = "square"
+    loss_scale: float = 2.0
 
     def __post_init__(self) -> None:
         """Refuse negative settings."""
         if self.floor < 0 or self.smooth < 0:
             raise ValueError("floor and smooth must not be negative")
+        if not 0 < self.loss_scale < math.inf:
+            raise ValueError(f"loss_scale is {self.loss_scale:g} standard deviations; give about 2")
 
 
 @section
@@ -92,19 +161,29 @@ class FitSpec:
 
     criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
+    ratios: factors that ties share, by a name of your own.
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
-    and frictions spread over its square.
+    and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
+    line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
     band_hz: lines used.  mask: what is left out.
+    profile: names or patterns of parameters whose interval is found by profile likelihood too.  bootstrap: repetitions
+    of the fit on data drawn anew, commonly 200; bootstrap_kind: from the measured covariance or from the residuals.
     """
 
     criterion: Literal["complex", "log"] = "complex"
     log_first: bool = True
     parameters: dict[str, ParameterSpec] = field(default_factory=dict)
+    ratios: dict[str, RatioSpec] = field(default_factory=dict)
     starts: int = 20
     start_factor: float = 3.0
+    continuation: int = 1
+    solver: Literal["ipopt", "sqp"] = "ipopt"
     band_hz: tuple[Frequency, Frequency] | None = None
     mask: tuple[MaskSpec, ...] = ()
     weights: WeightSpec = WeightSpec()
+    profile: tuple[str, ...] = ()
+    bootstrap: int = 0
+    bootstrap_kind: Literal["parametric", "residual"] = "parametric"
 
     def __post_init__(self) -> None:
         """Refuse a multistart without starts or without end, and a band upside down."""
@@ -113,5 +192,11 @@ class FitSpec:
         if not 1 <= self.start_factor <= LARGEST_FACTOR:
             raise ValueError(
                 f"start_factor is {self.start_factor:g}; it must be 1 to {LARGEST_FACTOR:g}, commonly 2 to 10"
+            )
+        if not (self.bootstrap == 0 or FEWEST_REPETITIONS <= self.bootstrap <= MOST_STARTS):
+            raise ValueError(f"bootstrap is {self.bootstrap}; give 0, or {FEWEST_REPETITIONS} to {MOST_STARTS}")
+        if not 1 <= self.continuation <= MOST_BANDS:
+            raise ValueError(
+                f"continuation is {self.continuation} bands; it must be 1 to {MOST_BANDS}, commonly 1 to 4"
             )
         _check_band(self.band_hz)

@@ -3,19 +3,22 @@ r"""How much each element of a measured response counts in the fit.
 .. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
 
 v~ is the measured variance, smoothed over neighbouring lines (`smoothed`), alpha the floor of the study: model error
-that is expected anyway. sigma is infinite where an element is left out. (identification.md 4.)
+that is expected anyway. sigma is infinite where an element is left out. (identification.md 4.) Elements
+that err together may weigh together (`correlated`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray, frozen
+from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
 from elastid.errors import DataError, StudyError
-from elastid.fit.spec import FitSpec, MaskSpec
+from elastid.fit.correlated import correlated_noise
+from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec
 from elastid.fit.variance import smoothed
 from elastid.names import did_you_mean
 from elastid.response import Covariance, FrequencyResponse
@@ -25,8 +28,11 @@ from elastid.response import Covariance, FrequencyResponse
 class Weights:
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
-    noise: the measured covariance C of vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by
-    element to what was smoothed: scale_a C_ab scale_b.  floor: alpha.  notes: what was left out, and why.
+    factor (F, n_y, n_u): the wish of the study, on top of the inverse variance.  noise: the measured covariance C of
+    vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by element to what was smoothed:
+    scale_a C_ab scale_b.  floor: alpha.  notes: what was left out, and why.
+    correlated (F, n_y n_u, n_y n_u): the noise's part of the covariance to weigh with, vec column-major; None where
+    elements count one by one.
     """
 
     sigma: FloatArray
@@ -34,22 +40,33 @@ class Weights:
     scale: FloatArray
     floor: float
     notes: tuple[str, ...]
+    factor: FloatArray
+    correlated: ComplexArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
-        object.__setattr__(self, "sigma", frozen(self.sigma))
-        object.__setattr__(self, "scale", frozen(self.scale))
+        for name in ("sigma", "scale", "factor"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def used(self) -> BoolArray:
         """Which elements count (F, n_y, n_u)."""
         return np.isfinite(self.sigma)
 
+    def noise_covariance(self) -> ComplexArray | None:
+        """cov(vec G) (F, n_y n_u, n_y n_u) by the measured noise, as far as it is known."""
+        if self.noise is None or self.correlated is not None:
+            return self.correlated
+        t = vec(self.scale)
+        C: ComplexArray = t[:, :, None] * self.noise.full() * t[:, None, :]
+        return C
+
 
 def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
-    """The weights of one measured response under the study's masks, band, floor and smoothing.
+    """The weights of one measured response under the study's masks, band, floor, smoothing and factors.
 
-    Raises DataError where neither a variance nor a floor tells how much its lines count.
+    Raises DataError where neither a variance nor a floor tells how much its lines count, and where a full covariance is
+    asked for that is not there or singular.
     """
     where = response.configuration.name
     floor = spec.weights.floor
@@ -60,7 +77,8 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
         )
     variance, scale = _measured_variance(response, spec.weights.smooth)
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
-    used = _asked_for(response, spec)
+    factor = _factors(response, spec.weights.factors)
+    used = _asked_for(response, spec) & (factor > 0)
     notes: list[str] = []
     if response.uncertainty is None:
         notes.append(f"configuration {where}: no variance is known; the floor of {floor:g} alone weighs its lines")
@@ -72,7 +90,44 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     if silent.any():
         notes.append(f"configuration {where}: left out, {int(silent.sum())} elements of zero variance and no floor")
         used &= ~silent
-    return Weights(np.where(used, sigma, np.inf), response.uncertainty, scale, floor, tuple(notes))
+    sigma = np.where(used, sigma, np.inf)
+    correlated = correlated_noise(response, variance, sigma, spec.weights)
+    return Weights(sigma, response.uncertainty, scale, floor, tuple(notes), factor, correlated)
+
+
+def one_by_one(spec: FitSpec) -> FitSpec:
+    """The same without correlated weights unless asked for: how a covariance will weigh that is yet to be measured."""
+    if spec.weights.covariance == "full":
+        return spec
+    return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
+
+
+def normalised(weights: Sequence[Weights], responses: Sequence[FrequencyResponse]) -> tuple[Weights, ...]:
+    """Weights with which every configuration has the same sum |G|^2 / sigma^2, the geometric mean of what they had."""
+    power = np.array(
+        [
+            np.sum(w.factor[w.used] * np.abs(r.G[w.used] / w.sigma[w.used]) ** 2)
+            for w, r in zip(weights, responses, strict=True)
+        ]
+    )
+    some = power > 0
+    mean = np.exp(np.mean(np.log(power[some]))) if some.any() else 1.0
+    return tuple(
+        replace(w, factor=w.factor * (mean / p if p > 0 else 1.0)) for w, p in zip(weights, power, strict=True)
+    )
+
+
+def vec(array: FloatArray | ComplexArray) -> Any:
+    """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
+    return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
+
+
+def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> FloatArray:
+    """What the study multiplies the weights by (F, n_y, n_u)."""
+    product = np.ones(response.G.shape)
+    for one in factors:
+        product = np.where(_matches(response, one), product * one.factor, product)
+    return product
 
 
 def _measured_variance(response: FrequencyResponse, width: int) -> tuple[FloatArray, FloatArray]:
@@ -102,11 +157,12 @@ def _asked_for(response: FrequencyResponse, spec: FitSpec) -> BoolArray:
     if spec.band_hz is not None:
         used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
     for mask in spec.mask:
-        used &= ~_masked(response, mask)
+        used &= ~_matches(response, mask)
     return used
 
 
-def _masked(response: FrequencyResponse, mask: MaskSpec) -> BoolArray:
+def _matches(response: FrequencyResponse, mask: MaskSpec | FactorSpec) -> BoolArray:
+    """Where all that a mask or a factor gives is true (F, n_y, n_u)."""
     if mask.configurations and response.configuration.name not in mask.configurations:
         return np.zeros(response.G.shape, dtype=np.bool_)
     lines = _within(response.freq_hz, mask.band_hz) if mask.band_hz else np.ones(response.n_lines, dtype=np.bool_)
@@ -138,8 +194,13 @@ def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
     )
 
 
-def check_masks(responses: Sequence[FrequencyResponse], masks: Sequence[MaskSpec]) -> None:
-    """Refuse a mask that names what was not measured; StudyError says what was."""
+def check_masks(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
+    """Refuse a mask or a factor that names what was not measured; StudyError says what was."""
+    _check_places(responses, "fit.mask", spec.mask)
+    _check_places(responses, "fit.weights.factors", spec.weights.factors)
+
+
+def _check_places(responses: Sequence[FrequencyResponse], key: str, masks: Sequence[MaskSpec | FactorSpec]) -> None:
     there = {
         "configuration": {r.configuration.name for r in responses},
         "output": {name for r in responses for name in r.outputs},
@@ -151,5 +212,5 @@ def check_masks(responses: Sequence[FrequencyResponse], masks: Sequence[MaskSpec
         for kind, name in asked:
             if name not in there[kind]:
                 raise StudyError(
-                    f"fit.mask[{place}]: no {kind} '{name}' was measured; {did_you_mean(name, sorted(there[kind]))}"
+                    f"{key}[{place}]: no {kind} '{name}' was measured; {did_you_mean(name, sorted(there[kind]))}"
                 )

@@ -96,12 +96,8 @@ class Kernel:
         (_, columns, tilted, tilts), (Y, groups) = self._right_sides, self._directions_and_terms
         for block, s, X in self._solutions(theta):
             G[block] = self._response(s, X, theta)
-            if DELAY in self.wanted:
-                dG[self.wanted.index(DELAY), block] = -s[:, None, None] * G[block]
-            for element in self.model.chain:
-                if element.name in self.wanted:
-                    slope = element.log_slope(s, _number(self.model, theta, element.name))
-                    dG[self.wanted.index(element.name), block] = slope[:, None, None] * G[block]
+            for place, slope in self.factor_slopes(theta, s):
+                dG[place, block] = slope[:, None, None] * G[block]
             YX = _times(Y, X)
             left, right = YX[:, :, columns], YX[:, :, :n_u]
             left[:, :, tilted] += YX[:, :, tilts] / s[:, None] ** 2
@@ -111,6 +107,38 @@ class Kernel:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
         return G, dG
+
+    @property
+    def factors(self) -> tuple[str, ...]:
+        """The wanted parameters that do not move Z but multiply the response: the delay, elements of the chain."""
+        known = (DELAY, *(element.name for element in self.model.chain))
+        return tuple(name for name in self.wanted if name in known)
+
+    def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray]]:
+        """d ln G / d theta_p (F,) of each of the factors, with its place among the wanted parameters."""
+        elements = {element.name: element for element in self.model.chain}
+        for name in self.factors:
+            slope = -s if name == DELAY else elements[name].log_slope(s, _number(self.model, theta, name))
+            yield self.wanted.index(name), slope
+
+    @cached_property
+    def output_columns(self) -> IntArray:
+        """For each output the column of X in `solutions` that belongs to its direction, tilt included."""
+        right, columns, tilted, _ = self._right_sides
+        places = columns.copy()
+        places[tilted] = right.shape[1] + np.arange(len(tilted))
+        return places
+
+    def solutions(
+        self, theta: FloatArray
+    ) -> Iterator[tuple[slice, ComplexArray, ComplexArray, ComplexArray, ComplexArray]]:
+        """Block by block: the lines, s = j omega (F,), X = Z^-1 [B, extra] (F, n, m), the gain c (F,), and G."""
+        _, columns, tilted, tilts = self._right_sides
+        for block, s, X in self._solutions(theta):
+            G = self._response(s, X, theta)
+            if tilted.size:
+                X = np.concatenate([X, X[:, :, columns[tilted]] + X[:, :, tilts] / s[:, None, None] ** 2], axis=2)
+            yield block, s, X, _gain(self.model, theta, s), G
 
     def _response(self, s: ComplexArray, X: ComplexArray, theta: FloatArray) -> ComplexArray:
         gain, moved = _gain(self.model, theta, s)[:, None, None], X[:, :, : self.model.B.shape[1]]

@@ -23,8 +23,9 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
     with created(path, "fit", stamp) as file:
         for name in _FIT_ATTRIBUTES:
             file.attrs[name] = getattr(result, name)
-        parameter = scale(file, "parameter", result.parameters.names, "parameter")
-        variable(file, "theta", result.theta, [parameter], "estimate, fixed and tied ones included", "SI")
+        values = result.values
+        parameter = scale(file, "parameter", list(values), "parameter")
+        variable(file, "theta", list(values.values()), [parameter], "estimate, fixed and tied ones included", "SI")
         _write_parameters(file, result.parameters, parameter)
         free = scale(file, "free_parameter", result.parameters.free_names, "parameter that the solver varies")
         variable(file, "x", result.x, [free], "estimate as the solver's variable (ln p where log)")
@@ -33,6 +34,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         singular = scale(file, "direction", np.arange(len(result.singular_values)), "direction, best known first")
         variable(file, "singular_values", result.singular_values, [singular], "of the Jacobian, columns scaled")
         _write_starts(file, result, free)
+        _write_further(file, result, free)
         scale(file, "warning", result.warnings, "warning")
 
 
@@ -48,8 +50,28 @@ def read_fit(path: Path) -> FitResult:
             at_bound=file["at_bound"][:],
             singular_values=file["singular_values"][:],
             warnings=texts(file, "warning"),
+            **_read_further(file),
             **{name: known[name] for name in _FIT_ATTRIBUTES},
         )
+
+
+def _write_further(file: Any, result: FitResult, free: Any) -> None:
+    """What some fits have besides: intervals of two ends, and what informs each parameter."""
+    end = scale(file, "end", ["lower", "upper"], "end of an interval")
+    for name, what in (("profile95", "95 % interval by profile likelihood"), ("bootstrap95", "and by bootstrap")):
+        if len(getattr(result, name)):
+            variable(file, name, getattr(result, name), [free, end], what, "SI")
+    if len(result.share):
+        configuration = scale(file, "configuration", result.configurations, "configuration")
+        variable(file, "share", result.share, [configuration, free], "share of what is known of a parameter")
+        variable(file, "informing_hz", result.informing_hz, [free, end], "middle half of what informs it", "Hz")
+        variable(file, "weakest", result.weakest, [free], "combination that is known worst")
+
+
+def _read_further(file: Any) -> dict[str, Any]:
+    names = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
+    found = {name: file[name][:] for name in names if name in file}
+    return found | ({"configurations": texts(file, "configuration")} if "configuration" in file else {})
 
 
 def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
@@ -65,6 +87,9 @@ def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
         ("unit", [p.unit for p in parameters], "unit"),
         ("tie_to", [tie.to for tie in ties], "parameter that it is a multiple of"),
         ("tie_factor", [tie.factor for tie in ties], "that multiple"),
+        ("tie_by", [tie.by for tie in ties], "and the parameter that it is multiplied by"),
+        ("ratio", [p.ratio for p in parameters], "whether it is a factor of ties and no number of the model"),
+        ("only", [" | ".join(p.only) for p in parameters], "configurations in which it stands in for another"),
         ("prior_mean", [mean for mean, _ in priors], "mean of the prior, SI"),
         ("prior_std", [std for _, std in priors], "standard deviation of the prior, of x"),
     ):
@@ -72,8 +97,8 @@ def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
 
 
 def _read_parameters(group: Any) -> ParameterSet:
-    columns = {name: group[name][:].tolist() for name in ("value", "lower", "upper", "log", "free")}
-    columns |= {name: texts(group, name) for name in ("parameter", "unit", "tie_to")}
+    columns = {name: group[name][:].tolist() for name in ("value", "lower", "upper", "log", "free", "ratio")}
+    columns |= {name: texts(group, name) for name in ("parameter", "unit", "tie_to", "tie_by", "only")}
     columns |= {name: group[name][:].tolist() for name in ("tie_factor", "prior_mean", "prior_std")}
     rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
     return ParameterSet(
@@ -86,8 +111,10 @@ def _read_parameters(group: Any) -> ParameterSet:
                 row["upper"],
                 row["log"],
                 row["free"],
-                Tie(row["tie_to"], row["tie_factor"]) if row["tie_to"] else None,
+                Tie(row["tie_to"], row["tie_factor"], row["tie_by"]) if row["tie_to"] else None,
                 None if math.isnan(row["prior_std"]) else Prior(row["prior_mean"], row["prior_std"]),
+                tuple(row["only"].split(" | ")) if row["only"] else (),
+                row["ratio"],
             )
             for row in rows
         )

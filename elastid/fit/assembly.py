@@ -1,0 +1,152 @@
+"""The fit as it can be linearised again and again: responses with their weights, and the model of the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import FitError, StudyError
+from elastid.fit.elastic import ElasticFit, elastic_fit, matched
+from elastid.fit.moving import MovingFit
+from elastid.fit.physical import shapes
+from elastid.fit.problem import LeastSquares
+from elastid.fit.residuals import Criterion
+from elastid.fit.result import Start
+from elastid.fit.robust import robust_factors
+from elastid.fit.solvers import distance, solve
+from elastid.fit.spec import FitSpec
+from elastid.fit.weights import Weights, normalised, weigh
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.preload import spring_words
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
+from elastid.record import Configuration
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+# Linearised again until x moves less than this many standard deviations, or this often.
+SETTLED = 1e-3
+ROUNDS = 5
+ROUNDS_OF_LOSS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """What does not change between linearisations: the measured responses with their weights, and the model."""
+
+    responses: tuple[FrequencyResponse, ...]
+    weights: tuple[Weights, ...]
+    linearisation: Linearisation
+    parameters: ParameterSet
+    spec: FitSpec
+
+    @classmethod
+    def of(
+        cls,
+        responses: Sequence[FrequencyResponse],
+        robot: Robot,
+        spec: FitSpec,
+        parameters: ParameterSet,
+        model: ModelSpec = EXACT,
+    ) -> Assembly:
+        """Weigh the responses and build the model."""
+        weights = tuple(weigh(response, spec) for response in responses)
+        if spec.weights.normalise:
+            weights = normalised(weights, responses)
+        return cls(tuple(responses), weights, Linearisation.of(formulate(robot, model)), parameters, spec)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the weights left out."""
+        return tuple(note for weight in self.weights for note in weight.notes)
+
+    def at(self, x: FloatArray, criterion: Criterion) -> ElasticFit:
+        """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
+        models = linearised(self.linearisation, self.responses, self.parameters, x)
+        correlated = criterion == self.spec.criterion
+        fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
+        return replace(fit, shapes=shapes(self.parameters, self.linearisation.model.robot))
+
+    def searched(self, fit: ElasticFit, criterion: Criterion) -> LeastSquares:
+        """What the search solves: the fit as it is linearised, or anew wherever it gets to if springs are nonlinear."""
+        if not self.linearisation.follows:
+            return fit.problem
+        return MovingFit(partial(self.at, criterion=criterion), fit).problem
+
+    def spring_words(self, x: FloatArray) -> tuple[str, ...]:
+        """Springs that no one stiffness describes where the robot rests at x."""
+        model = self.linearisation.model
+        alike: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
+        for one in (response.configuration for response in self.responses):
+            alike.setdefault(tuple(self.parameters.expand(x, one.name)[:-1]), {})[one.name] = one
+        words: list[str] = []
+        for numbers, configurations in alike.items():
+            theta = np.array(numbers)
+            words += spring_words(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
+        return tuple(words)
+
+    def reweighed(self, x: FloatArray) -> Assembly:
+        """The same with less weight on what is far off at x, as the study's loss wants it."""
+        if self.spec.weights.loss == "square":
+            return self
+        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x, self.spec.weights)
+        weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
+        return replace(self, weights=tuple(weights))
+
+
+def widening(fit: ElasticFit, bands: int) -> list[ElasticFit]:
+    """Frequency continuation: the fit on the lower 1 / bands, 2 / bands, ... of its lines, all of them not included."""
+    freq_hz = np.unique(np.concatenate([part.kernel.freq_hz for part in fit.parts]))
+    edges = [freq_hz[math.ceil(len(freq_hz) * band / bands) - 1] for band in range(1, bands)]
+    return [replace(fit, parts=tuple(part.below(edge) for part in fit.parts)) for edge in edges]
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where a fit came to rest: the end, its fit and weights there, and a word where it did not."""
+
+    end: Start
+    fit: ElasticFit
+    weights: tuple[Weights, ...]
+    notes: tuple[str, ...] = ()
+
+
+def settle(assembly: Assembly, start: Start, criterion: Criterion) -> Settled:
+    """Linearise, and weigh as the loss wants it, at the result and solve again until x stays."""
+    rounds = ROUNDS if assembly.spec.weights.loss == "square" else ROUNDS_OF_LOSS
+    end = start
+    for _ in range(rounds):
+        try:
+            there = assembly.reweighed(end.x)
+            fit = there.at(end.x, criterion)
+        except StudyError as error:
+            raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
+        before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
+        moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
+        if moved < SETTLED:
+            return Settled(end, fit, there.weights)
+    note = (
+        "the operating point under gravity, or the weights of fit.weights.loss, still move: "
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
+    )
+    return Settled(end, fit, there.weights, (note,))
+
+
+def linearised(
+    linearisation: Linearisation, responses: Sequence[FrequencyResponse], parameters: ParameterSet, x: FloatArray
+) -> list[LinearModel]:
+    """The model of each response at x, with its inputs and outputs in its order; theta ends with the delay."""
+    models = []
+    for response in responses:
+        theta = parameters.expand(x, response.configuration.name)
+        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
+        models.append(matched(model, response))
+    return models

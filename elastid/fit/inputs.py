@@ -1,0 +1,59 @@
+"""What is wrong with a set of measured responses before anything is fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.errors import DataError, StudyError
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+
+def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
+    """Refuse responses that cannot be of this robot, or not in one fit.
+
+    Raises DataError for none at all, a configuration given twice, angles for another number of joints, places that
+    the robot does not have, and quantities or sampling rates that differ.
+    """
+    if not responses:
+        raise DataError("there is no response to fit; measure at least one configuration")
+    names = [response.configuration.name for response in responses]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise DataError(
+            f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
+            "or give each its own name where they are separate measurements"
+        )
+    for response in responses:
+        _check_robot(response, robot)
+    if len({response.rate_is_known for response in responses}) > 1:
+        unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
+        raise DataError(f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz")
+
+
+def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
+    where, angles = f"configuration {response.configuration.name}", response.configuration.angles
+    if angles.size != len(robot.driven):
+        joints = ", ".join(joint.name for joint in robot.driven)
+        if not angles.size:
+            raise DataError(f"{where}: its angles are missing; give one for each of the driven joints {joints}")
+        raise DataError(
+            f"{where}: {angles.size} angles for the {len(robot.driven)} driven joints ({joints}) of robot "
+            f"{robot.name}; is this response from another robot?"
+        )
+    if not np.all(np.isfinite(angles)):
+        raise DataError(f"{where}: an angle is not a finite number")
+    motors = robot.motor_locations
+    missing = [name for name in response.inputs if name not in motors]
+    if missing:
+        raise DataError(
+            f"{where}: the response has the input {', '.join(missing)}, which robot {robot.name} has not; there are "
+            f"{', '.join(motors)}; is this response from another robot?"
+        )
+    for place in response.outputs:
+        try:
+            robot.check_location(place)
+        except StudyError as error:
+            raise DataError(f"{where}: an output, {error}; is this response from another robot?") from None

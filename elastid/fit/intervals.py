@@ -1,0 +1,61 @@
+"""Intervals beside those of the covariance, for the parameters and in the way that a study asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.errors import StudyError
+from elastid.fit.assembly import Settled
+from elastid.fit.bootstrap import bootstrap
+from elastid.fit.profile import profiles
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec
+from elastid.names import did_you_mean
+from elastid.parallel import Progress
+from elastid.parameters import ParameterSet
+
+# Repetitions that may fail before the word is said.
+FAILED = 0.05
+
+
+def further_intervals(
+    result: FitResult, settled: Settled, spec: FitSpec, seed: int, jobs: int, progress: Progress
+) -> FitResult:
+    """The result with the profiles and the bootstrap of the study."""
+    x, words = settled.end.x, list(result.warnings)
+    if spec.profile:
+        names = profiled_names(spec.profile, result.parameters)
+        found = profiles(settled.fit.problem, x, np.diag(result.covariance), names, jobs, progress)
+        rows = {profile.name: profile.interval for profile in found}
+        ends = np.array([rows.get(name, (np.nan, np.nan)) for name in result.parameters.free_names])
+        result = replace(result, profile95=_natural(result.parameters, ends))
+    if spec.bootstrap:
+        draws = bootstrap(settled.fit, settled.weights, x, spec.bootstrap, spec.bootstrap_kind, seed, jobs, progress)
+        good = np.isfinite(draws).all(axis=1)
+        if np.mean(~good) > FAILED:
+            words.append(f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out")
+        ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
+        result = replace(result, bootstrap95=_natural(result.parameters, ends), warnings=tuple(words))
+    return result
+
+
+def profiled_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
+    """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
+    free = parameters.free_names
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in free):
+            raise StudyError(f"fit.profile: {pattern} is no free parameter; {did_you_mean(pattern, list(free))}")
+    return tuple(name for name in free if any(fnmatchcase(name, pattern) for pattern in patterns))
+
+
+def _natural(parameters: ParameterSet, ends: FloatArray) -> FloatArray:
+    """Ends (n_x, 2) in x as SI values."""
+    log = np.array([parameter.log for parameter in parameters.free])
+    with np.errstate(over="ignore"):
+        natural: FloatArray = np.where(log[:, None], np.exp(ends), ends)
+    return natural

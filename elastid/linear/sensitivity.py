@@ -1,0 +1,154 @@
+r"""The derivatives of one response as few columns: parameters that change Z along the same matrix share one.
+
+.. math:: -dG_p = c \sum_t s^{k_t} \sigma_t\, W^T E_{b_t} X, \qquad dZ_p = \sum_t s^{k_t} \sigma_t E_{b_t}
+
+A spring and its damper share E, and so do a rotor and its friction, so that P parameters have fewer columns
+W^T E_b X than pieces t. Where inputs and outputs are the same directions G is symmetric, and only the elements on and
+above its diagonal are worked out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.linear.linear_model import Slope
+from elastid.linear.transfer import Kernel
+
+# Matrices of length one that differ by less than this are the same.
+SAME = 1e-12
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """dZ of the wanted parameters: E (n_b, n, n) of length one; base, power (n_t,) of each piece, sigma (n_t, P).
+
+    What multiplies the response (delay, chain) has a column -dG / dp of its own each, behind the bases.
+    """
+
+    E: FloatArray
+    base: IntArray
+    power: IntArray
+    sigma: FloatArray
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """One block of lines: G (F, n_e) of the elements, and columns c W^T E_b X (F, n_e, n_b), s = j omega (F,)."""
+
+    block: slice
+    s: ComplexArray
+    G: ComplexArray
+    columns: ComplexArray
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A kernel's response and derivatives, element by element and base by base."""
+
+    kernel: Kernel
+
+    def size(self, theta: FloatArray) -> FloatArray:
+        """|theta| (P,) of the wanted parameters, 1 where one is zero."""
+        here = np.abs([theta[self.kernel.model.parameters.index(name)] for name in self.kernel.wanted])
+        return np.where(here > 0, here, 1.0)
+
+    @cached_property
+    def is_symmetric(self) -> bool:
+        """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts."""
+        model = self.kernel.model
+        return np.array_equal(model.B.T, model.C) and not model.tilt.any()
+
+    @cached_property
+    def elements(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns (n_e,) of the elements of G that are worked out."""
+        n_y, n_u = self.kernel.model.C.shape[0], self.kernel.model.B.shape[1]
+        rows, columns = np.triu_indices(n_u) if self.is_symmetric else np.indices((n_y, n_u)).reshape(2, -1)
+        return np.asarray(rows, np.int64), np.asarray(columns, np.int64)
+
+    @cached_property
+    def pieces(self) -> Pieces:
+        """The pieces of all wanted parameters; bases of rank one first."""
+        bases: list[FloatArray] = []
+        found: list[tuple[int, int, int, float]] = []
+        for place, name in enumerate(self.kernel.wanted):
+            slope = self.kernel.model.slopes.get(name, Slope())
+            for power, matrix in enumerate((slope.K, slope.D, slope.M)):
+                if matrix is not None and np.any(matrix):
+                    base, sigma = _base(bases, matrix)
+                    found.append((place, base, power, sigma))
+        factors = self.kernel.factors
+        found += [(self.kernel.wanted.index(name), len(bases) + i, 0, 1.0) for i, name in enumerate(factors)]
+        simple = [_root(E) is not None for E in bases]
+        order = sorted(range(len(bases)), key=lambda b: not simple[b])
+        now_at = np.append(np.argsort(order), len(bases) + np.arange(len(factors))).astype(np.int64)
+        sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
+        for t, (place, _, _, sigma) in enumerate(found):
+            sigma_of[t, place] = sigma
+        n = self.kernel.model.n
+        return Pieces(
+            np.array(bases).reshape(-1, n, n)[order],
+            now_at[[base for _, base, _, _ in found]],
+            np.array([power for _, _, power, _ in found], np.int64),
+            sigma_of,
+        )
+
+    @cached_property
+    def _factors(self) -> tuple[ComplexArray, ComplexArray]:
+        """y of the bases of rank one, E = y y^T, as columns (n, n_1); the others side by side (n, n_2 n)."""
+        n, roots = self.kernel.model.n, [_root(E) for E in self.pieces.E]
+        y = np.array([root for root in roots if root is not None], complex).reshape(-1, n).T
+        others = self.pieces.E[y.shape[1] :]
+        return y, others.transpose(1, 0, 2).reshape(n, -1).astype(complex)
+
+    def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
+        """Block by block at theta (n_theta,)."""
+        rows, columns = self.elements
+        y, wide = self._factors
+        n_1, n_b = y.shape[1], len(self.pieces.E)
+        places, n_u = self.kernel.output_columns, self.kernel.model.B.shape[1]
+        for block, s, X, gain, response in self.kernel.solutions(theta):
+            F, n, m = X.shape
+            right = X[:, :, :n_u]
+            G = response[:, rows, columns]
+            found = np.empty((F, len(rows), n_b + len(self.kernel.factors)), complex)
+            XT = np.ascontiguousarray(X.transpose(0, 2, 1)).reshape(F * m, n)
+            if n_1:
+                YX = (XT @ y).reshape(F, m, n_1)
+                driven = (gain[:, None, None] * YX[:, :n_u]).take(columns, axis=1)
+                np.multiply(YX.take(places[rows], axis=1), driven, out=found[:, :, :n_1])
+            if n_b > n_1:
+                n_2 = n_b - n_1
+                EX = (XT @ wide).reshape(F, m * n_2, n)
+                full = (EX @ (gain[:, None, None] * right)).reshape(F, -1)
+                place = (places[rows][:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]
+                found[:, :, n_1:n_b] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
+            for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_b):
+                found[:, :, i] = -slope[:, None] * G
+            yield Sensitivity(block, s, G, found)
+
+
+def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
+    """The place among the bases of a matrix, added where it is new, and its factor."""
+    sigma = float(np.linalg.norm(matrix))
+    E = matrix / sigma
+    for place, other in enumerate(bases):
+        product = float(np.sum(E * other))
+        if np.abs(E - np.sign(product) * other).max() < SAME:
+            return place, sigma * float(np.sign(product))
+    bases.append(E)
+    return len(bases) - 1, sigma
+
+
+def _root(E: FloatArray) -> ComplexArray | None:
+    """y of E = y y^T, imaginary where E is negative; None for a higher rank."""
+    values, vectors = np.linalg.eigh(E)
+    largest = int(np.argmax(np.abs(values)))
+    if np.sum(np.abs(values) > SAME * abs(values[largest])) > 1:
+        return None
+    root: ComplexArray = vectors[:, largest] * np.emath.sqrt(values[largest])
+    return root

@@ -1,0 +1,128 @@
+"""Robots whose numbers are known, and responses of them as a perfect measurement with known noise would give them.
+
+For the studies beside this file; it does nothing by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.fit.assembly import Assembly
+from elastid.fit.choose import choose
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.weights import weigh
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.transfer import to_response
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
+from elastid.record import Configuration, Motion
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.study import load
+
+# Relative noise of every element, the share of its largest value that is added, and the correlation of the outputs.
+NOISE, FLOOR, CORRELATION = 0.02, 2e-4, 0.5
+
+
+@dataclass(frozen=True)
+class Plant:
+    """A robot in some configurations, measured on some lines, and what is identified."""
+
+    name: str
+    robot: Robot
+    configurations: tuple[Configuration, ...]
+    freq_hz: FloatArray
+    spec: FitSpec
+    quantity: Motion = "acceleration"
+    model: ModelSpec = EXACT
+
+    @property
+    def parameters(self) -> ParameterSet:
+        """All parameters, starting at the truth."""
+        return choose(self.spec, self.robot)
+
+
+def three_mass() -> Plant:
+    """The axis of Wernholt & Gunnarsson (2006): motor, gear, arm; torque to motor velocity, 1 to 40 Hz."""
+    J, a_m, a_g = 0.03291699877416, 0.17910964111956, 0.61206166914114
+    motor = Motor(J * a_m, 1.0, 0.00986346744839)
+    on_gear = Joint("g", "z", Spring(20.59269827430799, 0.0624181404729), motor)
+    on_arm = Joint("a", "z", Spring(20.23072060978318, 0.00987527995798))
+    gear = Body("gear", joints=(on_gear,), inertia=J * a_g)
+    arm = Body("arm", "gear", joints=(on_arm,), inertia=J * (1 - a_m - a_g))
+    robot = Robot("three masses", (gear, arm), gravity=(0.0, 0.0, 0.0))
+    spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, weights=WeightSpec(floor=0.0))
+    return Plant("three-mass", robot, (Configuration("c1", (0.0,)),), np.arange(1, 40.01, 0.2), spec, "velocity")
+
+
+def of_study(path: Path, name: str) -> Plant:
+    """The robot, configurations and unknowns of a study, weighed by the inverse of the noise alone."""
+    study = load(path).study
+    configurations = tuple(Configuration(key, angles) for key, angles in study.experiment.configurations.items())
+    excitation = study.excitation
+    low, high = excitation.band_hz if excitation is not None else (1.0, 60.0)
+    spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex")
+    return Plant(name, study.robot, configurations, np.linspace(low, high, 80), spec, model=study.model)
+
+
+def demo() -> Plant:
+    """The robot of `elastid demo`."""
+    return of_study(Path(str(files("elastid") / "templates" / "serial" / "study.yml")), "demo")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """Exact responses of a plant with their noise, from which data sets are drawn; linearised once."""
+
+    plant: Plant
+    linearisation: Linearisation
+    exact: tuple[FrequencyResponse, ...]
+    correlation: FloatArray
+
+    @classmethod
+    def of(cls, plant: Plant) -> Rig:
+        """The exact responses of all configurations."""
+        linearisation = Linearisation.of(formulate(plant.robot, plant.model))
+        exact = responses(plant, linearisation, plant.robot)
+        rng = np.random.default_rng(0)
+        n_y = exact[0].G.shape[1]
+        mixing = CORRELATION * rng.standard_normal((n_y, n_y)) + np.eye(n_y)
+        covariance = mixing @ mixing.T
+        return cls(plant, linearisation, exact, covariance / np.sqrt(np.outer(*2 * [np.diag(covariance)])))
+
+    def drawn(self, rng: np.random.Generator, truth: tuple[FrequencyResponse, ...] = ()) -> list[FrequencyResponse]:
+        """One data set of `truth`, the plant's own exact responses unless given, with the covariance of its noise."""
+        return [self._drawn(response, rng) for response in truth or self.exact]
+
+    def _drawn(self, response: FrequencyResponse, rng: np.random.Generator) -> FrequencyResponse:
+        F, n_y, n_u = response.G.shape
+        std = NOISE * np.abs(response.G) + FLOOR * np.abs(response.G).max()
+        level = np.sqrt(np.mean(std**2, axis=2))
+        right = level[:, :, None] * self.correlation * level[:, None, :]
+        e = np.linalg.cholesky(right) @ (rng.standard_normal((F, n_y, n_u)) + 1j * rng.standard_normal((F, n_y, n_u)))
+        variance = np.einsum("faa->fa", right)[:, :, None] * np.ones(n_u)
+        left = np.broadcast_to(np.eye(n_u), (F, n_u, n_u))
+        known = Covariance(variance, np.inf, left.astype(complex), right.astype(complex))
+        return replace(response, G=response.G + e / np.sqrt(2), total=known)
+
+    def assembly(self, data: list[FrequencyResponse], spec: FitSpec) -> Assembly:
+        """The fit of a data set, without building the model again."""
+        weights = tuple(weigh(response, spec) for response in data)
+        return Assembly(tuple(data), weights, self.linearisation, self.plant.parameters, spec)
+
+
+def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple[FrequencyResponse, ...]:
+    """Exact responses of a robot like the plant's, its numbers possibly others."""
+    theta = np.array([value for value, _ in robot.parameters().values()])
+    found = []
+    for configuration in plant.configurations:
+        linear: LinearModel = linearisation.at(configuration, theta, robot.motor_locations, plant.quantity)
+        found.append(to_response(linear, np.append(theta, 0.0), plant.freq_hz))
+    return tuple(found)

@@ -1,0 +1,95 @@
+"""The three-mass plant of Wernholt & Gunnarsson (2006): motor, gear and arm with two springs, torque to motor velocity.
+
+1 to 40 Hz in steps of 0.2 Hz; ln k_g, ln d_g, ln k_a, ln d_a are free.
+"""
+
+import numpy as np
+
+from elastid.arrays import FloatArray
+from elastid.fit.certainty import Certainty, certainty
+from elastid.fit.elastic import ElasticFit, elastic_fit
+from elastid.fit.result import Start
+from elastid.fit.solvers import solve
+from elastid.fit.spec import FitSpec, WeightSpec
+from elastid.fit.weights import weigh
+from elastid.linear.linear_model import LinearModel, Slope
+from elastid.linear.transfer import frequency_response
+from elastid.parameters import Parameter, ParameterSet
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+
+TRUTH = {"k_g": 20.59269827430799, "d_g": 0.06241814047290, "k_a": 20.23072060978318, "d_a": 0.00987527995798}
+FREQ = np.arange(1, 40.01, 0.2)
+DEFLECTION = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]])
+ACROSS_GEAR, ACROSS_ARM = (np.outer(e, e) for e in DEFLECTION)
+NO_FLOOR = FitSpec(weights=WeightSpec(floor=0.0))
+
+
+def plant(outputs: tuple[int, ...] = (0,), inputs: tuple[int, ...] = (0,)) -> LinearModel:
+    J, a_m, a_g, viscous = 0.03291699877416, 0.17910964111956, 0.61206166914114, 0.00986346744839
+    places = ("motor 1", "joint 1", "joint 2")
+    return LinearModel(
+        configuration=Configuration("c1", [0.0]),
+        parameters=(*TRUTH, "delay"),
+        theta_ref=np.array([*TRUTH.values(), 0.0]),
+        M=J * np.diag([a_m, a_g, 1 - a_m - a_g]),
+        D=np.diag([viscous, 0, 0]) + TRUTH["d_g"] * ACROSS_GEAR + TRUTH["d_a"] * ACROSS_ARM,
+        K=TRUTH["k_g"] * ACROSS_GEAR + TRUTH["k_a"] * ACROSS_ARM,
+        slopes={
+            "k_g": Slope(K=ACROSS_GEAR),
+            "d_g": Slope(D=ACROSS_GEAR),
+            "k_a": Slope(K=ACROSS_ARM),
+            "d_a": Slope(D=ACROSS_ARM),
+        },
+        B=np.eye(3)[:, inputs],
+        C=np.eye(3)[outputs, :],
+        inputs=tuple(places[i] for i in inputs),
+        outputs=tuple(places[i] for i in outputs),
+        quantity="velocity",
+    )
+
+
+def parameters(off: float = 1.0, **changes: Parameter) -> ParameterSet:
+    free = {name: Parameter(name, v * off, "1", v / 1e3, v * 1e3, log=True) for name, v in TRUTH.items()}
+    free["delay"] = Parameter("delay", 0.0, "s", free=False)
+    return ParameterSet(tuple((free | changes).values()))
+
+
+def circular(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Complex noise of unit variance."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+def measured(model: LinearModel, std: FloatArray, rng=None, dof: float = np.inf) -> FrequencyResponse:
+    """The exact response, or with noise of std (F, n_y, n_u) whose variance was estimated from so many dof."""
+    G = frequency_response(model, model.theta_ref, FREQ)
+    variance = np.broadcast_to(std**2, G.shape)
+    if rng is not None:
+        G = G + std * circular(rng, G.shape)
+        if np.isfinite(dof):
+            variance = variance * rng.chisquare(2 * dof, G.shape) / (2 * dof)
+    covariance = Covariance(variance, dof)
+    return FrequencyResponse(FREQ, G, model.inputs, model.outputs, "velocity", model.configuration, noise=covariance)
+
+
+def noise_of(kind: str, model: LinearModel) -> FloatArray:
+    G = np.abs(frequency_response(model, model.theta_ref, FREQ))
+    return 0.05 * (G if kind == "relative" else np.full_like(G, np.median(G)))
+
+
+def fit_of(response, model, spec=NO_FLOOR, free=None, criterion="complex") -> ElasticFit:
+    return elastic_fit([response], [model], [weigh(response, spec)], free or parameters(), criterion)
+
+
+def estimate(response, model, spec=NO_FLOOR, criterion="complex") -> tuple[Start, Certainty]:
+    weights = weigh(response, spec)
+    fit = elastic_fit([response], [model], [weights], parameters(), criterion)
+    end = solve(fit.problem, parameters().x)
+    assert end.converged
+    return end, certainty(fit, [response], [weights], end.x)
+
+
+def cramer_rao(model: LinearModel, std: FloatArray) -> FloatArray:
+    """Smallest possible standard deviations of x under noise of std (F, n_y, n_u)."""
+    _, J = fit_of(measured(model, std), model).residual(parameters().x)
+    return np.sqrt(np.diag(np.linalg.inv(J.T @ J)))
