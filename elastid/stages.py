@@ -27,7 +27,7 @@ from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.imported import imported_responses
-from elastid.outcome import failure, interrupted, modes_of, summary, truth
+from elastid.outcome import failure, interrupted, model_std_of, modes_of, summary, truth
 from elastid.parallel import unordered
 from elastid.planning import brief_of
 from elastid.record import Record
@@ -258,6 +258,7 @@ def report(run: Run) -> None:
         nearest=read_rehearsal(run.path("design")) if study.experiment.simulated is not None else None,
         robot=study.robot,
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
+        model_std=model_std_of(study, result, responses),
     )
     shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from elastid.fit.elastic import matched
+from elastid.fit.assembly import linearised
 from elastid.fit.identify import predict
 from elastid.fit.result import FitResult
 from elastid.linear.linearise import Linearisation
@@ -68,8 +68,7 @@ def _replays(
     todo = [response for response in responses if response.configuration.name in names]
     for done, response in enumerate(todo):
         progress(done, len(todo))
-        theta = result.theta
-        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
-        records = read_records(path, response.configuration.name)
+        name = response.configuration.name
+        (model,) = linearised(linearisation, [response], result.parameters, result.x)
         band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
-        yield replay(records, matched(model, response), theta, band_hz, study.estimator)
+        yield replay(read_records(path, name), model, result.theta_of(name), band_hz, study.estimator)

@@ -517,6 +517,32 @@ def test_the_page_shows_replays_folds_modes_and_the_reason_of_the_cost(tmp_path)
     assert "0.012" in text
 
 
+def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
+    """Profile and bootstrap beside the interval; a dash where one was not asked for; the most telling configuration."""
+    n = len(PARAMETERS.free)
+    share = np.full((2, n), np.nan)
+    share[:, :2] = [[0.3, 0.9], [0.7, 0.1]]
+    profile = np.full((n, 2), np.nan)
+    profile[0] = 2.91e5, 3.17e5
+    result = replace(
+        fit_result(),
+        profile95=profile,
+        bootstrap95=np.tile([1.0, 2.0], (n, 1)),
+        configurations=("c1", "c2"),
+        share=share,
+        informing_hz=np.tile([12.0, 25.0], (n, 1)),
+        weakest=np.ones(n),
+    )
+    text = html(report_content(result=result), [])
+    assert "by profile" in text
+    assert "291000 … 317000" in text
+    table = text[text.index("What is known of each parameter") :]
+    table = table[: table.index("</table>")]
+    assert table.count("<tr><td>") == 2
+    assert '<td>k_1</td><td class="text">c2</td><td>70 %</td><td>12.0 … 25.0</td>' in table
+    assert "by profile" not in html(report_content(), [])
+
+
 def test_every_figure_of_a_full_report_is_drawn_once():
     """Names are file names and so unique; each belongs to a section of the page."""
     names = [drawing.name for drawing in drawings(full_content())]

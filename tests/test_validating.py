@@ -11,6 +11,7 @@ import pytest
 from elastid import stages
 from elastid.console import Console
 from elastid.fit.spec import FitSpec
+from elastid.outcome import model_std_of, modes_of
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.run import Run
@@ -190,3 +191,18 @@ def test_the_replay_is_the_same_whatever_was_said_before(finished):
     np.testing.assert_array_equal(before.replays[0].fit_percent, after.replays[0].fit_percent)
     assert before.folds == after.folds
     assert len(read_responses(finished / "run" / "frf.h5")) == 2
+
+
+def test_modes_and_responses_have_the_uncertainty_of_the_parameters(finished):
+    """One joint: its mode moves with the root of its stiffness, so by half of its relative deviation."""
+    run = run_of(finished / "study.yml", finished / "run", "validation.folds=2")
+    result, measured = read_fit(run.path("fit")), read_responses(run.path("estimate"))
+    for row in modes_of(run.study, result, measured):
+        assert row.coordinates == ("joint 1", "motor 1")
+        expected = 0.5 * result.std["k_1"] / result.values["k_1"] * row.frequency_hz[0]
+        assert row.frequency_std[0] == pytest.approx(expected, rel=0.02)
+        # The sum of momenta of load and motor stays zero: they swing against each other.
+        assert row.shapes[0, 0].real * row.shapes[1, 0].real < 0
+    for std, response in zip(model_std_of(run.study, result, measured), measured, strict=True):
+        assert std.shape == response.G.shape
+        assert np.all(std > 0)
