@@ -25,8 +25,8 @@ from elastid.report.parameter_rows import parameter_rows
 Format: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
-# A figure on the page has so many colors: a third of the bytes, and no eye sees it.
-COLORS = 128
+# A figure on the page has so many colors: less than half of the bytes, and no eye sees it.
+COLORS = 256
 # Bytes for figures on the page; what does not fit is linked to, the largest first. With the data of 20 configurations
 # of a six-axis robot the page then stays below 10 MB.
 ROOM = 6_000_000

@@ -35,7 +35,7 @@ def errors(validation: Validation) -> Figure:
     ]
     rows, columns = len(agreements), len(elements)
     names = 0.35 + 0.07 * max(len(_named(a)) for a in agreements)
-    below = 0.25 + 0.065 * max(map(len, elements))
+    below = 0.2 + 0.055 * max(map(len, elements))
     cell_width, cell_height = float(np.clip(8.0 / columns, 0.2, 0.55)), float(np.clip(4.0 / rows, 0.17, 0.3))
     across = len(shown) if names + len(shown) * (columns * cell_width + 0.65) < WIDEST else 1
     down = len(shown) // across

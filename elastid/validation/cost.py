@@ -102,7 +102,9 @@ def cost_words(
         )
     margin = TOLERANCE + 3 * math.sqrt(2 / max(result.dof, 1))
     if abs(ratio - 1) <= margin:
-        return f"{beside}: these data show nothing that the model lacks."
+        coloured = [a.configuration for a in agreements if a.configuration in names and not a.is_white]
+        though = f", though the residuals of {', '.join(coloured)} hang together along frequency" if coloured else ""
+        return f"{beside}: these data show nothing that the model lacks{though}."
     if ratio < 1:
         return (
             f"{beside}: the residuals are smaller than their uncertainty. It is overestimated, as where realisations "
