@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from elastid.errors import DataError
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.statespace import state_space
@@ -163,8 +162,14 @@ def test_one_period_with_hardly_a_line_is_replayed_without_its_ends():
     assert found.worst > 95
 
 
-def test_records_whose_periods_do_not_count_are_refused_by_name():
-    """Two periods of which one was lost."""
-    rec = replace(record(two_axes(), torque(9, 2)), left_out=(1,))
-    with pytest.raises(DataError, match="record r1: fewer than two periods"):
-        replay([rec], two_axes(), np.zeros(1), BAND_HZ, AUTO)
+@pytest.mark.parametrize(("left_out", "dropped"), [((0,), "auto"), ((1,), "auto"), ((), 1)])
+def test_where_one_period_counts_it_alone_is_replayed(left_out, dropped):
+    """The other was lost, or the study drops it: spoilt here, and not seen."""
+    rec = record(two_axes(), torque(9, 2))
+    bad = left_out[0] if left_out else 0
+    y = np.array(rec.y)
+    y[bad * N : (bad + 1) * N] += 1e-2 * np.random.default_rng(0).standard_normal((N, 2))
+    spoilt = replace(rec, y=y, left_out=left_out)
+    found = replay([spoilt], two_axes(), np.zeros(1), BAND_HZ, EstimatorSpec(transient_periods=dropped))
+    assert found.worst > 99.5
+    assert np.isnan(found.reachable_percent).all()

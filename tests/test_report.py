@@ -461,6 +461,15 @@ def test_the_heat_maps_show_every_error_where_it_belongs():
     assert rightmost.get_xticklabels()[1].get_text() == "motor 2 → place 1"
 
 
+def test_configurations_with_other_outputs_have_their_own_columns():
+    """Two outputs here, three there: what was not measured stays empty."""
+    pairs = [pair(2, 2, name="c1"), pair(2, 3, name="c2")]
+    axes = errors(validate(*zip(*pairs, strict=True), left_out=[])).axes[0]
+    shown = np.ma.filled(axes.images[0].get_array(), np.nan)
+    assert shown.shape == (2, 6)
+    np.testing.assert_array_equal(np.isnan(shown), [[False] * 4 + [True] * 2, [False] * 6])
+
+
 @pytest.mark.parametrize(("n_u", "n_configurations"), [(1, 1), (6, 20)])
 def test_the_heat_maps_fit_a_page_whatever_their_size(n_u, n_configurations):
     """One element of one configuration, and 36 of twenty."""

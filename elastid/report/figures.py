@@ -43,7 +43,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     rows = parameter_rows(content.result, content.truth)
     if rows:
         yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
-    if content.validation.configurations:
+    judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
+    if any(np.isfinite(values).any() for values in judged):
         caption = "How far the model is off, by configuration (down) and element (across); 1 sigma and less is noise."
         yield Drawing("errors", "validation", caption, errors(content.validation))
     modes = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}

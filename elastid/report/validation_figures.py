@@ -23,8 +23,7 @@ NUMBERED = 400
 def errors(validation: Validation) -> Figure:
     """Heat maps (configurations down, elements across): magnitude in dB, phase in degrees, residual over sigma."""
     agreements = validation.configurations
-    first = agreements[0]
-    elements = [f"{source} → {output}" for output in first.outputs for source in first.inputs]
+    elements = list(dict.fromkeys(name for agreement in agreements for name in _elements(agreement)))
     quantities = (
         ("rms_log_db", "magnitude error, dB rms"),
         ("phase_rms_deg", "phase error, degrees rms"),
@@ -50,12 +49,20 @@ def errors(validation: Validation) -> Figure:
         box = (left / width, 1 - (top + block_height) / height, block_width / width, block_height / height)
         axes = figure.add_axes(box)
         bar = figure.add_axes((box[0] + box[2] + 0.06 / width, box[1], 0.09 / width, box[3]))
-        _heat(axes, bar, np.stack([getattr(a, name).ravel() for a in agreements]), title, name == "rms_sigma")
+        values = np.full((rows, columns), np.nan)
+        for row, agreement in zip(values, agreements, strict=True):
+            row[[elements.index(element) for element in _elements(agreement)]] = getattr(agreement, name).ravel()
+        _heat(axes, bar, values, title, name == "rms_sigma")
         axes.set_yticks(range(rows), [style.plain(_named(a)) for a in agreements] if j == 0 else [])
         axes.set_xticks(range(columns), [style.plain(e) for e in elements] if i == down - 1 else [], rotation=90)
         axes.tick_params(labelsize=style.SMALL, length=0)
     style.titled(figure, "Errors of the model by configuration and element")
     return figure
+
+
+def _elements(agreement: Agreement) -> list[str]:
+    """In the order of its arrays, row by row."""
+    return [f"{source} → {output}" for output in agreement.outputs for source in agreement.inputs]
 
 
 def _named(agreement: Agreement) -> str:

@@ -7,8 +7,8 @@ at every line of the period, excited or not, between the lowest and the highest 
 does below (drift, gravity, a slow carrier) no free model can follow, and above there is but noise. Outputs are
 compared in the quantity of the response, accelerations as a rule. Within a period in the steady state this is exact.
 
-A record of one period begins and ends in states of its own, and its samples do not go round. To first order in what
-they leave below and above the band,
+A record of one period, or with one that counts, begins and ends in states of its own, and its samples do not go round.
+To first order in what they leave below and above the band,
 
 .. math:: \hat Y(k) = G U + (j\omega)^m \left(C Z^{-1} [(j\omega M + D)\, \delta q + M\, \delta v]
           + c_0 + j\omega c_1\right)
@@ -99,7 +99,7 @@ def replay(
     """The records of one configuration through its model at theta (n_theta,); records are read one at a time.
 
     model: with the records' inputs and outputs in their order; model.quantity is compared.  spec: which periods count.
-    Raises DataError for records without two periods that can be trusted, StudyError where band_hz holds no line.
+    Raises StudyError where band_hz holds no line.
     """
     pieces = [_replayed(record, model, theta, band_hz, spec) for record in records]
     worst = min(pieces, key=lambda piece: float(piece.fit_percent.min()))
@@ -135,7 +135,7 @@ def _replayed(
     lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, record.period_samples)
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     G = frequency_response(model, theta, freq_hz)
-    if record.n_samples // record.repeat_samples > 1:
+    if _settled_periods(record, spec) > 1:
         spectra = trusted(period_spectra(record, lines, model.quantity), spec)
         Y, U = spectra.Y, spectra.U
         Yhat = (G @ U[..., None])[..., 0]
@@ -166,12 +166,21 @@ def _replayed(
     )
 
 
+def _settled_periods(record: Record, spec: EstimatorSpec) -> int:
+    """How many periods are left without those that the study or the repair of the log does not count."""
+    dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
+    kept = set(range(dropped, record.n_samples // record.repeat_samples)) - set(record.left_out)
+    return len(kept)
+
+
 def _single(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
-    """Y (1, F, n_y), U (1, F, n_u) of a record of one period, as it is."""
+    """Y (1, F, n_y), U (1, F, n_u) of the last good period of a record, as it is."""
+    periods = range(record.n_samples // record.repeat_samples)
+    last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
-    Y = line_spectra(record, record.y, lines) * (2j * np.pi * freq_hz[:, None]) ** order
-    return Y, line_spectra(record, record.u, lines) * record.hold_response(freq_hz)[:, None]
+    Y = line_spectra(record, record.y, lines)[last] * (2j * np.pi * freq_hz[:, None]) ** order
+    return Y, line_spectra(record, record.u, lines)[last] * record.hold_response(freq_hz)[:, None]
 
 
 def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
