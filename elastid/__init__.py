@@ -22,7 +22,7 @@ Model wing: `model` (equations of motion in CasADi: `formulation` chooses `seria
 
 Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).
 
-The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance`, `planning`, `imported` and `stages`
+The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance`, `planning`, `imported`, `validating` and `stages`
 (file to value to file, what is current), `comparing` (models on the same responses), `outcome` (summary.json),
 `console`, `overview`, `inspection`, `scaffold`, `tables` (what people see) and `cli`.
 
