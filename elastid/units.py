@@ -53,9 +53,13 @@ TABLE: dict[str, tuple[str, float]] = {
     "N*m*s/rad": ("N*m*s/rad", 1.0),
     "kN*m*s/rad": ("N*m*s/rad", 1e3),
     "N*m*s^2/rad^2": ("N*m*s^2/rad^2", 1.0),
+    "N*s^2/m^2": ("N*s^2/m^2", 1.0),
     "N*m/s": ("N*m/s", 1.0),
+    "N/s": ("N/s", 1.0),
     "N*m/K": ("N*m/K", 1.0),
+    "N/K": ("N/K", 1.0),
     "rad/(s*K)": ("rad/(s*K)", 1.0),
+    "m/(s*K)": ("m/(s*K)", 1.0),
     "degC": ("degC", 1.0),
     "K": ("K", 1.0),
     "kg": ("kg", 1.0),
@@ -133,6 +137,15 @@ class Measured(float):
 
     def __getnewargs__(self) -> tuple[float, str]:  # type: ignore[override]
         return float(self), self.dimension
+
+
+def said(number: float) -> str:
+    """A number for a message, with its unit where it was written with one.
+
+    >>> said(to_si_of("5 N/mm", ("N*m/rad", "N/m"))), said(5.0)
+    ('5000 N/m', '5')
+    """
+    return f"{number:.6g} {number.dimension}" if isinstance(number, Measured) else f"{number:.6g}"
 
 
 def to_si_of(value: Any, dimensions: tuple[str, ...]) -> float:

@@ -296,13 +296,16 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     )
 
 
-def _swing(brief: Brief) -> float:
+def _swing(brief: Brief) -> FloatArray:
+    """(n_u,), rad or m."""
     carrier, excitation, experiment = brief.simulated.carrier, brief.excitation, brief.experiment
+    n_u = len(brief.robot.driven)
     if carrier is None:
-        return 0.0
+        return np.zeros(n_u)
     periods = experiment.transient_periods + experiment.periods
-    swing = reach(carrier, excitation.period, periods * excitation.period + 2 * experiment.ramp)
-    return swing / (1 - excitation.margin)  # the plan keeps that margin to the limits
+    swing = reach(carrier, n_u, excitation.period, periods * excitation.period + 2 * experiment.ramp)
+    right: FloatArray = swing / (1 - excitation.margin)
+    return right  # the plan keeps that margin to the limits
 
 
 def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:
