@@ -213,9 +213,9 @@ class Friction:
 
 def _positive(name: str, value: float) -> None:
     if not value > 0:
-        raise ValueError(f"{name} is {said(value)}; it must be positive")
+        raise ValueError(f"{name} is {value:g}; it must be positive")
 
 
 def _not_negative(name: str, value: float) -> None:
     if value < 0:
-        raise ValueError(f"{name} is {said(value)}; it must not be negative")
+        raise ValueError(f"{name} is {value:g}; it must not be negative")
