@@ -139,15 +139,6 @@ class Measured(float):
         return float(self), self.dimension
 
 
-def said(number: float) -> str:
-    """A number for a message, with its unit where it was written with one.
-
-    >>> said(to_si_of("5 N/mm", ("N*m/rad", "N/m"))), said(5.0)
-    ('5000 N/m', '5')
-    """
-    return f"{number:.6g} {number.dimension}" if isinstance(number, Measured) else f"{number:.6g}"
-
-
 def to_si_of(value: Any, dimensions: tuple[str, ...]) -> float:
     """As `to_si`, for any of several dimensions; of a text with a unit the dimension stays known.
 

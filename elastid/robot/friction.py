@@ -17,11 +17,11 @@ from elastid.units import (
     InUnit,
     JointTorque,
     JointVelocity,
+    Measured,
     Stiffness,
     Temperature,
     TemperatureRise,
     of_translation,
-    said,
 )
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
@@ -160,8 +160,9 @@ class Friction:
         if self.stribeck_velocity is not None:
             _positive("friction: stribeck_velocity (nu_s)", self.stribeck_velocity)
         if self.break_away < self.coulomb:
+            unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(
-                f"friction: stiction (F_s) is {said(self.break_away)}, below coulomb (F_c) of {said(self.coulomb)}; "
+                f"friction: stiction (F_s) is {self.break_away:g} {unit}, below coulomb (F_c) of {self.coulomb:g} {unit}; "
                 "what sticks needs at least what slides: exchange or correct them"
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
