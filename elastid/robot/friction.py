@@ -162,7 +162,8 @@ class Friction:
         if self.break_away < self.coulomb:
             unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(
-                f"friction: stiction (F_s) is {self.break_away:g} {unit}, below coulomb (F_c) of {self.coulomb:g} {unit}; what "
+                f"friction: stiction (F_s) is {self.break_away:g} {unit}, "
+                f"below coulomb (F_c) of {self.coulomb:g} {unit}; what "
                 "sticks needs at least what slides: exchange or correct them"
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
