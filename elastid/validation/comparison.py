@@ -17,7 +17,7 @@ Two models are told apart where the mean over configurations of m_c - m_c(best) 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 
@@ -25,8 +25,9 @@ import numpy as np
 
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import ElastidError
+from elastid.fit.choose import choose
 from elastid.fit.identify import identify, predict
-from elastid.fit.spec import FitSpec, MaskSpec
+from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
 from elastid.fit.weights import weigh
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
@@ -160,6 +161,18 @@ def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
 
     return replace(spec, parameters={key: wish for key, wish in spec.parameters.items() if not gone(key)})
+
+
+def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
+    """A study's fit with these parameters at their starts, for a model that does not have them."""
+    free = {parameter.name for parameter in choose(spec, robot).free}
+    still = {
+        name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
+        for name in names
+        if name in free
+    }
+    patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
+    return replace(spec, parameters={**patterns, **still})
 
 
 def _divided(
