@@ -11,7 +11,8 @@ model that fits best, so that an error that all models share does not count as e
 something (Burnham & Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It takes the residuals of
 lines as independent, which a model error is not: where the two disagree, the left-out configurations are right.
 
-Two models are told apart where the mean over configurations of m_c - m_c(best) is beyond its standard error.
+Two models are told apart where the mean over configurations of m_c - m_c(best) is beyond its standard error, and
+beyond what the ends of two searches differ by.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.frequency import agreement
+
+# Part of the misfit by which two fits of one model may differ.
+SAME = 1e-3
 
 
 @dataclass(frozen=True)
@@ -235,7 +239,7 @@ def _verdict(rows: Sequence[Row]) -> str:
             "configuration leaves none out"
         )
     others = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
-    alike = [row for row in others if row.behind(best)[0] <= row.behind(best)[1]]
+    alike = [row for row in others if row.behind(best)[0] <= max(row.behind(best)[1], SAME * best.mean_misfit)]
     simplest = min([best, *alike], key=lambda row: row.n_free)
     sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
     if alike:
