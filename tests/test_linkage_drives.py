@@ -1,4 +1,4 @@
-"""Robots with loops and what acts on them beside springs: compensators, riding motors, coupled gears, nonlinear gears."""
+"""Robots with loops and what acts on them beside springs: compensators, riding motors, coupled and nonlinear gears."""
 
 from dataclasses import replace
 from pathlib import Path

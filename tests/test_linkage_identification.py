@@ -14,6 +14,10 @@ from ruamel.yaml import YAML
 from elastid import cli
 from elastid.comparing import compare
 from elastid.console import Console
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.design_spec import CandidateSpec, DesignSpec
+from elastid.experiment.designing import Brief, designed
+from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -109,6 +113,39 @@ def test_an_approximate_model_is_told_from_the_exact_one():
     assert exact.model_error < 1.3
     constant = fitted(SPREAD, 0, ModelSpec("minimal", "constant_stiffness"), 60.0, ("k_2", "k_3", "d_3"))
     assert constant.model_error > 3 * exact.model_error
+
+
+def forecast(**changes: object) -> tuple[list[float], float]:
+    """Of the planar arm's springs: sines of the angle between lever and rod, and how k_3 and k_rod will correlate."""
+    noise = NoiseSpec(torque_std=10, angle_std=1e-5)
+    brief = Brief(
+        robot=planar(),
+        excitation=MultisineSpec(500.0, 2.0, (2.0, 40.0), (300.0, 300.0), grid="odd-quasi-log"),
+        experiment=ExperimentSpec(realisations=1, simulated=SimulatedSpec(noise=noise, substeps=6)),
+        fit=FitSpec(parameters={name: ParameterSpec() for name in FREE}, starts=1),
+        quantity="acceleration",
+        seed=1,
+    )
+    found = designed(replace(brief, **changes))  # type: ignore[arg-type]
+    names, C = found.forecast.parameters, found.forecast.covariance
+    i, j = names.index("k_3"), names.index("k_rod")
+    sines = [abs(float(np.cos(at.angles[1] - at.angles[0]))) for at in found.plan.configurations]
+    return sines, float(C[i, j] / np.sqrt(C[i, i] * C[j, j]))
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_designed_postures_spread_the_angle_between_lever_and_rod(seed: int):
+    """Among random candidates: nearly aligned and nearly square, and gear and rod come apart, as in no one posture."""
+    sines, correlation = forecast(design=DesignSpec(count=6, candidates=CandidateSpec(random=60)), seed=seed)
+    assert max(sines) - min(sines) > 0.4
+    assert abs(correlation) < 0.75
+    one = ExperimentSpec(
+        configurations={"one": (0.0, 0.0)},
+        realisations=6,
+        simulated=SimulatedSpec(noise=NoiseSpec(torque_std=10, angle_std=1e-5), substeps=6),
+    )
+    if seed == 1:
+        assert forecast(experiment=one)[1] < -0.97
 
 
 STUDY = """\

@@ -109,9 +109,7 @@ class Brief:
         probe = _probe(self, self.experiment)
         for _ in range(FRICTION_ROUNDS):
             x = brief.parameters.x
-            prospects = [_prospect(brief, probe, q) for q in range(len(probe.configurations))]
-            each = zip(prospects, probe.configurations, strict=True)
-            d = np.mean([prospect.equivalent_damping(c, x) for prospect, c in each], axis=0)
+            d = np.mean(_damping(brief, probe, x), axis=0)
             if not d.any():
                 return self
             brief = self._with_damping(d)
@@ -249,6 +247,22 @@ def _probe(brief: Brief, experiment: ExperimentSpec, realisations: int = PROBED)
     anywhere = candidates(brief.design.candidates, brief.robot, brief.seed, _swing(brief)).configurations
     some = [Chosen(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(anywhere[:PROBES])]
     return _planned(brief, experiment, some)
+
+
+def _damping(brief: Brief, probe: Plan, x: FloatArray) -> list[FloatArray]:
+    """What Coulomb friction adds (n_u,) in each configuration of a plan, but for candidates without equilibrium."""
+    given, found = brief.experiment.configurations, []
+    refused: StudyError | DataError | None = None
+    for q, configuration in enumerate(probe.configurations):
+        try:
+            found.append(_prospect(brief, probe, q).equivalent_damping(configuration, x))
+        except (StudyError, DataError) as error:
+            if configuration.name in given:
+                raise
+            refused = error
+    if refused is not None and not found:
+        raise refused
+    return found
 
 
 def _planned(brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen] = ()) -> Plan:
