@@ -213,10 +213,12 @@ def run(study: str, folder: Path, *options: str) -> tuple[int, dict[str, Any]]:
 
 
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize("study", ["linkage_arm.yml", "irb4400_linkage.yml"])
-def test_shipped_linkages_are_identified_from_the_simulated_rig(study: str, tmp_path: Path):
+@pytest.mark.parametrize(
+    ("study", "seed"), [("linkage_arm.yml", 2), ("linkage_arm.yml", 3), ("irb4400_linkage.yml", 1)]
+)
+def test_shipped_linkages_are_identified_from_the_simulated_rig(study: str, seed: int, tmp_path: Path):
     """Gears, rod and bending within 3 standard deviations and 5 % of the truth, with friction, noise and gravity."""
-    code, summary = run(study, tmp_path / "run")
+    code, summary = run(study, tmp_path / "run", "--set", f"seed={seed}")
     assert code == 0
     found = {name: p for name, p in summary["parameters"].items() if name.startswith("k_")}
     assert {"k_2", "k_3", "k_rod", "k_b2"} <= set(found)
