@@ -108,7 +108,12 @@ class Kernel:
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
         return G, dG
 
-    @property
+    @cached_property
+    def places(self) -> IntArray:
+        """Where in theta the wanted parameters are (P,)."""
+        return np.array([self.model.parameters.index(name) for name in self.wanted], np.int64)
+
+    @cached_property
     def factors(self) -> tuple[str, ...]:
         """The wanted parameters that do not move Z but multiply the response: the delay, elements of the chain."""
         known = (DELAY, *(element.name for element in self.model.chain))
