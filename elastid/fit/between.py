@@ -11,6 +11,7 @@ Student's distribution of Q - 1 degrees of freedom over that of the normal one.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,7 +30,7 @@ ALONE = 1e-10
 
 def is_in_error(cost: float, expected_cost: float, dof: int) -> bool:
     """Whether V is more than the noise explains."""
-    return cost > expected_cost * (1 + EVIDENT * np.sqrt(2 / max(dof, 1)))
+    return cost > expected_cost * (1 + EVIDENT * math.sqrt(2 / max(dof, 1)))
 
 
 def between_configurations(parts: Sequence[Evidence], A: FloatArray) -> FloatArray:

@@ -44,7 +44,8 @@ class Normal:
     ) -> tuple[float, FloatArray, FloatArray]:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
-        precision: of the rows behind J^T J alone; single is enough for a step and takes two thirds of the time.
+        J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
+        precision: of these sums alone; single is enough for a step and takes two thirds of the time.
         """
         pieces, freq_hz = self.columns.pieces, self.columns.kernel.freq_hz
         omega_0 = 2 * np.pi * freq_hz.max() if freq_hz.size else 1.0
@@ -58,13 +59,13 @@ class Normal:
             cost, r, slope = self._residual(part.block, part.G)
             R = self._compressed.triangle(precision)[part.block]
             U = part.columns(scale, precision)
-            weight = _times(self._compressed.R[part.block].swapaxes(1, -1), r.conj()[:, :, None])[:, :, 0]
+            weight = self._returned(part.block, r)
             if slope is not None:
                 U *= slope[:, :, None]
                 weight = weight * slope
             omega = part.s.imag / omega_0
             V += cost
-            pull += (1j * omega) ** np.arange(3)[:, None] @ part.pull(weight)
+            pull += np.stack([np.ones_like(omega), 1j * omega, -(omega**2)]) @ part.pull(weight)
             moments += _moments(_times(R, U), omega)
         g = size * pull[pieces.power, pieces.base].real
         base, power, ratio = pieces.base, pieces.power, size / scale[pieces.base]
@@ -83,6 +84,12 @@ class Normal:
         whitened = self._whitened(block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0])
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         return float(np.vdot(whitened, whitened).real), self._projected(known.Q[block], whitened), slope
+
+    def _returned(self, block: slice, r: ComplexArray) -> ComplexArray:
+        """r^H R (F, n_e)."""
+        R = self._compressed.R[block]
+        returned: ComplexArray = R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0]
+        return returned
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""

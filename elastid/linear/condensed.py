@@ -21,7 +21,10 @@ NEAR_RESONANCE = 1e-2
 
 @dataclass(frozen=True)
 class Leaves:
-    """Which coordinates are leaves (n_l,), the others (n_r,), and on which of the others each leaf hangs (n_l,)."""
+    """Which coordinates are leaves (n_l,), the others (n_r,), and on which of the others each leaf hangs (n_l,).
+
+    No two leaves hang on the same one.
+    """
 
     leaf: IntArray
     other: IntArray
@@ -32,12 +35,12 @@ class Leaves:
         """Of a pattern (n, n): which coordinates act on each other."""
         acts = coupled & ~np.eye(len(coupled), dtype=bool)
         degree, taken = acts.sum(axis=1), np.zeros(len(acts), dtype=bool)
-        leaf = []
+        leaf: list[int] = []
         for i in np.flatnonzero(degree == 1):
             neighbour = int(np.flatnonzero(acts[i])[0])
-            if not taken[i] and neighbour not in leaf:
+            if not taken[i] and not taken[neighbour]:
                 leaf.append(int(i))
-                taken[neighbour] = True
+                taken[i] = taken[neighbour] = True
         chosen = np.array(leaf, np.int64)
         other = np.setdiff1d(np.arange(len(acts)), chosen)
         return cls(chosen, other, np.searchsorted(other, acts[chosen].argmax(axis=1) if leaf else chosen))
@@ -55,17 +58,15 @@ class Leaves:
         size = np.abs(K[leaf, leaf]) + omega[:, None] ** 2 * np.abs(M[leaf, leaf])
         if np.any(np.abs(own) < NEAR_RESONANCE * size):
             return _solved(_stiffness(M, D, K, omega), B)
-        hangs = np.zeros((n_r, n_l))
-        hangs[on, np.arange(n_l)] = 1.0
         share = z / own
-        Z_rr[:, np.arange(n_r), np.arange(n_r)] -= (z * share) @ hangs.T
-        right = B[other] - (hangs * share[:, None, :]).reshape(-1, n_l).dot(B[leaf].astype(complex)).reshape(
-            len(omega), n_r, -1
-        )
+        Z_rr[:, on, on] -= z * share
+        right = np.empty((len(omega), n_r, B.shape[1]), complex)
+        right[...] = B[other]
+        right[:, on] -= share[:, :, None] * B[leaf]
         X = np.empty((len(omega), len(M), B.shape[1]), complex)
         solved = np.linalg.solve(Z_rr, right)
         X[:, other] = solved
-        X[:, leaf] = B[leaf] / own[:, :, None] - share[:, :, None] * solved[:, on]
+        X[:, leaf] = (1 / own)[:, :, None] * B[leaf] - share[:, :, None] * solved[:, on]
         return X
 
 
@@ -78,5 +79,5 @@ def _stiffness(M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray) -
 
 
 def _solved(Z: ComplexArray, B: FloatArray) -> ComplexArray:
-    X: ComplexArray = np.linalg.solve(Z, B.astype(complex))
-    return X
+    X = np.linalg.solve(Z, B.astype(complex))
+    return np.asarray(X, np.complex128)

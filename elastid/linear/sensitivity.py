@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,7 @@ class Sensitivity:
     """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
 
     of_outputs (F, n_y, n_1), of_inputs (F, n_u, n_1): W^T y and c y^T X of the bases of rank one.  whole (F, n_e, n_2):
-    the columns of all others.  rows, places (n_e,): output and input of each element, outputs in ascending order.
+    the columns of all others.  outputs, inputs (n_e,): output and input of each element.
     """
 
     block: slice
@@ -53,22 +52,17 @@ class Sensitivity:
     of_outputs: ComplexArray
     of_inputs: ComplexArray
     whole: ComplexArray
-    rows: IntArray
-    places: IntArray
+    outputs: IntArray
+    inputs: IntArray
 
     def columns(
         self, scale: FloatArray, precision: type[np.floating[Any]]
     ) -> npt.NDArray[np.complexfloating[Any, Any]]:
         """Columns (F, n_e, n_b), each times its scale (n_b,)."""
-        F, n_y, n_1 = self.of_outputs.shape
-        found = np.empty((F, len(self.rows), n_1 + self.whole.shape[2]), np.result_type(precision, np.complex64))
+        F, _, n_1 = self.of_outputs.shape
+        found = np.empty((F, len(self.outputs), n_1 + self.whole.shape[2]), np.result_type(precision, np.complex64))
         left, right = (self.of_outputs * scale[:n_1]).astype(found.dtype), self.of_inputs.astype(found.dtype)
-        ends = np.searchsorted(self.rows, np.arange(n_y + 1))
-        for i, (start, stop) in enumerate(pairwise(ends)):
-            # Elements of one output stand together, and their inputs follow each other.
-            first = self.places[start]
-            driven = right[:, first : first + stop - start]
-            np.multiply(left[:, i : i + 1], driven, out=found[:, start:stop, :n_1])
+        np.multiply(left.take(self.outputs, axis=1), right.take(self.inputs, axis=1), out=found[:, :, :n_1])
         np.multiply(self.whole, scale[n_1:], out=found[:, :, n_1:], casting="same_kind")
         return found
 
@@ -76,7 +70,7 @@ class Sensitivity:
         """sum_e weight_e U_eb (F, n_b) of the columns U, weight (F, n_e)."""
         F, n_y, _ = self.of_outputs.shape
         spread = np.zeros((F, n_y, self.of_inputs.shape[1]), complex)
-        spread[:, self.rows, self.places] = weight
+        spread[:, self.outputs, self.inputs] = weight
         simple = np.sum(self.of_outputs * (spread @ self.of_inputs), axis=1)
         return np.concatenate([simple, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
 
