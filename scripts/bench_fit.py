@@ -223,12 +223,14 @@ def jax_evaluation(fit: ElasticFit) -> Callable[[], object] | None:
 def growth(n_lines: int, n_configurations: int) -> dict[str, float]:
     """Time of one evaluation for twice the lines and configurations over twice the time; MB for 500 configurations."""
     found = {}
+    small, x = assemble(n_configurations, n_lines)
     for name, Q, F in (("lines", n_configurations, 2 * n_lines), ("configurations", 2 * n_configurations, n_lines)):
-        small, x = assemble(n_configurations, n_lines)
         large, _ = assemble(Q, F)
-        found[f"{name}_doubled_over_twice"] = round(
-            seconds(lambda fit=large, x=x: fit.rough(x), 15) / seconds(lambda fit=small, x=x: fit.rough(x), 15) / 2, 3
-        )
+        # In turn, so that what else the machine does meets both.
+        ratios = [
+            seconds(lambda fit=large, x=x: fit.rough(x), 3) / seconds(lambda: small.rough(x), 3) for _ in range(9)
+        ]
+        found[f"{name}_doubled_over_twice"] = round(statistics.median(ratios) / 2, 3)
     large, x = assemble(500, n_lines, full=False)
     large.rough(x)
     tracemalloc.start()
@@ -310,6 +312,8 @@ def main() -> None:
     print(f"\n{'one evaluation, line for line':<38}{'x elastid':>10}")
     for name, value in others.items():
         print(f"{name:<38}{value:>10.1f}")
+    if jax is None:
+        print("JAX is not installed; with it (pip install jax) there is a row for it here")
 
     times, costs = fit_times(fit, x0, 1 if quick else 5)
     print(f"\n{'a whole fit':<38}{'s':>10}{'x elastid':>10}{'V':>16}")
