@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from elastid.arrays import FloatArray
+from elastid.fit.assembly import linearised
 from elastid.fit.choose import choose
+from elastid.fit.propagation import response_deviation, uncertain_modes
 from elastid.fit.result import FitResult, Start
 from elastid.friction.placed import frictions
 from elastid.linear.linear_model import DELAY
 from elastid.linear.linearise import Linearisation
-from elastid.linear.modes import modes
+from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.formulation import formulate
 from elastid.report.content import ModeRow
 from elastid.report.parameter_rows import parameter_rows
@@ -43,12 +46,23 @@ def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyRespo
     """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
     linearisation = Linearisation.of(formulate(study.robot, study.model))
     rows = []
-    for response in responses:
-        theta = result.theta_of(response.configuration.name)
-        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
-        found = modes(model, theta)
-        rows.append(ModeRow(response.configuration.name, found.freq_hz, found.zeta))
+    for model in linearised(linearisation, responses, result.parameters, result.x):
+        name = model.configuration.name
+        found = modes(model, result.theta_of(name))
+        sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
+        shapes = shapes_of_all(model, found.shapes)
+        coordinates = linearisation.model.coordinates
+        rows.append(ModeRow(name, found.freq_hz, found.zeta, sure.freq_std, sure.zeta_std, coordinates, shapes))
     return tuple(rows)
+
+
+def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:
+    """Standard deviation (F, n_y, n_u) of the fitted model beside each response, by that of its parameters."""
+    models = linearised(Linearisation.of(formulate(study.robot, study.model)), responses, result.parameters, result.x)
+    return tuple(
+        response_deviation(model, response.freq_hz, result.parameters, result.x, result.covariance)[1]
+        for model, response in zip(models, responses, strict=True)
+    )
 
 
 def summary(

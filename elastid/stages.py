@@ -27,7 +27,7 @@ from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.imported import imported_responses
-from elastid.outcome import failure, interrupted, modes_of, summary, truth
+from elastid.outcome import failure, interrupted, model_std_of, modes_of, summary, truth
 from elastid.parallel import unordered
 from elastid.planning import brief_of
 from elastid.record import Record
@@ -58,8 +58,8 @@ from elastid.store import (
 )
 from elastid.store.comparison import read_comparison
 from elastid.tables import forecast_table, parameter_table
+from elastid.validating import validated
 from elastid.validation.frequency import agreement
-from elastid.validation.frequency import validate as validate_responses
 
 # Finished experiments of a measurement that was stopped; the next one goes on from here.
 PARTIAL = "records.partial"
@@ -203,11 +203,12 @@ def fit(run: Run) -> None:
 def validate(run: Run) -> None:
     """validation.h5: how far the fitted model carries, on left-out configurations if there are any."""
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    validation = validate_responses(
-        responses, predict(result, run.study.robot, responses, run.study.model), run.study.validation.left_out
-    )
+    with run.console.progress("validate") as progress:
+        validation = validated(run, responses, result, progress)
     write_validation(run.path("validate"), validation, run.stamps["validate"])
-    run.console.say(f"validate: {validation.verdict}")
+    for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
+        if words:
+            run.console.say(f"validate: {words}")
 
 
 def export(run: Run, target: str) -> tuple[Path, ...]:
@@ -257,6 +258,7 @@ def report(run: Run) -> None:
         nearest=read_rehearsal(run.path("design")) if study.experiment.simulated is not None else None,
         robot=study.robot,
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
+        model_std=model_std_of(study, result, responses),
     )
     shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)

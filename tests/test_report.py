@@ -1,5 +1,6 @@
 """The report shows what it was given, all of it, escaped, reproducible, and needs nothing from outside."""
 
+import io
 import math
 import re
 import shutil
@@ -17,15 +18,22 @@ from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.report.content import ModeRow, ReportContent
 from elastid.report.excitation_figures import excitation
+from elastid.report.explorer import explorer
+from elastid.report.figures import drawings
 from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import frf_magnitude, frf_phase
+from elastid.report.mode_figures import mode_shapes
 from elastid.report.numbers import number
-from elastid.report.page import html, rendered, write_report
+from elastid.report.page import ROOM, EmbeddedFigure, fewer_colors, html, rendered, within, write_report
 from elastid.report.parameter_rows import parameter_rows
+from elastid.report.singular_figures import singular_values
+from elastid.report.validation_figures import errors, replay_title, replayed
 from elastid.response import Covariance, FrequencyResponse
+from elastid.validation.folds import Fold
 from elastid.validation.frequency import validate
 from elastid.validation.noise import above_2sigma
+from elastid.validation.replay import Replay
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -162,6 +170,20 @@ def test_the_magnitude_figure_shows_the_data_of_every_element(n_u, n_y):
         assert panel.get_xscale() == "log"
 
 
+def test_the_uncertainty_of_the_model_is_a_band_about_it_and_a_level():
+    """2 standard deviations up and down; a level that is the standard deviation itself."""
+    measured, modelled = pair(1)
+    std = 0.05 * np.abs(modelled.G)
+    axes = frf_magnitude(measured, modelled, "c1", std).axes[0]
+    np.testing.assert_allclose(lines_of(axes)["std of the model"].get_ydata(), 20 * np.log10(std[:, 0, 0]))
+    corners = axes.collections[0].get_paths()[0].vertices[:, 1]
+    G_db = 20 * np.log10(np.abs(modelled.G[:, 0, 0]))
+    assert corners.max() == pytest.approx(G_db.max() + 20 * np.log10(1.1))
+    assert corners.min() == pytest.approx(G_db.min() + 20 * np.log10(0.9))
+    unknown = frf_magnitude(measured, modelled, "c1", np.full(std.shape, np.inf))
+    rendered(unknown, "png")
+
+
 def test_the_phase_figure_shows_the_wrapped_phase_and_breaks_its_line_at_the_wraps():
     """The model's points are those given; between two of them on either side of 180 degrees there is no line."""
     measured, modelled = pair(2)
@@ -271,7 +293,7 @@ def test_the_page_shows_every_warning_parameter_and_configuration(tmp_path):
     for row in parameter_rows(content.result, TRUTH):
         assert row.name in text
         assert number(row.truth, 5) in text
-    for given in ("d_2", "2.000 × d_1", "mass", "25.000", "left out", "9.125", "4.0 %"):
+    for given in ("d_2", "2.000 × d_1", "mass", "25.000", "left out", "9.125", "4.000 %"):
         assert given in text
     for given in (content.title, content.verdict, content.validation.verdict, content.study_text, "17"):
         assert given in text
@@ -300,7 +322,7 @@ def test_the_page_needs_nothing_from_outside(tmp_path):
     assert 'src="http' not in source
     assert "<script src" not in source
     assert not {"link", "iframe", "object", "base"} & set(page.tags)
-    assert page.tags.count("img") == 8
+    assert page.tags.count("img") == 11
     assert all(address.startswith(("data:image/png;base64,", "#")) for address in page.addresses)
     without_images = re.sub(r"base64,[A-Za-z0-9+/=]+|<script>.*?</script>", "", source, flags=re.DOTALL)
     assert "://" not in without_images
@@ -332,7 +354,7 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
         assert name in page.text
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
     assert all(re.fullmatch(r"run/(report\.(html|pdf)|figures/[A-Za-z0-9_.-]+\.(png|pdf))", file) for file in files)
-    assert len(files) == 2 + 2 * (2 * len(frf) + 4)
+    assert len(files) == 2 + 2 * (3 * len(frf) + 5)
 
 
 def test_the_same_content_gives_the_same_bytes(tmp_path):
@@ -341,7 +363,7 @@ def test_the_same_content_gives_the_same_bytes(tmp_path):
     for folder in folders:
         write_report(report_content(), folder, ("png", "pdf"))
     first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
-    assert len(first) == 18
+    assert len(first) == 24
     assert first == second
 
 
@@ -374,6 +396,200 @@ def test_options_load_neither_matplotlib_nor_jinja():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert out.strip() == "[]"
+
+
+def modes(configuration="c1"):
+    """Two modes of four coordinates, the second with damping that turns the phase."""
+    return ModeRow(
+        configuration,
+        np.array([9.125, 14.2]),
+        np.array([0.04, 0.06]),
+        np.array([0.012, 0.1]),
+        np.array([0.002, 0.01]),
+        ("joint 1", "joint 2", "motor 1", "motor 2"),
+        np.array([[1.0, 0.2], [-0.75, 1.0], [0.1, -0.4 + 0.1j], [0.0, 0.6]]),
+    )
+
+
+def replays(configuration="c1", seed=0):
+    """Two records of two outputs, the model a tenth too small."""
+    measured = np.random.default_rng(seed).standard_normal((400, 2))
+    fit = np.array([[90.0, 89.5], [88.0, 91.0]])
+    return Replay(
+        configuration,
+        ("r1", "r2"),
+        ("place 1", "place 2"),
+        "acceleration",
+        ("rad/s^2", "m/s^2"),
+        (2.0, 60.0),
+        fit,
+        np.array([[99.0, 98.0], [99.5, 97.0]]),
+        0.1 * np.ones((2, 2)),
+        "r2",
+        250.0,
+        True,
+        measured,
+        0.9 * measured,
+    )
+
+
+def full_content():
+    """A report of everything."""
+    content = report_content(modes=(modes("c1"), modes("c2")))
+    content = replace(content, model_std=tuple(0.01 * np.abs(G.G) for _, G in content.frf))
+    validation = replace(
+        content.validation,
+        cost="The cost is what the noise alone would leave.",
+        replays=(replays("c1"), replays("c2", 1)),
+        replayed="Replayed, the model explains 90 %.",
+        folds=(Fold("c1", 1.21, 0.5, 2.5), Fold("c2", math.nan, math.nan, math.nan, "no start led anywhere")),
+        folded="Left out in turn, 0.5 dB.",
+    )
+    return replace(content, validation=validation)
+
+
+def test_the_heat_maps_show_every_error_where_it_belongs():
+    """Configurations down, elements across, in the order of the validation, left-out ones marked."""
+    validation = report_content().validation
+    figure = errors(validation)
+    maps = [axes for axes in figure.axes if axes.images and axes.get_title()]
+    for axes, name in zip(maps, ("rms_log_db", "phase_rms_deg", "rms_sigma"), strict=True):
+        given = np.stack([getattr(a, name).ravel() for a in validation.configurations])
+        np.testing.assert_allclose(axes.images[0].get_array(), given)
+    assert [label.get_text() for label in maps[0].get_yticklabels()] == ["c1", "c2, left out"]
+    rightmost = [axes for axes in maps if axes.get_xticklabels()][-1]
+    assert rightmost.get_xticklabels()[1].get_text() == "motor 2 → place 1"
+
+
+def test_configurations_with_other_outputs_have_their_own_columns():
+    """Two outputs here, three there: what was not measured stays empty."""
+    pairs = [pair(2, 2, name="c1"), pair(2, 3, name="c2")]
+    axes = errors(validate(*zip(*pairs, strict=True), left_out=[])).axes[0]
+    shown = np.ma.filled(axes.images[0].get_array(), np.nan)
+    assert shown.shape == (2, 6)
+    np.testing.assert_array_equal(np.isnan(shown), [[False] * 4 + [True] * 2, [False] * 6])
+
+
+@pytest.mark.parametrize(("n_u", "n_configurations"), [(1, 1), (6, 20)])
+def test_the_heat_maps_fit_a_page_whatever_their_size(n_u, n_configurations):
+    """One element of one configuration, and 36 of twenty."""
+    pairs = [pair(n_u, name=f"c{i}") for i in range(n_configurations)]
+    figure = errors(validate(*zip(*pairs, strict=True), left_out=[]))
+    assert figure.get_figwidth() < 12
+    rendered(figure, "png")
+
+
+def test_the_singular_values_are_those_of_both_matrices():
+    """Points and lines at 20 log10 of NumPy's singular values."""
+    measured, modelled = pair(3)
+    axes = singular_values(measured, modelled, "c1").axes[0]
+    lines = [line for line in axes.get_lines() if line.get_label() == "fitted model"]
+    s = np.linalg.svd(modelled.G, compute_uv=False)
+    np.testing.assert_allclose(np.stack([line.get_ydata() for line in lines], axis=1), 20 * np.log10(s))
+
+
+def test_the_replay_shows_measured_model_and_difference():
+    """Close up at the sample where the difference is largest, with the fits of the record that is shown."""
+    given = replays()
+    figure = replayed(given, replay_title(given))
+    whole, close = figure.axes[0], figure.axes[1]
+    drawn = lines_of(close)
+    t = drawn["measured"].get_xdata()
+    np.testing.assert_allclose(
+        drawn["model under the measured torque"].get_ydata() / drawn["measured"].get_ydata(), 0.9
+    )
+    worst = np.abs(given.measured).max(axis=1).argmax() / given.rate_hz
+    assert t[0] <= worst <= t[-1]
+    np.testing.assert_allclose(lines_of(whole)["measured − model"].get_ydata(), 0.1 * given.measured[:, 0])
+    assert "88.0 % explained (99.5 %" in close.get_title(loc="left")
+    assert "2 to 60 Hz" in replay_title(given)
+
+
+def test_the_bars_of_a_mode_are_its_shape():
+    """A row a mode, a bar a coordinate, its height the real part."""
+    row = modes()
+    figure = mode_shapes(row, "c1", True)
+    assert len(figure.axes) == 2
+    for m, axes in enumerate(figure.axes):
+        np.testing.assert_allclose([bar.get_height() for bar in axes.patches], row.shapes[:, m].real)
+    assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == list(row.coordinates)
+
+
+def test_the_page_shows_replays_folds_modes_and_the_reason_of_the_cost(tmp_path):
+    """Each with its numbers; what moves in a mode is named, the furthest first."""
+    text = Page(write_report(full_content(), tmp_path, ()).read_text("utf-8")).text
+    for given in ("The cost is what the noise", "Replayed, the model explains 90 %", "Left out in turn, 0.5 dB"):
+        assert given in text
+    for given in ("no start led anywhere", "1.10", "joint 1 +1.00, joint 2 -0.75", "joint 2 +1.00, motor 2 +0.60"):
+        assert given in text
+    assert "9.125" in text
+    assert "0.012" in text
+
+
+def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
+    """Profile and bootstrap beside the interval; a dash where one was not asked for; the most telling configuration."""
+    n = len(PARAMETERS.free)
+    share = np.full((2, n), np.nan)
+    share[:, :2] = [[0.3, 0.9], [0.7, 0.1]]
+    profile = np.full((n, 2), np.nan)
+    profile[0] = 2.91e5, 3.17e5
+    result = replace(
+        fit_result(),
+        profile95=profile,
+        bootstrap95=np.tile([1.0, 2.0], (n, 1)),
+        configurations=("c1", "c2"),
+        share=share,
+        informing_hz=np.tile([12.0, 25.0], (n, 1)),
+        weakest=np.ones(n),
+    )
+    text = html(report_content(result=result), [])
+    assert "by profile" in text
+    assert "291000 … 317000" in text
+    table = text[text.index("What is known of each parameter") :]
+    table = table[: table.index("</table>")]
+    assert table.count("<tr><td>") == 2
+    assert '<td>k_1</td><td class="text">c2</td><td>70 %</td><td>12.0 … 25.0</td>' in table
+    assert "by profile" not in html(report_content(), [])
+
+
+def test_every_figure_of_a_full_report_is_drawn_once():
+    """Names are file names and so unique; each belongs to a section of the page."""
+    names = [drawing.name for drawing in drawings(full_content())]
+    assert len(set(names)) == len(names)
+    assert {"errors", "frf-c1-singular-values", "frf-c2-replay", "frf-c1-modes"} <= set(names)
+
+
+def test_figures_without_room_on_the_page_are_linked_to():
+    """The largest of single configurations first; others stay whatever they cost."""
+    figures = [
+        EmbeddedFigure("parameters", "parameters", "all", "x" * 900, "figures/parameters.png"),
+        EmbeddedFigure("a", "configuration c1", "first", "x" * 500, "figures/a.png"),
+        EmbeddedFigure("b", "configuration c1", "second", "x" * 100, "figures/b.png"),
+    ]
+    assert [bool(figure.png) for figure in within(figures, 1500)] == [True, True, True]
+    assert [bool(figure.png) for figure in within(figures, 1499)] == [True, False, True]
+    assert [bool(figure.png) for figure in within(figures, 10)] == [True, False, False]
+    page = Page(html(report_content(), within(figures, 1000)))
+    assert "figures/a.png" in page.addresses
+    assert "report.formats" in html(report_content(), [replace(figures[1], png="", file="")])
+
+
+def test_the_page_of_twenty_configurations_of_six_axes_stays_below_ten_megabytes(monkeypatch):
+    """200 lines of 36 elements each, with every curve, beside as many figures as have room."""
+    monkeypatch.setitem(globals(), "FREQ_HZ", np.arange(2.0, 102.0, 0.5))
+    frf = [pair(6, name=f"c{i}", seed=i) for i in range(20)]
+    data = explorer(frf, [], [0.01 * np.abs(G.G) for _, G in frf])
+    assert len(data.data) + sum(map(len, data.scripts)) + ROOM < 9.9e6
+
+
+def test_fewer_colors_are_the_same_picture():
+    """No pixel of a figure is further off than the eye can see, half of the bytes are gone."""
+    image = pytest.importorskip("PIL.Image")
+    png = rendered(frf_magnitude(*pair(3), "c1"), "png")
+    small = fewer_colors(png)
+    assert len(small) < 0.5 * len(png)
+    before, after = (np.asarray(image.open(io.BytesIO(data)).convert("RGB"), dtype=float) for data in (png, small))
+    assert np.sqrt(np.mean((before - after) ** 2)) < 3
 
 
 # In a real browser. Without background traffic: a page that opens offline must not wait for anything.
@@ -440,6 +656,15 @@ def test_the_browser_shows_one_panel_an_element_with_the_numbers_of_the_study(op
         assert numbers["model"] == pytest.approx(20 * np.log10(abs(modelled.G[line, i, j])), abs=0.011)
         error = abs(measured.G[line, i, j] - modelled.G[line, i, j])
         assert numbers["|measured − model|"] == pytest.approx(20 * np.log10(error), abs=0.011)
+
+
+def test_the_browser_shows_the_uncertainty_of_the_model(browser, tmp_path):
+    content = full_content()
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(write_report(content, tmp_path, []).as_uri())
+    _, frequency, numbers = hovered(page, 0, 0.4)
+    line = int(np.argmin(np.abs(FREQ_HZ - frequency)))
+    assert numbers["std of the model"] == pytest.approx(20 * np.log10(content.model_std[0][line, 0, 0]), abs=0.011)
 
 
 def test_the_browser_changes_configuration_quantity_and_element(opened):

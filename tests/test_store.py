@@ -34,7 +34,9 @@ from elastid.store import (
     write_responses,
     write_validation,
 )
+from elastid.validation.folds import Fold
 from elastid.validation.frequency import Agreement, Peak, Validation
+from elastid.validation.replay import Replay
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
 QUICK = settings(deadline=None, max_examples=15)
@@ -219,13 +221,49 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
         block = np.arange(2.0).reshape(2, 1)
         lags = np.full((3, 2, 1), np.nan)
         return Agreement(
-            name, name == "b", ("y1", "y2"), ("u",), block.astype(int), block, block, block, 0.95, lags, lags, peaks
+            name,
+            name == "b",
+            ("y1", "y2"),
+            ("u",),
+            block.astype(int),
+            block,
+            block,
+            block,
+            0.95,
+            lags,
+            lags,
+            block,
+            block,
+            peaks,
         )
 
     peaks = (Peak("y1", "u", "resonance", 10.0, math.nan),)
     validation = Validation((agreement("b", peaks), agreement("a", ())), "carries over")
     write_validation(tmp_path / "validation.h5", validation, STAMP)
     assert same(read_validation(tmp_path / "validation.h5"), validation)
+    fits, signals = np.array([[90.0], [np.nan]]), np.arange(3.0)[:, None]
+    replay = Replay(
+        "a",
+        ("r1", "r/2"),
+        ("y1",),
+        "velocity",
+        ("m/s",),
+        (1.0, 4.5),
+        fits,
+        fits,
+        fits,
+        "r/2",
+        10.0,
+        False,
+        signals,
+        -signals,
+    )
+    folds = (Fold("b", 1.5, 0.2, 3.0), Fold("a", math.nan, math.nan, math.nan, "no start led anywhere"))
+    more = dataclasses.replace(
+        validation, cost="is high", replays=(replay,), replayed="90 %", folds=folds, folded="does not hang on any"
+    )
+    write_validation(tmp_path / "more.h5", more, STAMP)
+    assert same(read_validation(tmp_path / "more.h5"), more)
 
 
 def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):

@@ -11,7 +11,7 @@ from elastid.errors import StudyError
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.frequency import agreement, validate
-from elastid.validation.noise import above_2sigma, autocorrelation, inside_expected
+from elastid.validation.noise import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality
 from elastid.validation.resonances import antiresonances, matched, resonances
 
 FREQ_HZ = np.arange(11.0, 251.0)
@@ -270,3 +270,31 @@ def test_responses_of_different_lines_or_elements_are_not_compared():
         agreement(response(G), response(G, freq_hz=FREQ_HZ + 1))
     with pytest.raises(ValueError, match="outputs differ"):
         agreement(response(G), response(G[:, :1]))
+
+
+@pytest.mark.parametrize("lines", [40, 300])
+def test_five_percent_of_normal_residuals_are_called_not_normal(lines):
+    """Whatever their level: 5 % of 3000 residuals, within 4 standard deviations; so the test can be believed."""
+    rng = np.random.default_rng(7)
+    statistic = normality(3.7 * circular(rng, (lines, 3000, 1)))
+    assert np.mean(statistic > NORMAL_BELOW) == pytest.approx(0.05, abs=4 * math.sqrt(0.05 * 0.95 / 3000))
+
+
+def test_a_few_lines_far_off_are_not_normal():
+    """Five per cent of the lines ten times as far off as the rest are found in every of 200 residuals."""
+    rng = np.random.default_rng(8)
+    e = circular(rng, (240, 200, 1))
+    e[::20] *= 10
+    assert np.all(normality(e) > NORMAL_BELOW)
+    assert np.isnan(normality(e[:7])).all()
+
+
+def test_normal_residuals_over_a_sigma_of_two_realisations_pass_for_normal():
+    """A smoothed sigma of one degree of freedom a line is allowed for: below 8 % of 300 residuals."""
+    rng = np.random.default_rng(9)
+    G = np.repeat(two_mass(FREQ_HZ, damping=0.05)[0], 150, axis=2)
+    std = 0.05 * np.abs(G)
+    measured = response(G + std * circular(rng, G.shape), std * np.sqrt(rng.gamma(1, 1, G.shape)), dof=1)
+    judged = agreement(measured, response(G))
+    assert judged.not_normal < 0.08
+    assert np.median(judged.rms_sigma) == pytest.approx(1, abs=0.1)

@@ -43,7 +43,8 @@ class LinearModel:
 
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
-    chain's elements.  Link side, SI.
+    chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
+    was eliminated.  Link side, SI.
     """
 
     configuration: Configuration
@@ -60,12 +61,15 @@ class LinearModel:
     quantity: Motion
     T: FloatArray | None = None
     chain: tuple[Element, ...] = ()
+    Z: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze the arrays and check shapes; without T no output is an accelerometer."""
         if self.T is None:
             object.__setattr__(self, "T", np.zeros(self.C.shape))
-        for name in ("theta_ref", "M", "D", "K", "B", "C", "T"):
+        if self.Z is None:
+            object.__setattr__(self, "Z", np.eye(self.M.shape[0]))
+        for name in ("theta_ref", "M", "D", "K", "B", "C", "T", "Z"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
         n = self.M.shape[0]
         expected = {"M": (n, n), "D": (n, n), "K": (n, n), "B": (n, len(self.inputs)), "C": (len(self.outputs), n)}

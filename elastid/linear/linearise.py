@@ -101,6 +101,7 @@ class Linearisation:
             quantity=quantity,
             chain=elements(model.robot.chain),
             T=model.gravity_jacobian(point.q, outputs) @ Z,
+            Z=Z,
         )
 
 

@@ -45,6 +45,12 @@ def modes(model: LinearModel, theta: FloatArray) -> Modes:
     return _modes(*model.matrices(theta), basis=np.eye(model.n), highest=np.inf)
 
 
+def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
+    """Shapes (n, n_m) of a model as they are in all coordinates of the robot (n_q, n_m), the largest entry 1."""
+    assert model.Z is not None  # set when it is made
+    return _normalised(model.Z @ shapes)
+
+
 def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: str) -> Modes:
     """Zeros of one element of the response, at theta (n_theta,); ValueError for a name that the model does not have.
 
@@ -70,11 +76,20 @@ def _modes(M: FloatArray, D: FloatArray, K: FloatArray, basis: FloatArray, highe
     swinging = np.flatnonzero(~real & (poles.imag > 0))
     swinging = swinging[np.argsort(np.abs(poles[swinging]))]
     found, shapes = poles[swinging], shapes[:, swinging]
-    shapes = shapes / np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0) if shapes.size else shapes
+    shapes = _normalised(shapes)
     decaying = poles[real].real
     return Modes(
         np.abs(found) / (2 * np.pi), -found.real / np.abs(found), shapes, decaying[np.argsort(np.abs(decaying))]
     )
+
+
+def _normalised(shapes: ComplexArray) -> ComplexArray:
+    """Each column with its largest entry 1."""
+    if not shapes.size:
+        return shapes
+    largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
+    normalised: ComplexArray = shapes / largest
+    return normalised
 
 
 def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray]:

@@ -59,6 +59,8 @@ def _text(content: ReportContent) -> Iterator[str]:
     yield from _wrapped(content.verdict)
     if content.result.message != content.verdict:
         yield from _wrapped(content.result.message)
+    for words in (content.validation.folded, content.validation.cost, content.validation.replayed):
+        yield from _wrapped(words) if words else ()
     yield ""
     rows = parameter_rows(content.result, content.truth)
     yield from _columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])

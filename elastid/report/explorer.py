@@ -41,13 +41,20 @@ class Explorer:
         return " ".join(f"'sha256-{digest}'" for digest in digests)
 
 
-def explorer(pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse]], left_out: Sequence[str]) -> Explorer:
-    """What the page needs to show the measured and modelled response of every configuration."""
+def explorer(
+    pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse]],
+    left_out: Sequence[str],
+    model_std: Sequence[FloatArray] = (),
+) -> Explorer:
+    """What the page needs to show the measured and modelled response of every configuration, and the model's std."""
     first = pairs[0][0]
     content = {
         "frequency_unit": "Hz" if first.rate_is_known else "of the sampling rate",
         "quantities": _quantities(first),
-        "responses": [_response(measured, modelled, left_out) for measured, modelled in pairs],
+        "responses": [
+            _response(measured, modelled, left_out, std)
+            for (measured, modelled), std in zip(pairs, model_std or (None,) * len(pairs), strict=True)
+        ],
     }
     assets = files("elastid") / "report"
     scripts = (
@@ -68,6 +75,8 @@ def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
         {"key": "noise", "label": "std of noise", "color": style.NOISE, "points": False, "width": 1, "dash": [6, 4]},
         {"key": "total", "label": "std of noise + nonlinear", "color": style.TOTAL, "points": False, "width": 1}
         | {"dash": [2, 3]},
+        {"key": "model", "label": "std of the model", "color": style.START, "points": False, "width": 1}
+        | {"dash": [8, 3, 2, 3]},
     ]
     phase = [one | {"key": f"{one['key']}_phase"} for one in (measured, fitted)]
     return {
@@ -89,7 +98,9 @@ def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
     }
 
 
-def _response(measured: FrequencyResponse, modelled: FrequencyResponse, left_out: Sequence[str]) -> Mapping[str, Any]:
+def _response(
+    measured: FrequencyResponse, modelled: FrequencyResponse, left_out: Sequence[str], model_std: FloatArray | None
+) -> Mapping[str, Any]:
     curves = {
         "measured": _packed(style.in_db(measured.G), DB_STEP),
         "fitted": _packed(style.in_db(modelled.G), DB_STEP),
@@ -100,6 +111,8 @@ def _response(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
         if covariance is not None:
             curves[name] = _packed(style.in_db(smoothed_std(measured, covariance)[0]), DB_STEP)
+    if model_std is not None:
+        curves["model"] = _packed(style.in_db(model_std), DB_STEP)
     return {
         "title": configuration_title(measured, measured.configuration.name in left_out),
         "inputs": list(measured.inputs),

@@ -17,9 +17,15 @@ from elastid.report.fit_figures import identifiability, multistart
 from elastid.report.forest import forest
 from elastid.report.frf_figures import configuration_title, frf_magnitude, frf_phase
 from elastid.report.limit_figures import peaks_against_limits, time_signals
+from elastid.report.mode_figures import mode_shapes
 from elastid.report.parameter_rows import parameter_rows
 from elastid.report.quality_figures import coherence, levels
+from elastid.report.singular_figures import singular_values
+from elastid.report.validation_figures import errors, replay_title, replayed
 from elastid.response import FrequencyResponse
+
+# Begins the section of a figure of one configuration.
+CONFIGURATION = "configuration "
 
 
 @dataclass(frozen=True)
@@ -37,21 +43,49 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     rows = parameter_rows(content.result, content.truth)
     if rows:
         yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
-    for name, (measured, modelled) in zip(_file_names(content), content.frf, strict=True):
+    judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
+    if any(np.isfinite(values).any() for values in judged):
+        caption = "How far the model is off, by configuration (down) and element (across); 1 sigma and less is noise."
+        yield Drawing("errors", "validation", caption, errors(content.validation))
+    modes = {row.configuration: row for row in content.modes if row.coordinates and len(row.frequency_hz)}
+    replays = {replay.configuration: replay for replay in content.validation.replays}
+    model_std = content.model_std or (None,) * len(content.frf)
+    for name, (measured, modelled), std in zip(_file_names(content), content.frf, model_std, strict=True):
         configuration = measured.configuration.name
         title = configuration_title(measured, configuration in {a.configuration for a in content.validation.left_out})
         yield Drawing(
             f"{name}-magnitude",
-            f"configuration {configuration}",
+            f"{CONFIGURATION}{configuration}",
             f"{configuration}: magnitude of the frequency responses, measured and modelled.",
-            frf_magnitude(measured, modelled, title),
+            frf_magnitude(measured, modelled, title, std),
         )
         yield Drawing(
             f"{name}-phase",
-            f"configuration {configuration}",
+            f"{CONFIGURATION}{configuration}",
             f"{configuration}: phase of the frequency responses, measured and modelled.",
             frf_phase(measured, modelled, title),
         )
+        yield Drawing(
+            f"{name}-singular-values",
+            f"{CONFIGURATION}{configuration}",
+            f"{configuration}: singular values of the response matrix, measured and modelled.",
+            singular_values(measured, modelled, title),
+        )
+        if configuration in replays:
+            yield Drawing(
+                f"{name}-replay",
+                f"{CONFIGURATION}{configuration}",
+                f"{configuration}: the record that fits worst, and the model under the torque that was measured; "
+                "right: where they are furthest apart.",
+                replayed(replays[configuration], replay_title(replays[configuration])),
+            )
+        if configuration in modes:
+            yield Drawing(
+                f"{name}-modes",
+                f"{CONFIGURATION}{configuration}",
+                f"{configuration}: who moves in each mode of the identified model, motors free.",
+                mode_shapes(modes[configuration], title, measured.rate_is_known),
+            )
         yield from _quality(name, measured, title)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         yield Drawing(
@@ -81,13 +115,13 @@ def _quality(name: str, measured: FrequencyResponse, title: str) -> Iterator[Dra
     configuration, quality = measured.configuration.name, measured.quality
     yield Drawing(
         f"{name}-levels",
-        f"configuration {configuration}",
+        f"{CONFIGURATION}{configuration}",
         f"{configuration}: the outputs, what nonlinearity adds to them, and noise.",
         levels(measured, quality, title),
     )
     yield Drawing(
         f"{name}-coherence",
-        f"configuration {configuration}",
+        f"{CONFIGURATION}{configuration}",
         f"{configuration}: what part of each output no input explains; singular values of responses and inputs.",
         coherence(measured, quality, title),
     )

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
-from elastid.arrays import BoolArray, FloatArray
+from elastid.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.report import style
 from elastid.response import FrequencyResponse
 from elastid.validation.noise import above_2sigma, smoothed_std
@@ -22,11 +22,14 @@ def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
     return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
 
 
-def frf_magnitude(measured: FrequencyResponse, modelled: FrequencyResponse, title: str) -> Figure:
+def frf_magnitude(
+    measured: FrequencyResponse, modelled: FrequencyResponse, title: str, std: FloatArray | None = None
+) -> Figure:
     """|G| in dB of every element (n_y rows, n_u columns) on one y range.
 
     Measured as points, grey below 2 sigma; the model as a line; the standard deviation of the noise dashed, that of
-    noise and nonlinear distortion together dotted; |Ghat - G| thin.
+    noise and nonlinear distortion together dotted; |Ghat - G| thin.  std (F, n_y, n_u): of the model, by what is not
+    known of its parameters: a level of its own, and 2 of it as a band about the model.
     """
     above = above_2sigma(measured)
     f = measured.freq_hz
@@ -40,8 +43,14 @@ def frf_magnitude(measured: FrequencyResponse, modelled: FrequencyResponse, titl
         if covariance is not None
     }
 
+    band = None if std is None else _band_db(modelled.G, std)
+    if std is not None:
+        levels["std of the model"] = (style.in_db(std), style.START, "-.")
+
     def draw(axes: Axes, i: int, j: int) -> None:
         _points(axes, f, Ghat_db[:, i, j], above[:, i, j])
+        if band is not None:
+            axes.fill_between(f, band[0][:, i, j], band[1][:, i, j], color=style.FITTED, alpha=0.25, lw=0)
         axes.plot(f, G_db[:, i, j], color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
         axes.plot(f, E_db[:, i, j], color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
         for label, (std_db, color, dashes) in levels.items():
@@ -52,6 +61,13 @@ def frf_magnitude(measured: FrequencyResponse, modelled: FrequencyResponse, titl
     style.db_ticks(corner, low, high, most=6 if len(measured.outputs) <= 3 else 4)
     figure.supylabel(f"|G| in dB re 1 {style.pretty_unit(measured.unit)}", fontsize=style.NORMAL, x=0.015)
     return figure
+
+
+def _band_db(G: ComplexArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """20 log10 of |G| -+ 2 std, not below a thousandth of |G|."""
+    magnitude = np.abs(G)
+    low = np.maximum(magnitude - 2 * std, 1e-3 * magnitude)
+    return style.in_db(low), style.in_db(magnitude + 2 * std)
 
 
 def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse, title: str) -> Figure:

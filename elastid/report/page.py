@@ -6,24 +6,30 @@ import base64
 import io
 import os
 import warnings
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
+from PIL import Image
 
 from elastid.report.booklet import booklet
 from elastid.report.content import ReportContent
 from elastid.report.explorer import explorer
-from elastid.report.figures import drawings
+from elastid.report.figures import CONFIGURATION, drawings
 from elastid.report.numbers import digits, number, percent
 from elastid.report.parameter_rows import parameter_rows
 
 Format: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
+# A figure on the page has so many colors: less than half of the bytes, and no eye sees it.
+COLORS = 256
+# Bytes for figures on the page; what does not fit is linked to, the largest first. With the data of 20 configurations
+# of a six-axis robot the page then stays below 10 MB.
+ROOM = 6_000_000
 # Without names and dates of the writing program the same content gives the same bytes.
 _METADATA: dict[Format, dict[str, None]] = {
     "png": {"Software": None},
@@ -33,12 +39,13 @@ _METADATA: dict[Format, dict[str, None]] = {
 
 @dataclass(frozen=True)
 class EmbeddedFigure:
-    """A figure as the page holds it: PNG in base64."""
+    """A figure as the page holds it: PNG in base64, or empty where there is but a file (or none) beside the page."""
 
     name: str
     section: str
     caption: str
     png: str
+    file: str = ""
 
 
 def write_report(content: ReportContent, folder: Path, formats: Collection[Format]) -> Path:
@@ -58,13 +65,34 @@ def write_report(content: ReportContent, folder: Path, formats: Collection[Forma
                 _write(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind))
             if "pdf" in formats:
                 add(drawing.figure)
-            text = base64.b64encode(png).decode("ascii")
-            embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text))
+            text = base64.b64encode(fewer_colors(png)).decode("ascii")
+            file = f"figures/{drawing.name}.{'png' if 'png' in formats else 'pdf'}" if formats else ""
+            embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file))
     if "pdf" in formats:
         _write(folder / "report.pdf", paper.getvalue())
     page = folder / "report.html"
-    _write(page, html(content, embedded).encode("utf-8"))
+    _write(page, html(content, within(embedded, ROOM)).encode("utf-8"))
     return page
+
+
+def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]:
+    """The figures with the largest of single configurations taken off the page until the rest has room (bytes)."""
+    too_much = sum(len(figure.png) for figure in figures) - room
+    dropped = set()
+    for figure in sorted(figures, key=lambda figure: -len(figure.png)):
+        if too_much > 0 and figure.section.startswith(CONFIGURATION):
+            dropped.add(figure.name)
+            too_much -= len(figure.png)
+    return [replace(figure, png="") if figure.name in dropped else figure for figure in figures]
+
+
+def fewer_colors(png: bytes) -> bytes:
+    """The same picture with a palette."""
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as image:
+        few = image.convert("RGB").quantize(COLORS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    few.save(buffer, "png", optimize=True)
+    return buffer.getvalue()
 
 
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
@@ -85,7 +113,9 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
         figures=figures,
-        explorer=explorer(content.frf, [a.configuration for a in content.validation.left_out]) if content.frf else None,
+        explorer=explorer(content.frf, [a.configuration for a in content.validation.left_out], content.model_std)
+        if content.frf
+        else None,
         rate_is_known=all(measured.rate_is_known for measured, _ in content.frf),
     )
 

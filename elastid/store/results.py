@@ -11,7 +11,9 @@ import numpy as np
 from elastid.fit.result import FitResult, Start
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.validation.folds import Fold
 from elastid.validation.frequency import Agreement, Peak, Validation
+from elastid.validation.replay import Replay
 
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
 
@@ -146,30 +148,45 @@ _ELEMENT_VARIABLES = {
     "rms_log_db": "rms of 20 log10 |measured / modelled|",
     "phase_rms_deg": "rms of the phase of measured / modelled",
     "inside_2sigma": "share of the lines within 2 standard deviations",
+    "rms_sigma": "rms of the residual over its standard deviation",
+    "normality": "Anderson-Darling statistic of the residual",
 }
 _ELEMENT_UNITS = {"rms_log_db": "dB", "phase_rms_deg": "deg"}
 _LAG_VARIABLES = {
     "autocorrelation": "autocorrelation of the normalised residual",
     "autocorrelation_bound": "what a white residual stays below with 95 % probability",
 }
+_VERDICTS = ("verdict", "cost", "replayed", "folded")
+_FOLD_NUMBERS = {"misfit": "mean |E|^2 / sigma^2", "rms_log_db": "dB rms", "phase_rms_deg": "degrees rms"}
 _PEAK_TEXTS, _PEAK_NUMBERS = ("output", "input", "kind"), ("measured_hz", "modelled_hz")
 
 
 def write_validation(path: Path, validation: Validation, stamp: Stamp = NO_STAMP) -> None:
-    """validation.h5: a group for each configuration, arrays by element (output, input)."""
+    """validation.h5: a group for each configuration, arrays by element (output, input), records replayed in it."""
     with created(path, "validation", stamp) as file:
-        file.attrs["verdict"] = validation.verdict
+        for name in _VERDICTS:
+            file.attrs[name] = getattr(validation, name)
         names = [agreement.configuration for agreement in validation.configurations]
         scale(file, "configuration", names, "configuration, in the order measured")
         for agreement in validation.configurations:
             _write_agreement(file.create_group(key(agreement.configuration)), agreement)
+        _write_folds(file, validation.folds)
+        for replay in validation.replays:
+            _write_replay(file[key(replay.configuration)].create_group("replay"), replay)
 
 
 def read_validation(path: Path) -> Validation:
     """The validation in validation.h5."""
     with opened(path, "validation") as file:
-        agreements = tuple(_read_agreement(file[key(name)], name) for name in texts(file, "configuration"))
-        return Validation(agreements, attributes(file)["verdict"])
+        names, known = texts(file, "configuration"), attributes(file)
+        return Validation(
+            configurations=tuple(_read_agreement(file[key(name)], name) for name in names),
+            replays=tuple(
+                _read_replay(file[key(name)]["replay"], name) for name in names if "replay" in file[key(name)]
+            ),
+            folds=_read_folds(file),
+            **{name: known[name] for name in _VERDICTS},
+        )
 
 
 def _write_agreement(group: Any, agreement: Agreement) -> None:
@@ -202,3 +219,56 @@ def _read_agreement(group: Any, name: str) -> Agreement:
         peaks=tuple(Peak(*row) for row in zip(*columns, strict=True)),
         **{field: group[field][:] for field in (*_ELEMENT_VARIABLES, *_LAG_VARIABLES)},
     )
+
+
+_REPLAY_VARIABLES = {
+    "fit_percent": ("100 (1 - rms error / rms motion)", "%"),
+    "reachable_percent": ("the same of a true model, by what does not repeat", "%"),
+    "error_rms": ("rms error", ""),
+}
+_REPLAY_SIGNALS = {
+    "measured": "motion within the band as measured",
+    "replayed": "and of the model under the same torque",
+}
+_REPLAY_ATTRIBUTES = ("quantity", "shown", "rate_hz", "rate_is_known")
+
+
+def _write_replay(group: Any, replay: Replay) -> None:
+    """One period of one record is kept, in single precision: it is there to be looked at."""
+    for name in _REPLAY_ATTRIBUTES:
+        group.attrs[name] = getattr(replay, name)
+    group.attrs["band_hz"] = replay.band_hz
+    record = scale(group, "record", replay.records, "record")
+    output = scale(group, "output", replay.outputs, "output")
+    variable(group, "units", replay.units, [output], "unit of each output")
+    for name, (what, unit) in _REPLAY_VARIABLES.items():
+        variable(group, name, getattr(replay, name), [record, output], what, unit)
+    unit = "s" if replay.rate_is_known else "1 / sampling rate"
+    time = scale(group, "time", np.arange(len(replay.measured)) / replay.rate_hz, "time", unit)
+    for name, what in _REPLAY_SIGNALS.items():
+        variable(group, name, getattr(replay, name).astype(np.float32), [time, output], what)
+
+
+def _read_replay(group: Any, name: str) -> Replay:
+    known = attributes(group)
+    return Replay(
+        configuration=name,
+        records=texts(group, "record"),
+        outputs=texts(group, "output"),
+        units=texts(group, "units"),
+        band_hz=tuple(known["band_hz"].tolist()),
+        **{field: known[field] for field in _REPLAY_ATTRIBUTES},
+        **{field: group[field][:] for field in (*_REPLAY_VARIABLES, *_REPLAY_SIGNALS)},
+    )
+
+
+def _write_folds(file: Any, folds: tuple[Fold, ...]) -> None:
+    axis = scale(file, "fold", [fold.configuration for fold in folds], "configuration left out of one more fit")
+    for name, what in _FOLD_NUMBERS.items():
+        variable(file, f"fold_{name}", np.array([getattr(fold, name) for fold in folds]), [axis], what)
+    variable(file, "fold_message", [fold.message for fold in folds], [axis], "why there is no fit without it")
+
+
+def _read_folds(file: Any) -> tuple[Fold, ...]:
+    columns = [texts(file, "fold"), *(file[f"fold_{name}"][:].tolist() for name in _FOLD_NUMBERS)]
+    return tuple(Fold(*row) for row in zip(*columns, texts(file, "fold_message"), strict=True))

@@ -18,11 +18,20 @@ import numpy as np
 from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen
 from elastid.errors import StudyError
 from elastid.response import FrequencyResponse
-from elastid.validation.noise import above_2sigma, autocorrelation, inside_expected, sigma_of
+from elastid.validation.folds import Fold, carries_over
+from elastid.validation.noise import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality, sigma_of
+from elastid.validation.replay import Replay
 from elastid.validation.resonances import PROMINENCE_DB, antiresonances, matched, resonances
 
-# A model that is this much worse on left-out configurations than on fitted ones does not carry over.
-CARRIES_OVER = 1.5
+_ARRAYS = (
+    "rms_log_db",
+    "phase_rms_deg",
+    "inside_2sigma",
+    "autocorrelation",
+    "autocorrelation_bound",
+    "rms_sigma",
+    "normality",
+)
 
 Kind: TypeAlias = Literal["resonance", "antiresonance"]
 FINDERS: dict[Kind, Callable[..., FloatArray]] = {"resonance": resonances, "antiresonance": antiresonances}
@@ -51,7 +60,9 @@ class Agreement:
     lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
     Ghat / G.  inside_2sigma: share of all lines with |E| <= 2 sigma; inside_expected: what a true model would have,
     given its degrees of freedom.  autocorrelation, autocorrelation_bound (3, n_y, n_u): of E / sigma at lags
-    of 1 to 3 lines, and what a white residual stays below with 95 % probability.  NaN where nothing can be said.
+    of 1 to 3 lines, and what a white residual stays below with 95 % probability.  rms_sigma: of E / sigma, 1 for a
+    true model.  normality: Anderson and Darling's statistic of E / sigma, below NORMAL_BELOW for 95 % of normal ones.
+    NaN where nothing can be said.
     """
 
     configuration: str
@@ -65,12 +76,14 @@ class Agreement:
     inside_expected: float
     autocorrelation: FloatArray
     autocorrelation_bound: FloatArray
+    rms_sigma: FloatArray
+    normality: FloatArray
     peaks: tuple[Peak, ...]
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
         object.__setattr__(self, "lines", frozen(self.lines, np.int64))
-        for name in ("rms_log_db", "phase_rms_deg", "inside_2sigma", "autocorrelation", "autocorrelation_bound"):
+        for name in _ARRAYS:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
@@ -90,11 +103,23 @@ class Agreement:
         return float(self.inside_2sigma[known].mean()) if known.any() else math.nan
 
     @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        known = np.isfinite(self.rms_sigma)
+        return float(np.sqrt(np.mean(self.rms_sigma[known] ** 2))) if known.any() else math.nan
+
+    @property
     def coloured(self) -> float:
         """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
         known = np.isfinite(self.autocorrelation)
         beyond = self.autocorrelation[known] > self.autocorrelation_bound[known]
         return float(beyond.mean()) if known.any() else math.nan
+
+    @property
+    def not_normal(self) -> float:
+        """Share of the elements whose residual is not normal: 0.05 where it is, NaN without an uncertainty."""
+        known = np.isfinite(self.normality)
+        return float((self.normality[known] > NORMAL_BELOW).mean()) if known.any() else math.nan
 
     @property
     def is_white(self) -> bool:
@@ -110,10 +135,20 @@ class Agreement:
 
 @dataclass(frozen=True)
 class Validation:
-    """The agreement of every configuration, in the order measured, and what it means in one sentence."""
+    """The agreement of every configuration, in the order measured, and what it means in one sentence.
+
+    cost: why the fit's cost is what it is, in words.  replays: of the records through the model, configuration by
+    configuration, as far as there are records; replayed: what they say in one sentence.  folds: cross-validation, where
+    asked for; folded: what it says.
+    """
 
     configurations: tuple[Agreement, ...]
     verdict: str
+    cost: str = ""
+    replays: tuple[Replay, ...] = ()
+    replayed: str = ""
+    folds: tuple[Fold, ...] = ()
+    folded: str = ""
 
     @property
     def fitted(self) -> tuple[Agreement, ...]:
@@ -169,6 +204,8 @@ def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
         inside_expected=inside_expected(dof),
         autocorrelation=r,
         autocorrelation_bound=bound,
+        rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
+        normality=normality(e, dof),
         peaks=_peaks(measured, modelled, sigma),
     )
 
@@ -226,7 +263,7 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     sentence = f"off by {db:.2g} dB and {deg:.2g} deg rms"
     if left_out:
         fitted_db, fitted_deg = _over(fitted)
-        carries = db <= CARRIES_OVER * fitted_db + 0.1
+        carries = carries_over(db, fitted_db)
         sentence = (
             f"On the left-out configurations ({', '.join(a.configuration for a in left_out)}) the model is {sentence}, "
             f"on the fitted ones by {fitted_db:.2g} dB and {fitted_deg:.2g} deg: "

@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import log_ndtr
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.variance import SUPPORT, smoothed
 from elastid.response import Covariance, FrequencyResponse
 
 LAGS = (1, 2, 3)
+# The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
+NORMAL_BELOW = 0.752
+# Fewer numbers tell nothing about the shape of their distribution.
+_ENOUGH = 16
 
 
 def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
@@ -61,3 +66,31 @@ def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
     r = np.stack([np.abs((e[:-lag].conj() * e[lag:]).sum(axis=0)) for lag in LAGS]) / total
     variance = np.stack([(power[:-lag] * power[lag:]).sum(axis=0) for lag in LAGS]) / total**2
     return r, np.sqrt(-math.log(0.05) * variance)
+
+
+def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:
+    r"""Anderson and Darling's statistic A*^2 (n_y, n_u) of the real and imaginary parts of a residual e (F, n_y, n_u).
+
+    .. math:: A^2 = -n - \frac1n \sum_{i=1}^n (2i - 1) [\ln \Phi(z_i) + \ln(1 - \Phi(z_{n+1-i}))],
+              \quad A^{*2} = A^2 (1 + 0.75 / n + 2.25 / n^2)
+
+    z: the n = 2 F numbers, less their mean, over their standard deviation, in order. Of normal residuals 5 % exceed
+    NORMAL_BELOW, whatever their variance; single lines that are far off, or a few, raise it most. Where sigma has but
+    `dof` degrees of freedom, |e|^2 becomes dof ln(1 + |e|^2 / dof) first, which is exponential as it would be for a
+    known one. NaN where fewer than eight lines have a residual that is not 0.
+    """
+    statistic = np.full(e.shape[1:], np.nan)
+    for i, j in np.ndindex(e.shape[1:]):
+        some = e[:, i, j][e[:, i, j] != 0]
+        if math.isfinite(dof) and dof > 0:
+            power = np.abs(some) ** 2 / np.mean(np.abs(some) ** 2)
+            some = some / np.abs(some) * np.sqrt(dof * np.log1p(power / dof))
+        z = np.concatenate([some.real, some.imag])
+        n = len(z)
+        if n < _ENOUGH:
+            continue
+        z = np.sort((z - z.mean()) / z.std(ddof=1))
+        weight = 2 * np.arange(1, n + 1) - 1
+        A2 = -n - np.mean(weight * (log_ndtr(z) + log_ndtr(-z[::-1])))
+        statistic[i, j] = A2 * (1 + 0.75 / n + 2.25 / n**2)
+    return statistic

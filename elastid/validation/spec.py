@@ -7,12 +7,19 @@ from elastid.section import section
 
 @section
 class ValidationSpec:
-    """left_out: configurations that the fit does not see, on which the model is then judged."""
+    """On what the model is judged.
+
+    left_out: configurations that the fit does not see.  folds: parts into which the other configurations are divided,
+    each left out of one more fit; 0 for none.
+    """
 
     left_out: tuple[str, ...] = ()
+    folds: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse a configuration that is named twice."""
+        """Refuse a configuration that is named twice, and one part, which leaves nothing to fit."""
+        if self.folds < 0 or self.folds == 1:
+            raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 for none")
         if len(set(self.left_out)) < len(self.left_out):
             raise ValueError(f"left_out names a configuration twice ({', '.join(self.left_out)})")
 
