@@ -11,7 +11,7 @@ one JSON object.
 
 Three-mass axis, 1000 data sets: 96.0 % of the intervals hold the truth (95.2 to 96.6 % by parameter), estimates scatter
 by 0.98 to 1.00 of the bound, intervals state 1.04 to 1.06 of it. Demo robot, 400 data sets: 95.4 %, scatter 0.93 to
-1.05, stated 1.03 to 1.05. Linkage arm, 100 data sets: 94.6 %, scatter 0.91 to 1.24 (d_2, whose interval holds it in
+1.05, stated 1.03 to 1.05. Linkage arm, 100 data sets: 94.6 %, scatter 0.91 to 1.24 (d_2; d_2 and d_b2 are held in
 89 %), stated 1.02 to 1.09.
 
 With a wrong model, where the disagreement of configurations counts (`fit/between.py`), without a floor and with one of
