@@ -6,22 +6,25 @@ Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask 
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from importlib.util import find_spec
 from multiprocessing import get_context, parent_process
 from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
-from typing import TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 from elastid.errors import ElastidError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 Progress: TypeAlias = Callable[[int, int], None]
+Submit: TypeAlias = Callable[[Item], Future[Value]]
 
 # Seconds for a Dask scheduler to answer.
 ANSWER_S = 10.0
@@ -37,7 +40,8 @@ def unordered(
 ) -> Iterator[tuple[int, Value]]:
     """(index, function(item)) as they finish; in this process for one job or one item.
 
-    function and items must pickle. On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
+    function and items must pickle; the function goes to each worker once. On KeyboardInterrupt the workers are ended at
+    once and what was yielded is kept.
     Raises ElastidError where a worker was killed.
     """
     progress(0, len(items))
@@ -47,8 +51,8 @@ def unordered(
             progress(index + 1, len(items))
         return
     address = _SCHEDULER.get()
-    with _on_cluster(address) if address else _processes(min(jobs, len(items))) as pool:
-        futures = {pool.submit(function, item): index for index, item in enumerate(items)}
+    with _on_cluster(address, function) if address else _processes(min(jobs, len(items)), function) as submit:
+        futures = {submit(item): index for index, item in enumerate(items)}
         for done, future in enumerate(as_completed(futures), start=1):
             yield futures[future], future.result()
             progress(done, len(items))
@@ -70,12 +74,14 @@ def on_dask(address: str) -> Iterator[None]:
 
 
 @contextmanager
-def _processes(count: int) -> Iterator[Executor]:
+def _processes(count: int, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
     """Processes of this machine, ended at once where anything goes wrong."""
+    # Pickled here, where an error of pickling is told as what it is.
+    work = pickle.dumps(function)
     # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
-    pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker)
+    pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker, initargs=(work,))
     try:
-        yield pool
+        yield lambda item: pool.submit(_work, item)
     except BrokenProcessPool as error:
         raise ElastidError("a worker process died, perhaps for lack of memory; try again with fewer --jobs") from error
     except BaseException:
@@ -87,7 +93,7 @@ def _processes(count: int) -> Iterator[Executor]:
 
 
 @contextmanager
-def _on_cluster(address: str) -> Iterator[Executor]:
+def _on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
     """The workers of a Dask cluster; ElastidError where none answers."""
     from distributed import Client
 
@@ -96,7 +102,8 @@ def _on_cluster(address: str) -> Iterator[Executor]:
     except OSError as error:
         raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
     try:
-        yield client.get_executor(pure=False)
+        there = client.scatter(function, broadcast=True, hash=False)
+        yield partial(client.get_executor(pure=False).submit, _applied, there)
     finally:
         client.close()
 
@@ -109,9 +116,22 @@ def ordered(
     return [results[index] for index in range(len(items))]
 
 
-def _start_worker() -> None:
+# What this process works out of one item after the other, where it is a worker.
+_FUNCTION: list[Callable[[Any], Any]] = []
+
+
+def _start_worker(work: bytes) -> None:
     signal(SIGINT, SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
+    _FUNCTION.append(pickle.loads(work))
+
+
+def _work(item: Any) -> Any:
+    return _FUNCTION[-1](item)
+
+
+def _applied(function: Callable[[Item], Value], item: Item) -> Value:
+    return function(item)
 
 
 def _end_with_parent() -> None:

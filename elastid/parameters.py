@@ -218,11 +218,16 @@ class ParameterSet:
 
     def _chain(self, configuration: str) -> _Chain:
         """How theta follows from the free parameters in a configuration."""
-        local = configuration if any(configuration in p.only for p in self.parameters) else ""
+        local = configuration if configuration in self._with_their_own else ""
         if local not in self._chains:
             standing = {p.stands_for: p for p in self.parameters if local in p.only}
             self._chains[local] = _chain([standing.get(name, self[name]) for name in self.names], self)
         return self._chains[local]
+
+    @cached_property
+    def _with_their_own(self) -> frozenset[str]:
+        """Configurations for which a parameter has a stand-in."""
+        return frozenset(name for p in self.parameters for name in p.only)
 
     @cached_property
     def _chains(self) -> dict[str, _Chain]:

@@ -62,14 +62,14 @@ def three_mass() -> Plant:
     return Plant("three-mass", robot, (Configuration("c1", (0.0,)),), np.arange(1, 40.01, 0.2), spec, "velocity")
 
 
-def of_study(path: Path, name: str) -> Plant:
+def of_study(path: Path, name: str, lines: int = 80) -> Plant:
     """The robot, configurations and unknowns of a study, weighed by the inverse of the noise alone."""
     study = load(path).study
     configurations = tuple(Configuration(key, angles) for key, angles in study.experiment.configurations.items())
     excitation = study.excitation
     low, high = excitation.band_hz if excitation is not None else (1.0, 60.0)
     spec = replace(study.fit, weights=WeightSpec(floor=0.0), criterion="complex")
-    return Plant(name, study.robot, configurations, np.linspace(low, high, 80), spec, model=study.model)
+    return Plant(name, study.robot, configurations, np.linspace(low, high, lines), spec, model=study.model)
 
 
 def demo() -> Plant:

@@ -1,11 +1,16 @@
 """How often does a fit with its default settings end at the global optimum, from starts that are far off?
 
     python scripts/study_convergence.py [--quick] [--runs 200] [--robot three-mass demo] [--study STUDY.yml]
-                                        [--seed 0] [--jobs 2] [--starts 20]
+                                        [--lines 80] [--seed 0] [--jobs 2] [--starts 20]
 
 Every run draws 2 % of noise and a robot whose numbers are wrong by up to a factor of 5 in each stiffness and 10 in each
 damping and friction, uniformly in the logarithm, and is fitted as `elastid fit` does. It hits where V is that of the
 optimum next to the truth, within a tenth of what one standard deviation costs. The last line is one JSON object.
+--lines: of a study, fewer make a run cheaper.
+
+Three-mass axis: 200 of 200 runs (the chance of a miss is below 1.5 % at 95 %), 52 % of its single starts. Linkage arm
+with 40 lines (--study configs/linkage_arm.yml --lines 40, seeds 0 and 1): 50 of 50 (below 6 %), all of its starts. Demo
+robot: 25 of 25 (below 11 %), all but a few of its starts.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -89,6 +94,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=200)
     parser.add_argument("--robot", nargs="*", default=list(ROBOTS), choices=list(ROBOTS))
     parser.add_argument("--study", type=Path, help="another robot: that of a study, in its configurations")
+    parser.add_argument("--lines", type=int, default=80, help="of the other robot")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--starts", type=int, default=20)
     parser.add_argument("--jobs", type=int, default=2)
@@ -96,7 +102,7 @@ def main() -> None:
     runs, jobs = (3, 1) if given.quick else (given.runs, given.jobs)
     plants = [ROBOTS[name]() for name in (["three-mass"] if given.quick else given.robot)]
     if given.study is not None:
-        plants = [of_study(given.study, given.study.stem)]
+        plants = [of_study(given.study, given.study.stem, given.lines)]
     results: dict[str, Any] = {}
     print(f"{'robot':<14}{'runs':>6}{'global optimum':>16}{'single starts':>15}{'s a fit':>10}")
     for plant in plants:

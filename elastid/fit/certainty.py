@@ -1,7 +1,7 @@
 r"""How sure the estimate is: measured noise, what the residuals say beyond it, and the model error that was declared.
 
 Around the optimum the estimate follows the data, dx = A^-1 sum_k g_k, with A = J^T J and g_k = J_k^T r_k the pull of
-line k. Its covariance is the larger of two estimates for each parameter, and a third on top:
+line k. Its covariance is the largest of several estimates for each parameter, and one on top:
 
 .. math:: \text{noise: } A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad
           \text{residuals: } \mathrm{var}\, x_i = \tau \tfrac{N}{N - n_x} \sum_k (A^{-1} g_k)_i^2, \qquad
@@ -13,12 +13,15 @@ line k. Its covariance is the larger of two estimates for each parameter, and a 
 - residuals: what is left over, noise or not. All that one frequency pulls, in all elements and configurations, counts
   as one pull: a wrong model errs in all of them together. tau >= 1 is the correlation length of the residuals over
   neighbouring lines.
+- configurations: where V is more than the noise explains the model is in error, and what the parameters absorb of it
+  differs from configuration to configuration. From three on, the variance is no smaller than their disagreement says
+  (`between`), conservative as it is.
 - floor: the study says that the model is off by alpha |G| anyway. Such an error is alike on neighbouring lines and in
   all configurations, so that it is counted as one random factor for each element and octave, with pull h_o. s <= 1
   holds it down to what V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
 
 Without a floor and with an exact model noise and residuals agree and 95 % intervals hold the truth 95 to 97 % of the
-time. A model error shows in the residuals unless the parameters absorb it; against that only the floor helps.
+time. What the parameters absorb alike in all configurations shows nowhere; against that only the floor helps.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.fit.between import between_configurations, is_in_error
 from elastid.fit.elastic import ElasticFit
 from elastid.fit.evidence import Evidence, correlation_length, evidence
 from elastid.fit.informed import Informed, informed
@@ -69,6 +73,8 @@ def certainty(
     noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
+    if is_in_error(sum(part.cost for part in parts), expected_cost, dof):
+        residuals = np.maximum(residuals, between_configurations(parts, R.T @ R))
     covariance = _larger(noise, residuals, A_inverse)
     covariance += _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse)
     covariance[unreached] = covariance[:, unreached] = np.nan

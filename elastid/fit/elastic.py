@@ -157,8 +157,7 @@ class ElasticFit:
 
     def _chain(self, part: Part, x: FloatArray) -> FloatArray:
         """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
-        moved = [self.parameters.index(name) for name in part.kernel.wanted]
-        return self.parameters.jacobian(x, part.configuration)[moved]
+        return self.parameters.jacobian(x, part.configuration)[part.kernel.places]
 
     @property
     def prior_slopes(self) -> FloatArray:

@@ -12,8 +12,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
@@ -38,12 +40,39 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """One block of lines: G (F, n_e) of the elements, and columns c W^T E_b X (F, n_e, n_b), s = j omega (F,)."""
+    """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
+
+    of_outputs (F, n_y, n_1), of_inputs (F, n_u, n_1): W^T y and c y^T X of the bases of rank one.  whole (F, n_e, n_2):
+    the columns of all others.  outputs, inputs (n_e,): output and input of each element.
+    """
 
     block: slice
     s: ComplexArray
     G: ComplexArray
-    columns: ComplexArray
+    of_outputs: ComplexArray
+    of_inputs: ComplexArray
+    whole: ComplexArray
+    outputs: IntArray
+    inputs: IntArray
+
+    def columns(
+        self, scale: FloatArray, precision: type[np.floating[Any]]
+    ) -> npt.NDArray[np.complexfloating[Any, Any]]:
+        """Columns (F, n_e, n_b), each times its scale (n_b,)."""
+        F, _, n_1 = self.of_outputs.shape
+        found = np.empty((F, len(self.outputs), n_1 + self.whole.shape[2]), np.result_type(precision, np.complex64))
+        left, right = (self.of_outputs * scale[:n_1]).astype(found.dtype), self.of_inputs.astype(found.dtype)
+        np.multiply(left.take(self.outputs, axis=1), right.take(self.inputs, axis=1), out=found[:, :, :n_1])
+        np.multiply(self.whole, scale[n_1:], out=found[:, :, n_1:], casting="same_kind")
+        return found
+
+    def pull(self, weight: ComplexArray) -> ComplexArray:
+        """sum_e weight_e U_eb (F, n_b) of the columns U, weight (F, n_e)."""
+        F, n_y, _ = self.of_outputs.shape
+        spread = np.zeros((F, n_y, self.of_inputs.shape[1]), complex)
+        spread[:, self.outputs, self.inputs] = weight
+        simple = np.sum(self.of_outputs * (spread @ self.of_inputs), axis=1)
+        return np.concatenate([simple, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +83,7 @@ class Columns:
 
     def size(self, theta: FloatArray) -> FloatArray:
         """|theta| (P,) of the wanted parameters, 1 where one is zero."""
-        here = np.abs([theta[self.kernel.model.parameters.index(name)] for name in self.kernel.wanted])
+        here = np.abs(theta[self.kernel.places])
         return np.where(here > 0, here, 1.0)
 
     @cached_property
@@ -113,23 +142,20 @@ class Columns:
         places, n_u = self.kernel.output_columns, self.kernel.model.B.shape[1]
         for block, s, X, gain, response in self.kernel.solutions(theta):
             F, n, m = X.shape
-            right = X[:, :, :n_u]
             G = response[:, rows, columns]
-            found = np.empty((F, len(rows), n_b + len(self.kernel.factors)), complex)
             XT = np.ascontiguousarray(X.transpose(0, 2, 1)).reshape(F * m, n)
-            if n_1:
-                YX = (XT @ y).reshape(F, m, n_1)
-                driven = (gain[:, None, None] * YX[:, :n_u]).take(columns, axis=1)
-                np.multiply(YX.take(places[rows], axis=1), driven, out=found[:, :, :n_1])
+            YX = (XT @ y).reshape(F, m, n_1)
+            whole = np.empty((F, len(rows), n_b - n_1 + len(self.kernel.factors)), complex)
             if n_b > n_1:
                 n_2 = n_b - n_1
                 EX = (XT @ wide).reshape(F, m * n_2, n)
-                full = (EX @ (gain[:, None, None] * right)).reshape(F, -1)
+                full = (EX @ (gain[:, None, None] * X[:, :, :n_u])).reshape(F, -1)
                 place = (places[rows][:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]
-                found[:, :, n_1:n_b] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
-            for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_b):
-                found[:, :, i] = -slope[:, None] * G
-            yield Sensitivity(block, s, G, found)
+                whole[:, :, :n_2] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
+            for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_b - n_1):
+                whole[:, :, i] = -slope[:, None] * G
+            of_inputs = gain[:, None, None] * YX[:, :n_u]
+            yield Sensitivity(block, s, G, YX[:, places], of_inputs, whole, rows, columns)
 
 
 def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:

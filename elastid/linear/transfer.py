@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.linear.condensed import Leaves
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
@@ -108,7 +109,12 @@ class Kernel:
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
         return G, dG
 
-    @property
+    @cached_property
+    def places(self) -> IntArray:
+        """Where in theta the wanted parameters are (P,)."""
+        return np.array([self.model.parameters.index(name) for name in self.wanted], np.int64)
+
+    @cached_property
     def factors(self) -> tuple[str, ...]:
         """The wanted parameters that do not move Z but multiply the response: the delay, elements of the chain."""
         known = (DELAY, *(element.name for element in self.model.chain))
@@ -150,18 +156,19 @@ class Kernel:
 
     def _solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray]]:
         """Block by block: the lines, s = j omega (F,), and X = Z^-1 [B, extra] (F, n, n_u + n_extra)."""
-        n = self.model.n
         M, D, K = self._matrices(theta)
-        # Z of all lines in one real product: [1, omega, -omega^2] times K and M (real parts) and D (imaginary part).
-        parts = np.zeros((3, n, n, 2))
-        parts[0, :, :, 0], parts[1, :, :, 1], parts[2, :, :, 0] = K, D, M
-        right = self._right_sides[0].astype(complex)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
-            Z = np.stack([np.ones_like(omega), omega, -(omega**2)], axis=1) @ parts.reshape(3, -1)
             s: ComplexArray = (1j * omega).astype(complex)
-            yield block, s, np.linalg.solve(Z.view(complex).reshape(-1, n, n), right)
+            yield block, s, self._leaves.solve(M, D, K, omega, self._right_sides[0])
+
+    @cached_property
+    def _leaves(self) -> Leaves:
+        """Coordinates condensed before the others are solved for, whatever theta."""
+        n = self.model.n
+        matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
+        return Leaves.of(np.any(matrices != 0, axis=0))
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
