@@ -20,6 +20,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.frequency import agreement
+
+if TYPE_CHECKING:
+    from elastid.validation.search import Trial
 
 
 @dataclass(frozen=True)
@@ -109,11 +113,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict."""
+    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict.
+
+    trials: of the search that met these models, in its order; none where they were given.
+    """
 
     configurations: tuple[str, ...]
     rows: tuple[Row, ...]
     verdict: str
+    trials: tuple[Trial, ...] = ()
 
 
 def folds(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
