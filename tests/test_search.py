@@ -168,9 +168,12 @@ def test_models_without_a_fit_do_not_lead_the_search() -> None:
 
 
 def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
-    """Nothing to judge by, nothing to search among."""
+    """Nothing to judge by, nothing to identify where the search begins, nothing to search among."""
     run = measured(study, load(study).study.robot, "experiment.configurations={a: [0, 0.2]}")
     with pytest.raises(StudyError, match="there is one only; measure in further ones"):
+        search_elasticity(run)
+    run = measured(study, load(study).study.robot, "fit.parameters={k_1x: {}, d_2x: {}}", folder="further")
+    with pytest.raises(StudyError, match=r"search: driven joints alone: fit\.parameters names only what .*k_1x, d_2x"):
         search_elasticity(run)
     lines = ROBOT.splitlines(keepends=True)
     (study.parent / "robot.yml").write_text("".join(line for line in lines if "x, axis: x" not in line))

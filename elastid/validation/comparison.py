@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from elastid.arrays import FloatArray, frozen
-from elastid.errors import ElastidError
+from elastid.errors import ElastidError, StudyError
 from elastid.fit.identify import identify, predict
 from elastid.fit.spec import FitSpec, MaskSpec
 from elastid.fit.weights import weigh
@@ -161,13 +161,22 @@ def ranked(configurations: Sequence[str], variants: Sequence[Variant], refits: S
 
 
 def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
-    """A study's fit without the parameters that its own robot has and a variant has not."""
+    """A study's fit without the parameters that its own robot has and a variant has not.
+
+    StudyError where it names no others: without any it would be another fit, that of every stiffness.
+    """
     there, known = robot.parameters(), own.parameters()
 
     def gone(key: str) -> bool:
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
 
-    return replace(spec, parameters={key: wish for key, wish in spec.parameters.items() if not gone(key)})
+    kept = {key: wish for key, wish in spec.parameters.items() if not gone(key)}
+    if spec.parameters and not kept:
+        raise StudyError(
+            f"fit.parameters names only what this model does not have ({', '.join(spec.parameters)}); name further "
+            "ones, such as the stiffnesses of the gears"
+        )
+    return replace(spec, parameters=kept)
 
 
 def _divided(
