@@ -148,7 +148,12 @@ def demo(**options: Any) -> None:
 
 @cli.command()
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
-@click.option("--template", type=click.Choice(["serial", "recorded", "responses"]), default="serial", show_default=True)
+@click.option(
+    "--template",
+    type=click.Choice(["serial", "parallel-linkage", "recorded", "responses"]),
+    default="serial",
+    show_default=True,
+)
 def new(folder: Path, template: str) -> None:
     """Write a study to edit, its robot and the schema for editors into a new folder."""
     from elastid import scaffold

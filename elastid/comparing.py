@@ -18,6 +18,8 @@ from elastid import stages
 from elastid.errors import StudyError
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
+from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen
+from elastid.model.spec import Variant as ModelVariant
 from elastid.parallel import unordered
 from elastid.report.numbers import number
 from elastid.response import FrequencyResponse
@@ -26,7 +28,7 @@ from elastid.run import Run
 from elastid.store import read_responses
 from elastid.store.comparison import read_refit, write_comparison, write_refit
 from elastid.study import LoadedStudy, Study, load
-from elastid.validation.comparison import Comparison, Refit, Task, Variant, folds, for_robot, ranked, refit
+from elastid.validation.comparison import Comparison, Refit, Task, Variant, folds, for_robot, held, ranked, refit
 from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
@@ -94,7 +96,10 @@ def comparison_table(comparison: Comparison) -> list[list[str]]:
 
 
 def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
-    """What can be left out, and springs on the other side of coupled gears; nothing of its own beside other studies."""
+    """What can be left out, other equations of loops, and springs on the other side of coupled gears.
+
+    Nothing beside other studies.
+    """
     if has_others:
         return ()
     robot = study.robot
@@ -107,7 +112,31 @@ def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
         for side, n in (("before", len(robot.gears)), ("after", len(robot.gears)))
         if sides and sides != {side}
     ]
-    return (*coupling, *moved, *rigid)
+    return (*_of_loops(study), *coupling, *moved, *rigid)
+
+
+def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
+    """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
+    robot, own = study.robot, study.model
+    if not robot.loops:
+        return ()
+    rods = [loop.rod for loop in robot.loops if loop.rod is not None]
+    stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
+    reasons: dict[ModelVariant, bool] = {
+        "rigid_loop": stretches or bends,
+        "constant_stiffness": stretches,
+        "series_stiffness": stretches,
+        "bending_outside": bends,
+        "lumped_rod": any(rod.mass > 0 or rod.inertia > 0 for rod in rods),
+    }
+    exact = "constrained" if own.formulation == "minimal" and own.variant == "exact" else "minimal"
+    other = VariantSpec(f"exact, {exact}", set=(f"model={{formulation: {exact}}}",))
+    approximate = (
+        VariantSpec(name.replace("_", " "), set=(f"model={{formulation: minimal, variant: {name}}}",))
+        for name, reason in reasons.items()
+        if reason and name != own.variant
+    )
+    return (other, *approximate)
 
 
 def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
@@ -117,6 +146,8 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
     robot = study.robot if spec.motor_coupling else without_motor_coupling(study.robot)
     robot = stiffened(robot, spec.rigid)
     fit = for_robot(_weighed_as(own, study), robot, study.robot)
+    if study.model != own.model:
+        fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
     return Variant(spec.name, robot, fit, study.model)
 

@@ -19,7 +19,7 @@ from elastid.response import FrequencyResponse
 from elastid.store import kind_of, read_responses
 from elastid.study import Study
 
-# Angles that differ by more, in rad, are another configuration.
+# Angles that differ by more, in rad (positions in m), are another configuration.
 _SAME_ANGLE = 1e-3
 
 
@@ -59,9 +59,10 @@ def _of_another_run(
     response = found[name]
     angles = response.configuration.angles
     if angles.shape != configuration.angles.shape or np.any(np.abs(angles - configuration.angles) > _SAME_ANGLE):
+        units = ", ".join(dict.fromkeys(joint.unit for joint in study.robot.driven))
         raise StudyError(
-            f"{path}: {name} was measured at {angles.tolist()} rad, the study's {configuration.name} is at "
-            f"{configuration.angles.tolist()} rad; correct experiment.configurations"
+            f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
+            f"{configuration.angles.tolist()}; correct experiment.configurations"
         )
     for place in (*response.inputs, *response.outputs):
         study.robot.check_location(place)

@@ -6,9 +6,10 @@ from collections.abc import Collection, Iterator, Sequence
 
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.spec import CarrierSpec, ExperimentSpec
 from elastid.fit.choose import choose
 from elastid.parameters import Parameter
+from elastid.robot import Robot
 from elastid.study import Study
 
 
@@ -94,11 +95,11 @@ def _experiments(study: Study) -> Iterator[str]:
     factors = (f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment"))
     yield f"{_plural(Q * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
-        yield from _run(experiment, excitation, Q * M * E)
+        yield from _run(study.robot, experiment, excitation, Q * M * E)
         yield from _signal(study, excitation)
 
 
-def _run(experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> Iterator[str]:
+def _run(robot: Robot, experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> Iterator[str]:
     periods = experiment.periods + experiment.transient_periods
     duration = periods * excitation.period + 2 * (experiment.ramp + experiment.hold)
     yield (
@@ -109,8 +110,16 @@ def _run(experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> It
     if carrier is None:
         yield "  the robot rests in each configuration: where friction sticks, it looks like stiffness"
     else:
-        speed = f"amplitude {carrier.amplitude:.3g} rad" if carrier.amplitude else f"velocity {carrier.velocity} rad/s"
-        yield f"  carrier: {carrier.kind}, {speed}"
+        yield f"  carrier: {carrier.kind}, {_speed(carrier, robot)}"
+
+
+def _speed(carrier: CarrierSpec, robot: Robot) -> str:
+    """How far or how fast each joint goes, with its unit; said once where all do alike."""
+    sine, n_u = carrier.kind == "sine", len(robot.driven)
+    values = carrier.amplitudes(n_u) if sine else carrier.velocities(n_u)
+    each = [f"{v:.3g} {joint.unit}{'' if sine else '/s'}" for v, joint in zip(values, robot.driven, strict=True)]
+    said = each[:1] if len(set(each)) == 1 else each
+    return f"{'amplitude' if sine else 'velocity'} {', '.join(said)}"
 
 
 def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:

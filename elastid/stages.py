@@ -106,7 +106,7 @@ def design(run: Run) -> None:
     folder = run.folder / "references"
     shutil.rmtree(folder, ignore_errors=True)
     for movement in movements:
-        write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs)
+        write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:
         write_torque(folder / f"{experiment.name}.csv", plan, experiment)
     write_plan(run.path("design"), plan, run.stamps["design"], movements, peaks, forecast, design.nearest)

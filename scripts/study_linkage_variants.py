@@ -8,6 +8,10 @@ the exact model; what that makes of them is printed. Bending: the lower arm bend
 frequency response, 5 to 30 Hz, for loops that ignore the bending and for a lower arm that does not bend, on the
 parallelogram and on a four-bar with a longer crank. --figure: the errors over the angle as a picture.  The last line
 is one JSON object with the numbers of the tables.
+
+What a loop that ignores bending misses is that the upper arm turns as the lower one bends, which it does not in a
+parallelogram: 1.9 to 3.0 % there, by posture; 4 to 12 % on the four-bar, and 24 % at one posture 0.8 rad off square
+(crank of 310 and rod of 880 mm: 1.6 to 4 %, and 12 %).
 """
 
 import argparse

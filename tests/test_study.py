@@ -40,7 +40,11 @@ def test_a_good_study_is_read_in_si(tiny: Path) -> None:
     assert study.validation.left_out == ()
 
 
-@pytest.mark.parametrize("path", sorted([*CONFIGS.glob("*.yml"), TEMPLATES / "serial" / "study.yml"]), ids=str)
+@pytest.mark.parametrize(
+    "path",
+    sorted([*CONFIGS.glob("*.yml"), *(TEMPLATES / name / "study.yml" for name in ("serial", "parallel-linkage"))]),
+    ids=str,
+)
 def test_every_shipped_study_loads(path: Path) -> None:
     """What we ship is read without error, where its data are there."""
     try:

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 from elastid.excitation.grids import Grid
 from elastid.excitation.phases import Orthogonal
 from elastid.section import section
-from elastid.units import Frequency, Time, Torque
+from elastid.units import Frequency, JointTorque, Time
 
 # A day at 1 kHz; whatever is longer is a slip of the pen.
 MOST_SAMPLES = 1e8
@@ -15,7 +15,7 @@ MOST_SAMPLES = 1e8
 LEAST = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
-AskedTorque: TypeAlias = Torque | tuple[Torque, ...] | Literal["limits"]
+AskedTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
 Effort: TypeAlias = Literal["normal", "high"]
 
 _NEW_IN_EVERY_REALISATION = ("random", "optimised")
@@ -34,8 +34,9 @@ class MultisineSpec:
     nonlinearities show there), `quasi-log` and `odd-quasi-log` (each about `ratio` times the last), or `lines`: those
     listed under lines.
 
-    torque_rms: link-side, one number for all motors or one for each, lowered where a limit of the robot is in the way;
-    or `limits`: as much as each motor may have.  margin: part of every limit that stays free.
+    torque_rms: link-side, one number for all motors or one for each, in N where a joint slides, lowered where a limit
+    of the robot is in the way; or `limits`: as much as each motor may have.  margin: part of every limit that stays
+    free.
     flat: what has, closed loop and nominal robot, the same amplitude at all lines: the injected `torque`, the motor's
     `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), the `precision` of
     its response under the noise of the simulated rig, or the `information` that a little more power would bring about

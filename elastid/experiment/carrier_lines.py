@@ -9,7 +9,7 @@ from elastid.experiment.spec import CarrierSpec
 
 
 def refusal(carrier: CarrierSpec, lines: IntArray, spacing_hz: float, n_u: int) -> str:
-    """A sentence where a periodic carrier is not below all analysed lines, or has velocities for other than n_u motors.
+    """A sentence where a periodic carrier is not below all analysed lines, or moves other than n_u motors.
 
     An empty text where nothing is wrong.  lines: excited and left free for detection.  spacing_hz: 1 / period.
     """
@@ -21,7 +21,8 @@ def refusal(carrier: CarrierSpec, lines: IntArray, spacing_hz: float, n_u: int) 
             + (f"take at most {lowest - 1} cycles, or raise" if lowest > 1 else "raise")
             + " excitation.band_hz"
         )
-    given = np.size(0.0 if carrier.velocity is None else carrier.velocity)
-    if given not in (1, n_u):
-        return f"{given} velocities for {n_u} motors; give one for all or one for each"
+    for what, values in (("velocities", carrier.velocity), ("amplitudes", carrier.amplitude)):
+        given = np.size(0.0 if values is None else values)
+        if given not in (1, n_u):
+            return f"{given} {what} for {n_u} motors; give one for all or one for each"
     return ""

@@ -37,11 +37,11 @@ class Candidates:
         return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
 
 
-def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float = 0.0) -> Candidates:
+def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
     """The admissible candidates of a study; the same seed draws the same.
 
-    swing: rad that each joint moves to either side.  StudyError for a wrong number of angles or a body that is not
-    there, and where no candidate is left, with what stands in the way.
+    swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
+    or a body that is not there, for a slide without limits, and where no candidate is left, with what is in the way.
     """
     low, high = _range(robot, swing)
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
@@ -65,15 +65,23 @@ def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float = 0.0)
     return Candidates(kept, refused)
 
 
-def _range(robot: Robot, swing: float) -> tuple[FloatArray, FloatArray]:
+def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
     limits = np.array([joint.limits.angle for joint in robot.driven])
+    endless = [j.name for j, one in zip(robot.driven, limits, strict=True) if j.slides and not np.isfinite(one).all()]
+    if endless:
+        raise StudyError(
+            f"design.candidates: joint {endless[0]} slides and has no limits.angle to draw its position from; give "
+            "both ends of its way in the robot's file"
+        )
+    each = np.broadcast_to(swing, len(limits))
     low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
     high = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - swing, math.pi)
-    for joint, a, b in zip(robot.driven, low, high, strict=True):
+    for joint, by, a, b in zip(robot.driven, each.tolist(), low, high, strict=True):
         if a > b:
             raise StudyError(
-                f"design.candidates: {swing:g} rad of carrier and margin to either side leave joint {joint.name} no "
-                f"room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] rad; lower the "
+                f"design.candidates: {by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
+                f"no room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}; lower "
+                "the "
                 "carrier's amplitude or design.candidates.margin"
             )
     return low, high
@@ -149,16 +157,19 @@ def _singular(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> BoolArra
 
 
 def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
-    """Inverse condition number (Q,) of the tool's Jacobian, 0 in a singular posture, for angles (Q, n_u).
+    """Inverse condition number (Q,) of the tool's Jacobian, 0 in a singular posture, for angles (Q, n_u), rad or m.
 
     Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
     direction in which the tool can never move (out of the plane of a planar arm) does not count.
     """
     typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (TYPICAL, angles.shape[1]))
+    slides = np.array([joint.slides for joint in robot.driven])
+    typical[:, slides] = angles[np.arange(TYPICAL) % len(angles)][:, slides]
     reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
 
     def values(q: FloatArray) -> FloatArray:
-        J = tool_jacobian(robot, q)
+        # A metre of a slide counts as much as the reach about a joint that turns.
+        J = tool_jacobian(robot, q) * np.where(slides, reach, 1.0)
         J = J[:, :3] if q.shape[1] <= 3 else np.concatenate([J[:, :3], reach * J[:, 3:]], axis=1)
         s = np.linalg.svd(J, compute_uv=False)
         relative: FloatArray = s / np.maximum(s[:, :1], 1e-300)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from elastid.robot import Vector3
 from elastid.section import section
-from elastid.units import Angle, Length, Time
+from elastid.units import JointPosition, Length, Time
 
 
 @section
@@ -29,20 +29,21 @@ class CandidateSpec:
     """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name.
 
     random: how many to draw, uniformly within the joints' limits.  grid: points per driven joint, one number for all or
-    one for each, from limit to limit.  given: name to angles.  A joint without limits turns within +-180 deg; a
-    simulated carrier keeps its swing within the limits.  margin: further distance that drawn and grid candidates keep
-    from the limits, room for the multisine.
+    one for each, from limit to limit.  given: name to angles.  A joint that turns without limits does so within
+    +-180 deg, one that slides must have them; a simulated carrier keeps its swing within the limits.  margin: further
+    distance that drawn and grid candidates keep from the limits, room for the multisine; in m where a joint slides.
 
-    singular: refused where the tool's Jacobian (of the last body's centre of mass) has an inverse condition number
-    below this; 0 for none.  floor: height in the base frame, along gravity, that nothing may reach.  boxes: to stay
-    out of.  points: further points of bodies (body name to points in its axes) that count, beside joints and centres
-    of mass and the straight lines between them.  clearance: distance that these keep from floor and boxes.
+    singular: refused where the tool's Jacobian (of the frame `tool`, else of the last body's centre of mass) has an
+    inverse condition number below this; 0 for none.  floor: height in the base frame, along gravity, that nothing may
+    reach.  boxes: to stay out of.  points: further points of bodies (body name to points in its axes) that count,
+    beside joints, centres of mass and frames, and the straight lines between them.  clearance: distance that these keep
+    from floor and boxes.
     """
 
     random: int | None = None
     grid: int | tuple[int, ...] | None = None
-    given: dict[str, tuple[Angle, ...]] = field(default_factory=dict)
-    margin: Angle = 0.05
+    given: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
+    margin: JointPosition = 0.05
     singular: float = 0.02
     floor: Length | None = None
     boxes: tuple[BoxSpec, ...] = ()

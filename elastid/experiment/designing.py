@@ -27,6 +27,7 @@ from elastid.experiment.shaping import best_spectra
 from elastid.experiment.simulated import true_robot
 from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
 from elastid.experiment.sticking import sticking
+from elastid.experiment.stiffening import stiffening_words
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
@@ -108,9 +109,7 @@ class Brief:
         probe = _probe(self, self.experiment)
         for _ in range(FRICTION_ROUNDS):
             x = brief.parameters.x
-            prospects = [_prospect(brief, probe, q) for q in range(len(probe.configurations))]
-            each = zip(prospects, probe.configurations, strict=True)
-            d = np.mean([prospect.equivalent_damping(c, x) for prospect, c in each], axis=0)
+            d = np.mean(_damping(brief, probe, x), axis=0)
             if not d.any():
                 return self
             brief = self._with_damping(d)
@@ -183,6 +182,7 @@ def designed(brief: Brief, jobs: int = 1, progress: Progress = silent) -> Design
     simulated = brief.simulated
     stuck = sticking(plan, true_robot(robot, simulated.truth), simulated.carrier)
     told = replace(told, notes=(*stuck, *told.notes, *_by_neighbours(plan)))
+    told = replace(told, notes=(*told.notes, *_stiffened(brief, plan)))
     nearest = nearest_run(plan, peaks, experiment, robot, brief.seed)
     return Design(plan, told if choice is None else replace(told, choice=choice.said), peaks, nearest)
 
@@ -249,6 +249,22 @@ def _probe(brief: Brief, experiment: ExperimentSpec, realisations: int = PROBED)
     return _planned(brief, experiment, some)
 
 
+def _damping(brief: Brief, probe: Plan, x: FloatArray) -> list[FloatArray]:
+    """What Coulomb friction adds (n_u,) in each configuration of a plan, but for candidates without equilibrium."""
+    given, found = brief.experiment.configurations, []
+    refused: StudyError | DataError | None = None
+    for q, configuration in enumerate(probe.configurations):
+        try:
+            found.append(_prospect(brief, probe, q).equivalent_damping(configuration, x))
+        except (StudyError, DataError) as error:
+            if configuration.name in given:
+                raise
+            refused = error
+    if refused is not None and not found:
+        raise refused
+    return found
+
+
 def _planned(brief: Brief, experiment: ExperimentSpec, chosen: Sequence[Chosen] = ()) -> Plan:
     """A plan in which all configurations have the typical spectrum, where there is one."""
     spectra = {}
@@ -267,6 +283,13 @@ def _expected(brief: Brief, plan: Plan) -> list[Expected]:
         for q, (configuration, realisations) in each
         if configuration.name not in brief.left_out
     ]
+
+
+def _stiffened(brief: Brief, plan: Plan) -> tuple[str, ...]:
+    """A word for each spring that is not at this amplitude what it is at rest."""
+    fitted = [q for q, one in enumerate(plan.configurations) if one.name not in brief.left_out]
+    prospects = [_prospect(brief, plan, q) for q in fitted]
+    return stiffening_words(prospects, [plan.configurations[q] for q in fitted], brief.parameters.x)
 
 
 def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
@@ -296,13 +319,16 @@ def _prospect(brief: Brief, plan: Plan, q: int) -> Prospect:
     )
 
 
-def _swing(brief: Brief) -> float:
+def _swing(brief: Brief) -> FloatArray:
+    """(n_u,), rad or m."""
     carrier, excitation, experiment = brief.simulated.carrier, brief.excitation, brief.experiment
+    n_u = len(brief.robot.driven)
     if carrier is None:
-        return 0.0
+        return np.zeros(n_u)
     periods = experiment.transient_periods + experiment.periods
-    swing = reach(carrier, excitation.period, periods * excitation.period + 2 * experiment.ramp)
-    return swing / (1 - excitation.margin)  # the plan keeps that margin to the limits
+    swing = reach(carrier, n_u, excitation.period, periods * excitation.period + 2 * experiment.ramp)
+    right: FloatArray = swing / (1 - excitation.margin)
+    return right  # the plan keeps that margin to the limits
 
 
 def _choice(brief: Brief, spec: DesignSpec, jobs: int, progress: Progress) -> Choice:

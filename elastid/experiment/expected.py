@@ -140,6 +140,26 @@ class Prospect:
         model = replace(both, C=both.C[n_u:], T=both.tilt[n_u:], outputs=self.outputs)
         return model, every[:, n_u:], every[:, :n_u]
 
+    def torques(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
+        """U (M, E, F, n_u): the torques that act, what the controller leaves of those injected."""
+        _, _, motion = self._local(configuration, x)
+        U: ComplexArray = (self._sensitivity(configuration, motion) @ self.R[..., None])[..., 0]
+        return U
+
+    def motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
+        """X (M E, F, n_q): what the multisine moves joints and motors by, rad or m, amplitude spectra; 0 for rods."""
+        local = _linearisation(self.robot, self.model)
+        theta = self.parameters.expand(x)
+        coordinates = local.model.coordinates
+        there = [i for i, name in enumerate(coordinates) if name in self.robot.locations]
+        model = local.at(configuration, theta[:-1], [coordinates[i] for i in there], "position")
+        # As it is, not as the sensors tell it.
+        G = frequency_response(replace(model, chain=()), theta, self.freq_hz)
+        moved = (G @ self.torques(configuration, x)[..., None])[..., 0]
+        X = np.zeros((moved.shape[0] * moved.shape[1], len(self.lines), len(coordinates)), complex)
+        X[:, :, there] = moved.reshape(*X.shape[:2], -1)
+        return X
+
     def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
         """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
         level = self.level

@@ -29,6 +29,7 @@ from elastid.experiment.spec import CarrierSpec, ExperimentSpec
 from elastid.parallel import Progress, ordered, silent
 from elastid.record import Configuration
 from elastid.robot import Robot
+from elastid.units import of_translation
 
 # `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the
 # measured periods.
@@ -48,7 +49,7 @@ class Peaks:
 
     position: about the configuration, to either side, its limit the room to the nearer end.  factor (Q, n_u): by which
     the amplitudes of the study were multiplied.  notes: a word for every configuration that was scaled down.  nearest:
-    the run that came closest to a limit.
+    the run that came closest to a limit.  sliding: inputs that translate, in N and m.
     """
 
     configurations: tuple[str, ...]
@@ -59,6 +60,7 @@ class Peaks:
     margin: float
     notes: tuple[str, ...] = ()
     nearest: str = ""
+    sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze."""
@@ -79,8 +81,14 @@ class Peaks:
         q, kind, i = np.unravel_index(np.argmax(self.used), self.used.shape)
         return (
             f"peaks use at most {self.used[q, kind, i]:.0%} of a limit ({QUANTITIES[kind]} of {self.inputs[i]} in "
-            f"{self.configurations[q]}: {self.peak[q, kind, i]:.4g} of {self.limit[q, kind, i]:.4g} {UNITS[kind]})"
+            f"{self.configurations[q]}: {self.peak[q, kind, i]:.4g} of {self.limit[q, kind, i]:.4g} "
+            f"{unit_of(int(kind), self.inputs[i] in self.sliding)})"
         )
+
+
+def unit_of(kind: int, slides: bool) -> str:
+    """SI unit of one of QUANTITIES, of a motor whose joint turns or slides."""
+    return of_translation(UNITS[kind]) if slides else UNITS[kind]
 
 
 def within_limits(
@@ -112,7 +120,7 @@ def within_limits(
     notes = () if is_free else _notes(plan, factor, excitation.margin)
     names = tuple(c.name for c in plan.configurations)
     peak, nearest = _largest(plan, runs), _nearest(plan, runs, limit)
-    return scaled, Peaks(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest)
+    return scaled, Peaks(names, plan.inputs, peak, limit, factor, excitation.margin, notes, nearest, plan.sliding)
 
 
 def costs(plan: Plan, excitation: MultisineSpec, experiment: ExperimentSpec, robot: Robot, seed: int) -> FloatArray:
@@ -189,10 +197,11 @@ def _check_room(plan: Plan, robot: Robot, base: FloatArray, limit: FloatArray, m
         "position": "move the configuration away from the end of the joint, or make the carrier smaller",
         "turning back": "raise the carrier's velocity well above what friction and the ramps disturb",
     }.get(QUANTITIES[kind], "make the carrier slower, or the ramp longer")
+    unit = unit_of(int(kind), robot.driven[i].slides)
     raise StudyError(
         f"configuration {plan.configurations[q].name}: no excitation fits into the limits of joint "
-        f"{robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {UNITS[kind]} "
-        f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {UNITS[kind]}, of which excitation.margin keeps "
+        f"{robot.driven[i].name}. Without any, its motor goes to {base[q, kind, i]:.4g} {unit} "
+        f"({QUANTITIES[kind]}), the limit is {limit[q, kind, i]:.4g} {unit}, of which excitation.margin keeps "
         f"{margin:.0%} free; {advice}"
     )
 

@@ -27,7 +27,7 @@ _NEGLIGIBLE = 1e-4
 
 @dataclass(frozen=True)
 class Movement:
-    """One whole run: position, velocity, acceleration (n, n_u) about the configuration; rad, link side.
+    """One whole run: position, velocity, acceleration (n, n_u) about the configuration; rad or m, link side.
 
     scale (n,): by which the injected torque is multiplied, 0 at rest and 1 in all periods.
     """
@@ -58,17 +58,16 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
 
 
 def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
-    """Velocity (period_samples, n_u) of the movement while the periods repeat, rad/s."""
+    """Velocity (period_samples, n_u) of the movement while the periods repeat, rad/s or m/s."""
     velocity: FloatArray = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
     return velocity
 
 
-def reach(carrier: CarrierSpec, period_s: float, run_s: float) -> float:
-    """How far, at most, the movement of runs of run_s takes a joint to either side, in rad."""
-    if carrier.amplitude is not None:
-        return carrier.amplitude
-    v = float(np.max(np.abs(carrier.velocities(1 if carrier.velocity is None else np.size(carrier.velocity)))))
-    return v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+def reach(carrier: CarrierSpec, n_u: int, period_s: float, run_s: float) -> FloatArray:
+    """How far (n_u,), at most, the movement of runs of run_s takes each joint to either side, rad or m."""
+    v = np.abs(carrier.velocities(n_u))
+    swing: FloatArray = v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+    return swing + carrier.amplitudes(n_u)
 
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
@@ -87,8 +86,8 @@ def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
             low, high = position[:, i].min(), position[:, i].max()
             if angle + low < lower or angle + high > upper:
                 raise StudyError(
-                    f"experiment.simulated.carrier: {max(-low, high):.3g} rad about {angle:g} rad take joint "
-                    f"{joint.name} out of its limits [{lower:g}, {upper:g}] rad in configuration "
+                    f"experiment.simulated.carrier: {max(-low, high):.3g} {joint.unit} about {angle:g} {joint.unit} "
+                    f"take joint {joint.name} out of its limits [{lower:g}, {upper:g}] {joint.unit} in configuration "
                     f"{configuration.name}; make the carrier smaller or move the configuration"
                 )
 
@@ -116,10 +115,9 @@ def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def _sine(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
     """p, p', p'' (n, n_u)."""
-    assert carrier.amplitude is not None  # the section asks for it
     omega = 2 * np.pi * carrier.cycles * plan.rate_hz / plan.period_samples
     phase = (omega * _time(plan))[:, None] * np.ones(len(plan.inputs))
-    a = carrier.amplitude
+    a = carrier.amplitudes(len(plan.inputs))
     return a * np.sin(phase), a * omega * np.cos(phase), -a * omega**2 * np.sin(phase)
 
 

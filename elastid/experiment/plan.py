@@ -50,6 +50,7 @@ class Plan:
     configuration has fewer realisations than M.  periods are measured after transient_periods that are run but not
     used.  detection (F_d,): lines of the band that were left free for the distortion to show.  A run holds still for
     hold_samples, begins within ramp_samples, repeats its periods, ends within ramp_samples and holds still again.
+    sliding: inputs that translate, in N and m instead of Nm and rad.
     """
 
     configurations: tuple[Configuration, ...]
@@ -63,6 +64,7 @@ class Plan:
     detection: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     ramp_samples: int = 0
     hold_samples: int = 0
+    sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Freeze and check."""
@@ -169,4 +171,5 @@ def make_plan(
         detection=lines.detection,
         ramp_samples=round(experiment.ramp * excitation.rate_hz),
         hold_samples=round(experiment.hold * excitation.rate_hz),
+        sliding=robot.sliding(robot.motor_locations),
     )

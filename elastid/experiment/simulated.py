@@ -255,18 +255,20 @@ def _clipped(u: FloatArray, plant: _Plant, experiment: Experiment) -> tuple[str,
     part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
     words = []
     for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
+        unit = "N" if plant.model.robot.slides(name) else "N*m"
         if share > MOSTLY_CLIPPED:
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
-                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} N*m in {share:.0%} of the "
+                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
                 "measured samples, so that nothing is controlled; lower excitation.torque_rms, move the configuration "
                 "to where gravity takes less, or correct limits.torque"
             )
         if share > 0:
             words.append(
-                f"{name} was clipped at its torque limit of {limit:.4g} N*m in {max(share, 1e-4):.2%} of the measured "
-                f"samples of configuration {experiment.configuration.name}, realisation {experiment.realisation}, "
-                f"experiment {experiment.experiment}: the response is no longer linear; lower excitation.torque_rms"
+                f"{name} was clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the "
+                f"measured samples of configuration {experiment.configuration.name}, realisation "
+                f"{experiment.realisation}, experiment {experiment.experiment}: the response is no longer linear; "
+                "lower excitation.torque_rms"
             )
     return tuple(words)
 

@@ -16,9 +16,9 @@ from elastid.simulation.spec import StabilisationSpec
 from elastid.units import (
     Acceleration,
     Angle,
-    AngularVelocity,
     Frequency,
     JointPosition,
+    JointVelocity,
     Quantity,
     Temperature,
     Time,
@@ -77,14 +77,15 @@ class CarrierSpec:
     kind: `sine`: q(t) = amplitude * sin(2 pi cycles t / period).  `square`: the velocity is a square wave of `velocity`
     with so many cycles a period, filtered at cutoff_hz, without the harmonics that fall on analysed lines.  `offset`:
     constant `velocity` (its sign the direction), through the configuration in the middle of the measured periods; the
-    multisine is kept so small that no motor turns back.  velocity: link-side, one for all joints or one for each.
+    multisine is kept so small that no motor turns back.  amplitude, velocity: link-side, one for all joints or one for
+    each; in m and m/s of those that slide.
     Sine and square are periodic with the multisine, on lines below the excited band.
     """
 
-    amplitude: Angle | None = None
+    amplitude: JointPosition | tuple[JointPosition, ...] | None = None
     cycles: int = 1
     kind: Literal["sine", "square", "offset"] = "sine"
-    velocity: AngularVelocity | tuple[AngularVelocity, ...] | None = None
+    velocity: JointVelocity | tuple[JointVelocity, ...] | None = None
     cutoff_hz: Frequency = 1.0
 
     def __post_init__(self) -> None:
@@ -94,8 +95,8 @@ class CarrierSpec:
         ):
             needed = "amplitude" if self.kind == "sine" else "velocity"
             raise ValueError(f"a carrier of kind {self.kind} is given by its {needed} alone")
-        if self.amplitude is not None and not self.amplitude > 0:
-            raise ValueError("the carrier's amplitude must be positive and cycles at least 1")
+        if self.amplitude is not None and not np.all(np.atleast_1d(self.amplitude) > 0):
+            raise ValueError("the carrier's amplitude must be positive for every joint and cycles at least 1")
         if self.velocity is not None and 0.0 in np.atleast_1d(self.velocity):
             raise ValueError("the carrier's velocity must not be 0 for any joint; friction would stick there")
         if self.cycles < 1 or not self.cutoff_hz > 0:
@@ -106,6 +107,11 @@ class CarrierSpec:
     def velocities(self, n_u: int) -> FloatArray:
         """The velocity of each of n_u joints; ValueError for a wrong number of them."""
         given = np.atleast_1d(0.0 if self.velocity is None else self.velocity)
+        return np.broadcast_to(given, (n_u,)).astype(np.float64)
+
+    def amplitudes(self, n_u: int) -> FloatArray:
+        """The amplitude of each of n_u joints, 0 of a carrier that is no sine; ValueError for a wrong number."""
+        given = np.atleast_1d(0.0 if self.amplitude is None else self.amplitude)
         return np.broadcast_to(given, (n_u,)).astype(np.float64)
 
 
@@ -205,6 +211,8 @@ class WarmingSpec:
 @section
 class NoiseSpec:
     """What the sensors add, link side: torque_std on the logged torque, angle_std on the logged angles, both white.
+
+    The same number counts in N and m where a joint slides.
 
     acceleration_std: on the logged accelerations of points, white.
     encoder_counts: resolution of the motor encoders in counts per motor turn; 0 = unlimited.

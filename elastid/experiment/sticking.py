@@ -26,9 +26,10 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[str
     words = []
     for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
         if coulomb > STICKING * torque:
+            unit = "N" if joint.slides else "N*m"
             words.append(
-                f"Coulomb friction of motor {joint.name} ({coulomb:.3g} N*m) is more than a third of its rms torque "
-                f"({torque:.3g} N*m): the joint sticks, and friction looks like stiffness; raise excitation.torque_rms "
-                "or add experiment.simulated.carrier"
+                f"Coulomb friction of motor {joint.name} ({coulomb:.3g} {unit}) is more than a third of its rms torque "
+                f"({torque:.3g} {unit}): the joint sticks, and friction looks like stiffness; raise "
+                "excitation.torque_rms or add experiment.simulated.carrier"
             )
     return tuple(words)

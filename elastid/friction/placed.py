@@ -20,12 +20,16 @@ from elastid.robot import Friction, Robot
 
 @dataclass(frozen=True)
 class PlacedLaw:
-    """A law at `motor <name>` or `joint <name>`; `scale` = |ratio| of a motor, 1 at a joint; spec on its own side."""
+    """A law at `motor <name>` or `joint <name>`; `scale` = |ratio| of a motor, 1 at a joint; spec on its own side.
+
+    slides: whether its own side translates, N and m; a motor's turns.
+    """
 
     place: str
     law: Law
     spec: Friction
     scale: float
+    slides: bool = False
 
     def curve(self, load: float = 0.0, temperature: float | None = None, level: float = 1.0) -> FloatArray:
         """The numbers (5,) of `law.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
@@ -50,15 +54,16 @@ class PlacedLaw:
         return curve
 
     def _check(self, F_c: float, F_s: float, nu_s: float | None, load: float, temperature: float | None) -> None:
-        state = f"friction of {self.place} under a load of {load:.4g} N*m"
+        torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")
+        state = f"friction of {self.place} under a load of {load:.4g} {torque}"
         state += "" if temperature is None else f" at {temperature:.4g} degC"
         if F_s < F_c * (1 - 1e-12):
             raise ValueError(
-                f"{state}: stiction falls to {F_s:.4g} N*m, below coulomb of {F_c:.4g} N*m; correct its dependence on "
-                "load and temperature"
+                f"{state}: stiction falls to {F_s:.4g} {torque}, below coulomb of {F_c:.4g} {torque}; correct its "
+                "dependence on load and temperature"
             )
         if nu_s is not None and not nu_s > 0:
-            raise ValueError(f"{state}: stribeck_velocity falls to {nu_s:.4g} rad/s; correct its temperature slope")
+            raise ValueError(f"{state}: stribeck_velocity falls to {nu_s:.4g} {speed}; correct its temperature slope")
 
     def at_rest(self) -> tuple[float, float]:
         """Stiffness and damping at rest, link side, Nm/rad and Nms/rad."""
@@ -76,7 +81,9 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
         elif motor is not None and motor.coulomb > 0:
             found.append(_placed(f"motor {joint.name}", Friction(motor.coulomb), abs(motor.ratio)))
     found += [
-        _placed(f"joint {joint.name}", joint.friction, 1.0) for joint in robot.joints if joint.friction is not None
+        _placed(f"joint {joint.name}", joint.friction, 1.0, joint.slides)
+        for joint in robot.joints
+        if joint.friction is not None
     ]
     return tuple(found)
 
@@ -93,8 +100,8 @@ def coulomb_levels(robot: Robot) -> FloatArray:
     return total
 
 
-def _placed(place: str, spec: Friction, n: float) -> PlacedLaw:
-    return PlacedLaw(place, _law(spec, n), spec, n)
+def _placed(place: str, spec: Friction, n: float, slides: bool = False) -> PlacedLaw:
+    return PlacedLaw(place, _law(spec, n), spec, n, slides)
 
 
 def _law(spec: Friction, n: float) -> Law:

@@ -20,18 +20,18 @@ from elastid.model.parallel_linkage.partition import motions, null_space
 from elastid.record import Configuration
 
 MAX_STEPS = 60
-LARGEST_STEP = 0.3  # rad: a soft spring must not throw the arm onto another branch
+LARGEST_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
 SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
 CLOSED = 1e-9  # m or rad: what rounding may leave of a constraint
-SMALLEST_STEP = 1e-12  # rad: convergence is quadratic, the error left is far below
-SMALL_STEP = 1e-9  # rad: below, rounding decides whether a step leads downhill
+SMALLEST_STEP = 1e-12  # rad or m: convergence is quadratic, the error left is far below
+SMALL_STEP = 1e-9  # rad or m: below, rounding decides whether a step leads downhill
 HALVINGS = 30
 LARGEST_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
 
 
 @dataclass(frozen=True)
 class OperatingPoint:
-    """Coordinates q (n_q,), multipliers lambda_ (n_c,) and holding torques u (n_u,) at rest, link side."""
+    """Coordinates q (n_q,), multipliers lambda_ (n_c,) and holding torques u (n_u,) at rest, link side, SI."""
 
     configuration: Configuration
     q: FloatArray
@@ -47,7 +47,7 @@ class OperatingPoint:
 def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configuration) -> OperatingPoint:
     """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
 
-    theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side.
+    theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
     StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
     free = free_coordinates(model)
@@ -171,10 +171,11 @@ def _check_rest(
     left = np.abs(torque[free])
     if left.size and not left.max() <= rounding:
         worst = free[int(np.argmax(left))]
+        unit = "N" if model.robot.slides(model.coordinates[worst]) else "N*m"
         raise StudyError(
             f"configuration {configuration.name}: {model.coordinates[worst]} finds no rest under gravity, "
-            f"{torque[worst]:.3g} N*m stay unbalanced after {MAX_STEPS} Newton steps; its springs are too soft for the "
-            "weight they carry, or the joint has no spring"
+            f"{torque[worst]:.3g} {unit} stay unbalanced after {MAX_STEPS} Newton steps; its springs are too soft for "
+            "the weight they carry, or the joint has no spring"
         )
 
 
@@ -196,9 +197,10 @@ def _check_stable(
     modes = Z @ modes
     if stiffness[0] < -1e-9 * np.abs(K).max():
         worst = free[int(np.argmax(np.abs(modes[:, 0])))]
+        unit = "N/m" if model.robot.slides(model.coordinates[worst]) else "N*m/rad"
         raise StudyError(
             f"configuration {configuration.name}: {model.coordinates[worst]} tips over, springs and gravity together "
-            f"have a stiffness of {stiffness[0]:.3g} N*m/rad there with the motors held; raise its stiffness, or let a "
+            f"have a stiffness of {stiffness[0]:.3g} {unit} there with the motors held; raise its stiffness, or let a "
             "joint without spring hang down"
         )
 
@@ -209,8 +211,8 @@ def _check_deflections(model: ElasticModel, configuration: Configuration, moved:
         by = moved[model.index(place)]
         if joint.spring is not None and abs(by) > LARGEST_DEFLECTION:
             raise StudyError(
-                f"configuration {configuration.name}: {place} tips over, it comes to rest {by:.3g} rad from where its "
-                "motor holds it; its springs are too soft for the weight they carry, raise their stiffness"
+                f"configuration {configuration.name}: {place} tips over, it comes to rest {by:.3g} {joint.unit} from "
+                "where its motor holds it; its springs are too soft for the weight they carry, raise their stiffness"
             )
 
 

@@ -19,7 +19,7 @@ FLANK = 2.0
 
 @dataclass(frozen=True)
 class Preload:
-    """The springs at rest, in the order of `joints`: deflection (rad) and tangent stiffness (Nm/rad), (n_s,) each."""
+    """The springs at rest, in the order of `joints`: deflection (rad, m), tangent (Nm/rad, N/m), (n_s,) each."""
 
     joints: tuple[str, ...]
     deflection: FloatArray
@@ -51,7 +51,7 @@ def spring_words(model: ElasticModel, theta: FloatArray, points: Sequence[Operat
     words: list[str] = []
     for i, joint in enumerate(loads[0].joints if loads else ()):
         x, k = (np.array([getattr(load, what)[i] for load in loads]) for what in ("deflection", "tangent"))
-        words += [*_in_the_gap(model, joint, values, names, x, k), *_pulling(joint, names, x, k)]
+        words += [*_in_the_gap(model, joint, values, names, x, k), *_pulling(model, joint, names, x, k)]
     return tuple(words)
 
 
@@ -73,9 +73,10 @@ def _in_the_gap(
         )
 
 
-def _pulling(joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[str]:
+def _pulling(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[str]:
+    unit = model.robot.parameters()[f"k_{joint}"][1]
     for i in np.flatnonzero(k < 0):
         yield (
             f"the spring of joint {joint} is unstable in {names[i]}: deflected by {x[i]:.2g} it pulls further, with "
-            f"{k[i]:.3g} N*m/rad; bound its quadratic terms so that quadratic^2 < 3 k cubic"
+            f"{k[i]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic"
         )

@@ -17,7 +17,7 @@ from elastid.arrays import BoolArray, FloatArray
 from elastid.errors import StudyError
 from elastid.model.multibody import Attachment, Tree, tree
 from elastid.model.parallel_linkage.assembly import followed, rates
-from elastid.robot import BASE, Robot
+from elastid.robot import BASE, TOOL, Robot
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def _fill(
 def skeleton(
     robot: Robot, angles: FloatArray, further: Mapping[str, Sequence[Sequence[float]]] | None = None
 ) -> Skeleton:
-    """The skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, and further points of bodies.
+    """The skeleton at the driven joints' angles (Q, n_u): base, joints, centres of mass, frames, further points.
 
     further: body name to points in the body's own axes.
     """
@@ -126,13 +126,20 @@ def skeleton(
         for i, point in enumerate((further or {}).get(body.name, ()), start=1):
             at = _placed(R, p, seat, np.array(point))
             add(f"point {i} of {body.name}", at, seat.frame >= 0, origin[body.name])
+    for frame, seat in zip(robot.frames, layout.named, strict=True):
+        add(f"frame {frame.name}", _placed(R, p, seat, np.zeros(3)), seat.frame >= 0, origin[frame.body])
     return Skeleton(np.stack(points, axis=1), tuple(names), tuple(links), np.array(moves), tool)
 
 
 def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
-    """J (Q, 6, n_u): velocity (m/s) of the last body's centre of mass and its angular velocity per driven joint's."""
-    layout = tree(robot)
+    """J (Q, 6, n_u): velocity (m/s) of the tool and its angular velocity per driven joint's.
+
+    The tool: the origin of the frame called `tool`, or, where there is none, the last body's centre of mass.
+    """
     q = link_angles(robot, angles)
+    if any(frame.name == TOOL for frame in robot.frames):
+        return frame_jacobians(robot, q, TOOL) @ rates(robot, q)
+    layout = tree(robot)
     R, p = _frames(layout, q)
     seat = layout.attachments[len(robot.bodies) - 1]
     J = np.zeros((len(angles), 6, len(robot.joints)))

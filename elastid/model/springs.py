@@ -55,12 +55,14 @@ def on_the_flanks(parameters: Sequence[str], theta: FloatArray) -> FloatArray:
 
 def tangents(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     """d tau / d Delta of each joint's spring, by joint: the stiffness that small motion about q meets."""
+    return tangents_at(deflections(robot, q), theta)
+
+
+def tangents_at(deflection: Mapping[str, ca.SX], theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """The same at given deflections, by joint."""
     x = ca.SX.sym("x")
-    stiffness = {
-        name: (theta[f"k_{name}"] + ca.gradient(_beyond_linear(name, x, theta)[1], x), deflection)
-        for name, deflection in deflections(robot, q).items()
-    }
-    return {name: ca.substitute(k, x, deflection) for name, (k, deflection) in stiffness.items()}
+    stiffness = {name: theta[f"k_{name}"] + ca.gradient(_beyond_linear(name, x, theta)[1], x) for name in deflection}
+    return {name: ca.substitute(k, x, deflection[name]) for name, k in stiffness.items()}
 
 
 def _beyond_linear(joint: str, x: ca.SX, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:

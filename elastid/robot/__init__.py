@@ -31,7 +31,7 @@ from elastid.robot.assembly import FRAME_AXES, Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
-from elastid.robot.frame import Frame
+from elastid.robot.frame import TOOL, Frame
 from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.gears import GearCoupling
 from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
@@ -44,6 +44,7 @@ from elastid.robot.spring import Spring
 __all__ = [
     "BASE",
     "FRAME_AXES",
+    "TOOL",
     "Acceleration3",
     "Anchor",
     "Angles3",

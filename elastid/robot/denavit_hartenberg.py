@@ -16,14 +16,12 @@ import numpy as np
 
 from elastid.robot.assembly import Robot
 from elastid.robot.body import BASE, Body, InertiaTensor
-from elastid.robot.frame import Frame
+from elastid.robot.frame import TOOL, Frame
 from elastid.robot.geometry import Acceleration3, Placement, Vector3
 from elastid.robot.joint import Joint
 from elastid.robot.payload import Payload
 from elastid.section import section
 from elastid.units import Angle, Length, Mass
-
-TOOL = "tool"
 
 
 @section

@@ -7,6 +7,9 @@ from dataclasses import field
 from elastid.robot.geometry import Placement
 from elastid.section import section
 
+# The frame that a payload is fixed to, and whose Jacobian tells singular postures, unless said otherwise.
+TOOL = "tool"
+
 
 @section
 class Frame:

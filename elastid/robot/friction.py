@@ -1,5 +1,7 @@
 """The dry friction of a motor or a joint: numbers on the side of the place that they stand at, no equations.
 
+Across a joint that slides they are in N, m and s: coulomb in N, stiffness in N/m, velocities in m/s.
+
 The viscous part of every law is the `viscous` of the motor or joint itself: it is the one that a frequency response
 above the Stribeck region sees, and has a name.
 """
@@ -10,7 +12,17 @@ import math
 from typing import Annotated, Literal
 
 from elastid.section import section
-from elastid.units import AngularVelocity, Damping, InUnit, Stiffness, Temperature, TemperatureRise, Torque
+from elastid.units import (
+    Damping,
+    InUnit,
+    JointTorque,
+    JointVelocity,
+    Measured,
+    Stiffness,
+    Temperature,
+    TemperatureRise,
+    of_translation,
+)
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
 # the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
@@ -37,7 +49,7 @@ class LuGre:
 
     stiffness: Stiffness
     damping: Damping = 0.0
-    damping_velocity: AngularVelocity | None = None
+    damping_velocity: JointVelocity | None = None
 
     def __post_init__(self) -> None:
         """Refuse bristles that push."""
@@ -58,7 +70,7 @@ class MaxwellSlip:
 
     stiffness: tuple[Stiffness, ...]
     shares: tuple[float, ...]
-    attraction: Annotated[float, InUnit("N*m/s")]
+    attraction: Annotated[float, InUnit("N*m/s", "N/s")]
     damping: tuple[Damping, ...] = ()
     switching: Literal["smooth", "events"] = "smooth"
 
@@ -83,7 +95,7 @@ class MaxwellSlip:
 
 @section
 class LoadDependence:
-    """Nm of Coulomb level and of stiction that each Nm of load on the joint adds, whatever its sign.
+    """Nm of Coulomb level and of stiction that each Nm (N per N) of load on the joint adds, whatever its sign.
 
     stiction: as much as coulomb unless given.
     """
@@ -112,8 +124,8 @@ class TemperatureDependence:
     """
 
     reference: Temperature
-    stiction: Annotated[float, InUnit("N*m/K")] = 0.0
-    stribeck_velocity: Annotated[float, InUnit("rad/(s*K)")] = 0.0
+    stiction: Annotated[float, InUnit("N*m/K", "N/K")] = 0.0
+    stribeck_velocity: Annotated[float, InUnit("rad/(s*K)", "m/(s*K)")] = 0.0
     viscous: Damping = 0.0
     decay: TemperatureRise = 20.0
 
@@ -131,10 +143,10 @@ class Friction:
     Without dahl, lugre or maxwell_slip the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.
     """
 
-    coulomb: Torque
-    stiction: Torque | None = None
-    stribeck_velocity: AngularVelocity | None = None
-    quadratic: Annotated[float, InUnit("N*m*s^2/rad^2")] = 0.0
+    coulomb: JointTorque
+    stiction: JointTorque | None = None
+    stribeck_velocity: JointVelocity | None = None
+    quadratic: Annotated[float, InUnit("N*m*s^2/rad^2", "N*s^2/m^2")] = 0.0
     dahl: Dahl | None = None
     lugre: LuGre | None = None
     maxwell_slip: MaxwellSlip | None = None
@@ -148,9 +160,11 @@ class Friction:
         if self.stribeck_velocity is not None:
             _positive("friction: stribeck_velocity (nu_s)", self.stribeck_velocity)
         if self.break_away < self.coulomb:
+            unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(
-                f"friction: stiction (F_s) is {self.break_away:g} N*m, below coulomb (F_c) of {self.coulomb:g} N*m; "
-                "what sticks needs at least what slides: exchange or correct them"
+                f"friction: stiction (F_s) is {self.break_away:g} {unit}, "
+                f"below coulomb (F_c) of {self.coulomb:g} {unit}; what "
+                "sticks needs at least what slides: exchange or correct them"
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
             raise ValueError("friction: stiction needs stribeck_velocity (nu_s), over which it falls to coulomb")
@@ -161,7 +175,7 @@ class Friction:
 
     @property
     def break_away(self) -> float:
-        """F_s, Nm."""
+        """F_s, Nm or N."""
         return self.coulomb if self.stiction is None else self.stiction
 
     @property
@@ -171,8 +185,8 @@ class Friction:
             self.temperature is not None and self.temperature.stiction != 0
         )
 
-    def check_passive(self, viscous: float) -> None:
-        """ValueError for a LuGre law that can give energy; viscous: f beside it, Nms/rad on the same side.
+    def check_passive(self, viscous: float, slides: bool = False) -> None:
+        """ValueError for a LuGre law that can give energy; viscous: f beside it, Nms/rad (slides: Ns/m), the same side.
 
         A constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
         sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'; with less, a jump from
@@ -181,19 +195,20 @@ class Friction:
         """
         if self.lugre is None or self.lugre.damping == 0:
             return
+        speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
         fastest = PASSIVE * self.coulomb / self.lugre.damping
         if self.lugre.damping_velocity is not None:
             if self.lugre.damping_velocity > fastest:
                 raise ValueError(
-                    f"lugre: damping_velocity is {self.lugre.damping_velocity:.4g} rad/s; above "
-                    f"4 sqrt(2 e) coulomb / damping = {fastest:.4g} rad/s the law can give energy; lower it"
+                    f"lugre: damping_velocity is {self.lugre.damping_velocity:.4g} {speed}; above "
+                    f"4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed} the law can give energy; lower it"
                 )
             return
         needed = self.lugre.damping * (self.break_away - self.coulomb) / self.coulomb
         if viscous < needed:
             raise ValueError(
                 f"lugre: not passive, it can give energy: a constant damping of {self.lugre.damping:.4g} needs viscous "
-                f">= damping (stiction - coulomb) / coulomb = {needed:.4g} N*m*s/rad, and viscous is {viscous:.4g}; "
+                f">= damping (stiction - coulomb) / coulomb = {needed:.4g} {damper}, and viscous is {viscous:.4g}; "
                 f"give damping_velocity: {0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
             )
 

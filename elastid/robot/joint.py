@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import field, is_dataclass
 from typing import Literal
 
 from elastid.robot.friction import Friction
@@ -70,7 +70,7 @@ class Joint:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
         self._check_units()
         if self.friction is not None:
-            self.friction.check_passive(self.viscous)
+            self.friction.check_passive(self.viscous, self.slides)
 
     @property
     def is_passive(self) -> bool:
@@ -114,12 +114,17 @@ class Joint:
 
     def _check_units(self) -> None:
         """A number that was written with a unit must have that of the joint's motion; its motor turns."""
-        owners = {"": self, "spring: ": self.spring, "limits: ": self.limits}
+        owners: dict[str, object] = {"": self, "spring: ": self.spring, "limits: ": self.limits} | _friction(
+            "", self.friction
+        )
         for part, owner in owners.items():
             for name, number in _numbers_of(owner):
                 if self.refusal_of(number):
                     raise ValueError(f"{part}{name} {self.refusal_of(number)}")
-        for name, number in _numbers_of(self.motor):
+        turning: dict[str, object] = {"": self.motor}
+        if self.motor is not None:
+            turning |= {"spring: ": self.motor.spring} | _friction("", self.motor.friction)
+        for name, number in ((part + name, x) for part, owner in turning.items() for name, x in _numbers_of(owner)):
             if isinstance(number, Measured) and not _turns(number.dimension):
                 raise ValueError(
                     f"motor: {name} of joint {self.name} is given in units of {number.dimension}, but a motor turns, "
@@ -135,9 +140,17 @@ def _numbers_of(owner: object) -> Iterator[tuple[str, float]]:
                 yield name, number
 
 
+def _friction(part: str, friction: Friction | None) -> dict[str, object]:
+    """The sections of dry friction that hold numbers."""
+    if friction is None:
+        return {}
+    inner = {f"{part}friction.{name}: ": value for name, value in vars(friction).items() if is_dataclass(value)}
+    return {f"{part}friction: ": friction, **inner}
+
+
 def _turns(dimension: str) -> bool:
     """Whether a unit belongs to a rotation."""
-    return "rad" in dimension or dimension == "N*m"
+    return "rad" in dimension or "N*m" in dimension
 
 
 def _other(dimension: str) -> str:
@@ -147,4 +160,7 @@ def _other(dimension: str) -> str:
     return next(unit for unit in _OF_ROTATION if of_translation(unit) == dimension)
 
 
-_OF_ROTATION = ("N*m/rad", "N*m/rad^2", "N*m/rad^3", "N*m*s/rad", "rad", "rad/s", "rad/s^2", "N*m")
+_OF_ROTATION = (
+    *("N*m/rad", "N*m/rad^2", "N*m/rad^3", "N*m*s/rad", "N*m*s^2/rad^2", "rad", "rad/s", "rad/s^2"),
+    *("N*m", "N*m/s", "N*m/K", "rad/(s*K)"),
+)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from elastid.robot.body import Body, InertiaTensor
+from elastid.robot.frame import TOOL
 from elastid.robot.geometry import Placement, Vector3
 from elastid.robot.numbers import Numbers
 from elastid.section import section
@@ -18,7 +19,7 @@ class Payload:
     mass: Mass
     center_of_mass: Vector3 = (0.0, 0.0, 0.0)
     inertia: InertiaTensor = 0.0
-    at: str = "tool"
+    at: str = TOOL
 
     def __post_init__(self) -> None:
         """A payload is what a body is."""

@@ -49,18 +49,19 @@ class Spring:
 
     def __post_init__(self) -> None:
         """A spring repels, the more the further it is deflected: refuse what would pull."""
+        unit, angle = self._units
         if not self.stiffness > 0:
-            raise ValueError(f"stiffness is {self.stiffness:g} N*m/rad; it must be positive")
+            raise ValueError(f"stiffness is {self.stiffness:g} {unit}; it must be positive")
         if self.damping < 0:
-            raise ValueError(f"damping is {self.damping:g} N*m*s/rad; it must not be negative")
+            raise ValueError(f"damping is {self.damping:g} {unit.replace('/', '*s/')}; it must not be negative")
         if self.inner_stiffness < 0:
-            raise ValueError(f"inner_stiffness is {self.inner_stiffness:g} N*m/rad; it must not be negative")
+            raise ValueError(f"inner_stiffness is {self.inner_stiffness:g} {unit}; it must not be negative")
         if self.backlash is None and self.inner_stiffness > 0:
             raise ValueError(
                 "inner_stiffness is that inside the backlash, and there is none; give backlash, half a gap"
             )
         if self.backlash is not None and not self.backlash > 0:
-            raise ValueError(f"backlash is {self.backlash:g} rad, half the gap; it must be positive, or left out")
+            raise ValueError(f"backlash is {self.backlash:g} {angle}, half the gap; it must be positive, or left out")
         if not self.rounding > 0:
             raise ValueError(f"rounding is {self.rounding:g}, a part of the backlash; it must be positive, say 0.1")
         self._check_monotone()
@@ -85,11 +86,19 @@ class Spring:
         for s, side in ((odd + even, "positive"), (odd - even, "negative")):
             if cubic < 0 or (s < 0 and not s**2 < 3 * a * cubic):
                 worst = self._softest(a, s, cubic)
+                unit, angle = self._units
                 raise ValueError(
-                    f"the spring loses its stiffness at a {side} deflection of {worst:.3g} rad and pulls beyond, for "
-                    f"k = {a:g} N*m/rad{where}, a quadratic term of {s:g} N*m/rad^2 to that side and a cubic one of "
-                    f"{cubic:g} N*m/rad^3; it must harden, or soften by less: quadratic^2 < 3 k cubic"
+                    f"the spring loses its stiffness at a {side} deflection of {worst:.3g} {angle} and pulls beyond, "
+                    f"for k = {a:g} {unit}{where}, a quadratic term of {s:g} {unit}^2 to that side and a cubic one of "
+                    f"{cubic:g} {unit}^3; it must harden, or soften by less: quadratic^2 < 3 k cubic"
                 )
+
+    @property
+    def _units(self) -> tuple[str, str]:
+        """Of stiffness and deflection: N/m and m where any number was written so; a spring does not know its joint."""
+        numbers = (getattr(self, row[0]) for row in (("stiffness",), *_FURTHER))
+        slides = any("rad" not in getattr(number, "dimension", "rad") for number in numbers)
+        return ("N/m", "m") if slides else ("N*m/rad", "rad")
 
     @staticmethod
     def _softest(a: float, s: float, cubic: float) -> float:

@@ -27,7 +27,7 @@ CHUNK = 1000
 # What a sample hands on: q, v, states of friction and drives, the controller's integral and last reading.
 STATES = 6
 
-# rad on the link side. A joint that is a whole turn from its reference is not coming back.
+# rad (or m) on the link side. A joint that is a whole turn from its reference is not coming back.
 LOST = 2 * np.pi
 
 PROJECTED = StabilisationSpec()
@@ -35,7 +35,7 @@ PROJECTED = StabilisationSpec()
 
 @dataclass(frozen=True)
 class Commands:
-    """What comes from outside, each (n, n_u), link side: rad, rad/s, Nm.
+    """What comes from outside, each (n, n_u), link side: rad, rad/s, Nm; m, m/s, N where a joint slides.
 
     position, velocity: reference.  torque: feed-forward and injection.  disturbance: torque that the log does not
     know.  reading_noise: added to the motor angle before the encoder counts it.
@@ -71,10 +71,11 @@ class Trajectory:
 class ClosedLoop:
     """A robot under its controller, ready to run: CHUNK samples of it as one CasADi function.
 
-    limits (n_u, 2): angles in rad that the motors may take, link side.
+    limits (n_u, 2): angles (rad, or m where a joint slides: units) that the motors may take, link side.
     """
 
     inputs: tuple[str, ...]
+    units: tuple[str, ...]
     limits: FloatArray
     B: FloatArray
     rate_hz: float
@@ -116,9 +117,10 @@ def closed_loop(
     if model.n_c and loops.project:
         q, v = projection(model)(q, v)
     results = [q, v, z, w, integral, reading, u]
+    units = tuple(joint.unit for joint in model.robot.driven)
     sample = ca.Function("sample", list(given.values()), results)
     function = sample.mapaccum("closed_loop", CHUNK, STATES, {})
-    return ClosedLoop(model.inputs, limits, model.B, rate_hz, contacts, drives, function)
+    return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 
 
 def _moved(
@@ -194,8 +196,9 @@ def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: i
     if np.all(held):
         return
     sample, motor = np.argwhere(~held)[0]
+    unit = loop.units[motor]
     raise DataError(
         f"{loop.inputs[motor]} is lost {(start + sample) / loop.rate_hz:.3g} s after the start: it is at "
-        f"{reading[sample, motor]:.3g} rad, should be at {reference[sample, motor]:.3g} rad and may be within "
-        f"[{lower[motor]:.3g}, {upper[motor]:.3g}] rad"
+        f"{reading[sample, motor]:.3g} {unit}, should be at {reference[sample, motor]:.3g} {unit} and may be within "
+        f"[{lower[motor]:.3g}, {upper[motor]:.3g}] {unit}"
     )

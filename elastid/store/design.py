@@ -14,20 +14,25 @@ from elastid.experiment.references import Reference
 from elastid.experiment.rehearsal import Rehearsal
 from elastid.record import Configuration
 from elastid.store.files import attributes, key, opened, scale, text_file, texts, variable
+from elastid.units import of_translation
 
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
 
 
-def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...]) -> None:
-    """A whole run in one configuration as CSV; time 0 is where the periods begin, and the scale is of their torque."""
-    columns = [f"{what} of {place} ({unit}, link side)" for what, unit in _MOTION for place in inputs]
+def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sliding: tuple[str, ...] = ()) -> None:
+    """A whole run in one configuration as CSV; time 0 is where the periods begin, and the scale is of their torque.
+
+    sliding: inputs that translate.
+    """
+    units = {place: of_translation if place in sliding else str for place in inputs}
+    columns = [f"{what} of {place} ({units[place](unit)}, link side)" for what, unit in _MOTION for place in inputs]
     rows = np.column_stack([reference.scale, *(getattr(reference, what) for what, _ in _MOTION)])
     _write_csv(path, ["torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
 
 
 def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
     """One period of the torques to inject as CSV, to be repeated from time 0 of the movement, and back from there."""
-    columns = [f"{place} (N*m, link side)" for place in plan.inputs]
+    columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]
     _write_csv(path, columns, plan.torque(experiment), plan.rate_hz, 0)
 
 
@@ -78,6 +83,7 @@ def read_peaks(path: Path) -> Peaks:
             float(group.attrs["margin"]),
             texts(group, "note"),
             str(group.attrs["nearest"]),
+            texts(file, "sliding") if "sliding" in file else (),
         )
 
 

@@ -48,6 +48,7 @@ def write_plan(
         variable(file, "R", plan.R, axes, "amplitude spectrum of the injected torque, link side", "N*m")
         variable(file, "freq_hz", plan.freq_hz, axes[3:4], "excited frequency", "Hz")
         variable(file, "angles", angles, [configuration, driven], "angle", "rad")
+        _write_sliding(file, plan.sliding)
         scale(file, "detection", plan.detection, "DFT line of the band without excitation")
         for name in _PLAN_ATTRIBUTES:
             file.attrs[name] = getattr(plan, name)
@@ -71,6 +72,7 @@ def read_plan(path: Path) -> Plan:
             lines=file["line"][:],
             R=file["R"][:],
             detection=file["detection"][:],
+            sliding=_read_sliding(file),
             **{name: known[name] for name in _PLAN_ATTRIBUTES},
         )
 

@@ -28,6 +28,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     yield from _excitation(study)
     yield from _experiments(study)
     yield from _configurations(study)
+    yield from _units_of_motors(study)
     yield from check_design(study, base)
     yield from _references(study)
     yield from _hardware(study)
@@ -204,7 +205,9 @@ def _configurations(study: Study) -> Iterator[Problem]:
     """One angle for each driven joint, within its limits, the carrier's swing included."""
     driven, simulated = study.robot.driven, study.experiment.simulated
     carrier = simulated.carrier if simulated is not None else None
-    swing = carrier.amplitude or 0.0 if carrier is not None else 0.0
+    n_u = len(driven)
+    fits = carrier is not None and np.size(0.0 if carrier.amplitude is None else carrier.amplitude) in (1, n_u)
+    swings = carrier.amplitudes(n_u).tolist() if carrier is not None and fits else [0.0] * n_u
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         try:
@@ -215,7 +218,7 @@ def _configurations(study: Study) -> Iterator[Problem]:
             joints = ", ".join(joint.name for joint in driven)
             yield Problem(path, f"{len(angles)} angles for {len(driven)} driven joints ({joints})")
             continue
-        for i, (angle, joint) in enumerate(zip(angles, driven, strict=True)):
+        for i, (angle, joint, swing) in enumerate(zip(angles, driven, swings, strict=True)):
             wrong = joint.refusal_of(angle)
             if wrong:
                 yield Problem((*path, i), wrong)
@@ -228,6 +231,30 @@ def _configurations(study: Study) -> Iterator[Problem]:
                     f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, "
                     f"{high:.4g}] {joint.unit}",
                 )
+
+
+def _units_of_motors(study: Study) -> Iterator[Problem]:
+    """What is given for all motors or for each has the unit of its joint's motion."""
+    driven, simulated = study.robot.driven, study.experiment.simulated
+    carrier = simulated.carrier if simulated is not None else None
+    asked = study.excitation.torque_rms if study.excitation is not None else "limits"
+    given: list[tuple[KeyPath, object]] = [(("excitation", "torque_rms"), asked)]
+    if carrier is not None:
+        within: KeyPath = ("experiment", "simulated", "carrier")
+        given += [((*within, "amplitude"), carrier.amplitude), ((*within, "velocity"), carrier.velocity)]
+    if study.design is not None:
+        path: KeyPath = ("design", "candidates")
+        given += [((*path, "given", name), angles) for name, angles in study.design.candidates.given.items()]
+        given.append(((*path, "margin"), study.design.candidates.margin))
+    for path, values in given:
+        each = values if isinstance(values, tuple) else (values,) * len(driven)
+        for i, (value, joint) in enumerate(zip(each, driven, strict=False)):
+            wrong = joint.refusal_of(value) if isinstance(value, float) else ""
+            if wrong and isinstance(values, tuple):
+                yield Problem((*path, i), wrong)
+            elif wrong:
+                yield Problem(path, f"{wrong}, or one number for each motor")
+                break
 
 
 def _references(study: Study) -> Iterator[Problem]:

@@ -11,13 +11,14 @@ model that fits best, so that an error that all models share does not count as e
 something (Burnham & Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It takes the residuals of
 lines as independent, which a model error is not: where the two disagree, the left-out configurations are right.
 
-Two models are told apart where the mean over configurations of m_c - m_c(best) is beyond its standard error.
+Two models are told apart where the mean over configurations of m_c - m_c(best) is beyond its standard error, and
+beyond what the ends of two searches differ by.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
@@ -26,8 +27,9 @@ import numpy as np
 
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import ElastidError, StudyError
+from elastid.fit.choose import choose
 from elastid.fit.identify import identify, predict
-from elastid.fit.spec import FitSpec, MaskSpec
+from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
 from elastid.fit.weights import weigh
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
@@ -36,6 +38,9 @@ from elastid.validation.frequency import agreement
 
 if TYPE_CHECKING:
     from elastid.validation.search import Trial
+
+# Part of the misfit by which two fits of one model may differ.
+SAME = 1e-3
 
 
 @dataclass(frozen=True)
@@ -179,6 +184,18 @@ def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
     return replace(spec, parameters=kept)
 
 
+def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
+    """A study's fit with these parameters at their starts, for a model that does not have them."""
+    free = {parameter.name for parameter in choose(spec, robot).free}
+    still = {
+        name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
+        for name in names
+        if name in free
+    }
+    patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
+    return replace(spec, parameters={**patterns, **still})
+
+
 def _divided(
     responses: Sequence[FrequencyResponse], left_out: Sequence[str]
 ) -> tuple[list[FrequencyResponse], list[FrequencyResponse]]:
@@ -239,7 +256,7 @@ def _verdict(rows: Sequence[Row]) -> str:
             "configuration leaves none out"
         )
     others = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
-    alike = [row for row in others if row.behind(best)[0] <= row.behind(best)[1]]
+    alike = [row for row in others if row.behind(best)[0] <= max(row.behind(best)[1], SAME * best.mean_misfit)]
     simplest = min([best, *alike], key=lambda row: row.n_free)
     sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
     if alike:

@@ -26,13 +26,35 @@ from elastid.model.multibody import tree
 from elastid.model.parallel_linkage.assembly import assembled
 from elastid.model.parallel_linkage.geometry import Closure, branches, joints_within
 from elastid.model.parallel_linkage.rods import elastic
+from elastid.model.spec import Variant
 from elastid.robot import Loop, Robot
+
+# Variants in which rods do not stretch and nothing bends inside a loop.
+STIFF = ("rigid_loop", "constant_stiffness", "series_stiffness")
 
 
 def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
     """The elastic joints that are not driven and which a loop goes through."""
     within = {i for loop in robot.loops for i in joints_within(robot, loop)}
     return tuple(i for i in sorted(within) if robot.joints[i].spring is not None and robot.joints[i].motor is None)
+
+
+def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
+    """The parameters that mean nothing in a variant, or nothing beside the gear spring of a lever.
+
+    A stiff loop knows neither the elasticity of its rods nor of what bends in it; where gear and rod are condensed into
+    one constant, that is the gear's.
+    """
+    if variant == "lumped_rod":
+        return tuple(f"I_{loop.name}" for loop in robot.loops if loop.rod is not None)
+    if variant not in STIFF:
+        return ()
+    joints = [robot.joints[i] for i in elastic_joints_within(robot)]
+    bending = [name for joint in joints for name in joint.numbers]
+    if variant == "series_stiffness":
+        return tuple(bending)
+    rods = [loop.name for loop in robot.loops if loop.rod is not None and loop.rod.is_elastic]
+    return (*bending, *(f"{letter}_{name}" for name in rods for letter in "kd"))
 
 
 def unbent(robot: Robot, q: ca.SX) -> ca.SX:
@@ -85,11 +107,14 @@ def series_stiffness(robot: Robot, of: Equations, found: Sequence[Closure], cons
 
 
 def _lever(robot: Robot, loop: Loop) -> int:
-    """The elastically driven joint nearest to a loop's first end."""
-    for i in branches(robot, loop)[0]:
-        if robot.joints[i].is_flexible:
-            return i
+    """The elastically driven joint that turns an end of a loop, its first end if both are turned so."""
+    for branch in branches(robot, loop):
+        for i in branch:
+            if robot.joints[i].is_flexible:
+                return i
+            if robot.joints[i].is_passive:
+                break
     raise StudyError(
-        f"model.variant: the rod {loop.name} begins on no lever with an elastic gear, into whose spring it could be "
-        "condensed; let its first end be on the driven lever, or choose the variant exact"
+        f"model.variant: the rod {loop.name} hangs on no lever with an elastic gear, into whose spring it could be "
+        "condensed: a passive joint is between either end and the next motor; choose the variant exact"
     )

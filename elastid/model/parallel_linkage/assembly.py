@@ -84,14 +84,24 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     return q
 
 
-def followed(robot: Robot, angles: FloatArray) -> FloatArray:
-    """The joints (Q, n_l) at the driven joints' angles (Q, n_u), followed from the start; some may stay open."""
+def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
+    """The joints (Q, n_l) at the driven joints' angles (Q, n_u), followed from the start; some may stay open.
+
+    near (n_u,): angles amid the others, through which all of them are reached, so that the way there is gone once.
+    """
     start = _open(robot, np.array([[joint.start for joint in robot.driven]]))
     if not robot.loops:
         return _open(robot, angles)
     parts = mechanism(robot)
     start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
     q = _closed_at_start(parts, start)
+    if near is not None:
+        q = _gone(parts, q, near[None])
+    return _gone(parts, q, angles)
+
+
+def _gone(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
+    """From one posture q (1, n_l) to the driven joints' angles (Q, n_u)."""
     steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / STEP)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps

@@ -17,15 +17,12 @@ import casadi as ca
 from elastid.errors import StudyError
 from elastid.model.elastic import ElasticModel
 from elastid.model.equations import elastic_model, open_chain
-from elastid.model.parallel_linkage.approximations import elastic_joints_within, series_stiffness, unbent
+from elastid.model.parallel_linkage.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
 from elastid.model.parallel_linkage.geometry import closures
 from elastid.model.parallel_linkage.rods import cut, elastic, with_rod_inertia
 from elastid.model.spec import ModelSpec
 from elastid.names import did_you_mean
 from elastid.robot import Robot
-
-# Variants in which rods do not stretch and nothing bends inside a loop.
-STIFF = ("rigid_loop", "constant_stiffness", "series_stiffness")
 
 
 def minimal(robot: Robot, spec: ModelSpec) -> ElasticModel:

@@ -89,6 +89,7 @@ def _dependent(model: ElasticModel, chosen: Sequence[str], rank: int, reached: i
         return (
             f"model.independent names {len(chosen)} coordinates, but {model.n_q} coordinates with {rank} independent "
             f"constraints leave {needed}; there are {', '.join(model.coordinates)}"
+            + ("" if rank else " (elastic rods are cut and determine none of them)")
         )
     return (
         f"model.independent: {', '.join(chosen)} are not independent here: with them held, the loops leave "
@@ -98,7 +99,7 @@ def _dependent(model: ElasticModel, chosen: Sequence[str], rank: int, reached: i
 
 def motions(model: ElasticModel, Phi: FloatArray) -> FloatArray:
     """Z (n_q, n): columns span the null space of Phi (n_c, n_q); orthonormal, or of the independent coordinates."""
-    if model.independent is not None and Phi.size:
+    if model.independent is not None and (Phi.size or model.independent):
         return partition(model, Phi).basis(Phi)
     return null_space(Phi)
 

@@ -1,0 +1,296 @@
+"""A robot with everything at once: slides, riding and coupled motors, nonlinear springs, gas, payload, lags, points."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from elastid import stages
+from elastid.console import Console
+from elastid.errors import StudyError
+from elastid.experiment.configurations import candidates
+from elastid.experiment.design_spec import CandidateSpec
+from elastid.experiment.plan import make_plan
+from elastid.experiment.rig_hardware import filtered
+from elastid.experiment.simulated import SimulatedRig
+from elastid.frf.estimators import estimate
+from elastid.linear.chain import sensor_elements
+from elastid.linear.linearise import linearise
+from elastid.linear.transfer import frequency_response
+from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
+from elastid.model.serial import serial
+from elastid.overview import overview
+from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.run import Run
+from elastid.store import read_forecast
+from elastid.study import load
+
+# A lift on an elastic foot; its arm turns and reaches, the wrist's motor is turned along by the elbow.
+ROBOT = """\
+name: lifting arm
+bodies:
+  - name: foot
+    joints:
+      - {name: bx, axis: x, motion: translation, spring: {stiffness: 60 kN/mm, damping: 40 kN*s/m}}
+    mass: 300
+    inertia: [20, 20, 20]
+  - name: carriage
+    parent: foot
+    placement: {xyz: [0, 0, 0.5]}
+    joints:
+      - name: z
+        axis: z
+        motion: translation
+        motor: {inertia: 3e-3, ratio: 628.3, viscous: 1e-3, on: foot, axis: z, LUGRE}
+        spring: {stiffness: 8 kN/mm, damping: 6 kN*s/m, cubic: 1e12 N/m^3}
+        FRICTION
+        limits: {angle: [-200 mm, 0.9 m], velocity: 0.8 m/s, torque: 8 kN}
+    mass: 90
+    center_of_mass: [0.1, 0, 0.05]
+    inertia: [4, 4, 3]
+  - name: fore
+    parent: carriage
+    placement: {xyz: [0.4, 0, 0]}
+    joints:
+      - name: e
+        axis: y
+        motor: {inertia: 1e-3, ratio: 90, viscous: 8e-4, coulomb: COULOMB, on: carriage, axis: y}
+        spring: {stiffness: 70 kN*m/rad, damping: 70}
+        limits: {angle: [-150 deg, 150 deg], velocity: 150 deg/s, torque: 1.5 kN*m}
+    mass: 18
+    center_of_mass: [0.25, 0, 0]
+    inertia: [0.1, 0.9, 0.9]
+  - name: hand
+    parent: fore
+    placement: {xyz: [0.5, 0, 0]}
+    joints:
+      - name: w
+        axis: x
+        motor: {inertia: 3e-4, ratio: 80, viscous: 3e-4, coulomb: COULOMB, on: fore, axis: x}
+        spring: {stiffness: 12 kN*m/rad, damping: 12}
+        limits: {angle: [-150 deg, 150 deg], velocity: 200 deg/s, torque: 400 N*m}
+    mass: 6
+    center_of_mass: [0.1, 0.05, 0]
+    inertia: [0.08, 0.06, 0.06]
+frames: [{name: tool, body: hand, placement: {xyz: [0.2, 0, 0]}}]
+payload: {mass: 8, inertia: 0.05, at: tool}
+compensators:
+  - name: cyl
+    ends: [{body: foot, point: [0.05, 0, 3 m]}, {body: carriage, point: [0.05, 0, 0]}]
+    gas: {force: 900 N, length: 2 m, column: 2 m, action: draw}
+gears: [{motor: w, joint: e, ratio: 20}]
+chain: {torque_lag: 1 ms, sensor_lag: 0.3 ms}
+"""
+STUDY = """\
+name: lift
+seed: SEED
+robot: robot.yml
+excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 60], torque_rms: [400 N, 60 N*m, 15]}
+experiment:
+  configurations:
+    low: [100 mm, 30 deg, 20 deg]
+    high: [0.6, -60 deg, -50 deg]
+  simulated:
+    truth: {k_z: 7e6 N/m, k_e: 60 kN*m/rad, k_w: 10 kN*m/rad, d_e: 90, torque_lag: 1.3 ms}
+    outputs: [motor z, motor e, motor w, accelerometer tool x, accelerometer tool z]
+    controller: {kind: cascade}
+    saturation: true
+    CARRIER
+    noise: {torque_std: 2, encoder_counts: 1048576, acceleration_std: 0.01}
+fit:
+  criterion: complex
+  starts: 2
+  parameters: {k_z: {}, k_e: {}, k_w: {}, d_z: {}, d_e: {}, d_w: {}, fm_*: {}, torque_lag: {}}
+"""
+LUGRE = (
+    "friction: {coulomb: 0.1, stiction: 0.15, stribeck_velocity: 3, "
+    "lugre: {stiffness: 20, damping: 0.02, damping_velocity: 3}}"
+)
+CARRIER = "carrier: {amplitude: [8 mm, 1 deg, 1 deg], cycles: 1}"
+NAMES = ("k_z", "k_e", "k_w", "d_z", "d_e", "d_w", "torque_lag")
+
+
+def written(folder: Path, rough: bool, seed: int = 1, **replacing: str) -> Path:
+    """The study, with friction everywhere or nowhere; texts of robot and study replaced."""
+    words = {"LUGRE": LUGRE, "FRICTION": "friction: {coulomb: 4 N}", "COULOMB": "0.03", "CARRIER": CARRIER}
+    if not rough:
+        words = {"LUGRE": "coulomb: 0", "FRICTION": "viscous: 0", "COULOMB": "0", "CARRIER": "substeps: 2"}
+    robot, study = ROBOT, STUDY.replace("SEED", str(seed))
+    for old, new in (words | replacing).items():
+        robot, study = robot.replace(old, new), study.replace(old, new)
+    (folder / "robot.yml").write_text(robot)
+    (folder / "study.yml").write_text(study)
+    return folder / "study.yml"
+
+
+def test_a_number_in_newtons_is_friction_of_a_slide_only(tmp_path: Path) -> None:
+    """4 N across the slide is read; N*m there, N at a motor, m/s of a motor's friction are refused where they stand."""
+    robot = load(written(tmp_path, rough=True)).study.robot
+    assert robot.joints[1].friction.coulomb == 4.0
+    for changes, says in (
+        (
+            {"coulomb: 4 N}": "coulomb: 4 N*m}"},
+            "friction: coulomb is given in units of N*m, but joint z is a translation",
+        ),
+        (
+            {"coulomb: 0.1,": "coulomb: 0.1 N,"},
+            "motor: friction: coulomb of joint z is given in units of N, but a motor",
+        ),
+        (
+            {"stiffness: 20,": "stiffness: 20 N/m,"},
+            "motor: friction.lugre: stiffness of joint z is given in units of N/m",
+        ),
+        ({"[400 N, 60": "[400 N*m, 60"}, "torque_rms[0]: is given in units of N*m, but joint z is a translation; give"),
+        (
+            {"[8 mm, 1 deg, 1 deg]": "1 deg"},
+            "carrier.amplitude: is given in units of rad, but joint z is a translation",
+        ),
+        ({"[8 mm, 1 deg, 1 deg]": "[8 mm, 1 deg]"}, "2 amplitudes for 3 motors; give one for all or one for each"),
+    ):
+        with pytest.raises(StudyError) as refusal:
+            load(written(tmp_path, rough=True, **changes))
+        assert says in str(refusal.value)
+
+
+def test_the_overview_tells_metres_from_radians(tmp_path: Path) -> None:
+    """The carrier's amplitude of each joint in its unit."""
+    page = overview(load(written(tmp_path, rough=True)).study)
+    assert "carrier: sine, amplitude 0.008 m, 0.0175 rad, 0.0175 rad" in page
+    assert "carries 8 kg at tool" in page
+
+
+def test_energy_of_everything_undamped_is_conserved(tmp_path: Path) -> None:
+    """Kinetic (rotors that ride, coupled gears) and potential (gravity, cubic spring, gas) energy, 1e-8 over 1 s."""
+    from scipy.integrate import solve_ivp
+
+    robot = load(written(tmp_path, rough=False)).study.robot
+    model = serial(robot)
+    theta = model.theta.copy()
+    theta[[name[0] in "df" for name in model.parameters]] = 0.0
+    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    M = model.mass(q, theta)
+    slope = model.potential_gradient(q, theta)
+    motion = ca.Function("a", [q, v], [ca.solve(M, -model.force(q, v, theta)), slope])
+    kinetic = ca.Function("T", [q, v], [v.T @ M @ v / 2])
+    rng, n = np.random.default_rng(3), model.n_q
+    start = np.concatenate([2e-4 * rng.standard_normal(n), rng.uniform(-1, 1, n), [0.0]])
+
+    def rates(_: float, x: np.ndarray) -> np.ndarray:
+        acceleration, gradient = (part.full()[:, 0] for part in motion(x[:n], x[n:-1]))
+        return np.concatenate([x[n:-1], acceleration, [gradient @ x[n:-1]]])
+
+    path = solve_ivp(rates, (0, 1), start, "DOP853", rtol=1e-12, atol=1e-13, t_eval=np.linspace(0, 1, 21))
+    total = np.array([float(kinetic(x[:n], x[n:-1])) + x[-1] for x in path.y.T])
+    assert np.abs(total - total[0]).max() < 1e-8 * float(kinetic(start[:n], start[n:-1]))
+
+
+def test_the_rig_tends_to_the_linear_response_with_all_of_it(tmp_path: Path) -> None:
+    """Without noise and friction, at 2 kHz: 0.2 % up to 60 Hz at motors and accelerometers, behind both lags."""
+    quiet = {
+        "torque_std: 2, encoder_counts: 1048576, acceleration_std: 0.01": "torque_std: 0",
+        "rate_hz: 500": "rate_hz: 2000",
+    }
+    study = load(written(tmp_path, rough=False, **quiet, **{"[400 N, 60 N*m, 15]": "[40 N, 6 N*m, 1.5]"})).study
+    plan = make_plan(study.excitation, study.experiment, study.robot, 1)
+    rig = SimulatedRig(study.robot, study.experiment, plan, 1)
+    low = [run for run in plan.experiments if run.configuration.name == "low"]
+    response = estimate([rig.measure(run) for run in low], study.estimator)
+    truth = study.robot.with_parameters(study.experiment.simulated.truth)
+    linear = linearise(serial(truth), low[0].configuration, serial(truth).theta, response.outputs, response.quantity)
+    G = frequency_response(linear, linear.theta_ref, response.freq_hz)
+    size = np.sqrt(np.mean(np.abs(G) ** 2, axis=0))
+    # Rows in their unit, columns in theirs: elements that are nothing beside their row and column do not count.
+    counts = size > 0.02 * np.sqrt(np.outer(size.max(axis=1), size.max(axis=0)))
+    error = np.sqrt(np.mean(np.abs(response.G - G) ** 2, axis=0)) / size
+    assert counts.sum() >= 9
+    assert error[counts].max() < 2e-3
+
+
+@pytest.mark.parametrize("order", [1, 2, 4])
+def test_the_simulated_sensor_filter_is_the_one_of_the_model(order: int) -> None:
+    """Sines at a tenth of the sampling rate come through as H(j omega T) says, to 2e-3; a short lag too."""
+    rate, f, t = 500.0, 50.0, np.arange(4000) / 500.0
+    for T in (3e-4, 2e-3, 2e-2):
+        robot = Robot(
+            "a", (Body("a", joints=(Joint("1", motor=Motor(1)),)),), chain=Chain(sensor_lag=T, sensor_order=order)
+        )
+        steady = filtered(robot, np.sin(2 * np.pi * f * t)[:, None], rate)[2000:-40, 0]
+        H = sensor_elements(robot.chain)[0].response(np.array([2j * np.pi * f]), T)[0]
+        expected = (H * np.exp(2j * np.pi * f * t)).imag[2000:-40]
+        assert np.abs(steady - expected).max() < 2e-3
+
+
+def stage(path: Path, *names: str) -> tuple[Run, dict]:
+    """The run after some stages, and its summary."""
+    run = Run(load(path), path.parent / "run", 1, Console(-1))
+    for name in names:
+        getattr(stages, name)(run)
+    summary = run.folder / "summary.json"
+    return run, json.loads(summary.read_text()) if summary.exists() else {}
+
+
+def test_a_design_tells_where_its_amplitude_stiffens_a_spring(tmp_path: Path) -> None:
+    """3 k3 sigma^2 of several per cent gets a word with its size; a tenth of the torque gets none."""
+    hard = {"cubic: 1e12 N/m^3": "cubic: 2e14 N/m^3", "[400 N, 60 N*m, 15]": "[2 kN, 60, 15]"}
+    run, _ = stage(written(tmp_path, rough=False, **hard), "design")
+    (word,) = [note for note in read_forecast(run.path("design")).notes if "spring of joint z" in note]
+    assert "m rms in" in word
+    assert "stiffer than the tangent at rest" in word
+    soft, _ = stage(written(tmp_path, rough=False), "design")
+    assert not any("stiffer" in note for note in read_forecast(soft.path("design")).notes)
+
+
+@pytest.mark.parametrize("rough", [False, True], ids=["smooth", "friction"])
+def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bool) -> None:
+    """Several seeds, everything in one study, end to end: |error| / std of all as normal numbers would have it."""
+    off = []
+    for seed in (1, 2, 3) if rough else (1, 2):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        path = written(folder, rough, seed)
+        last = ("validate", "report") if seed == 1 else ()
+        _, summary = stage(path, "design", "measure", "estimate", "fit", *last)
+        assert summary["status"] == "converged"
+        numbers = {**summary["parameters"]}
+        off += [(numbers[name]["value"] - numbers[name]["truth"]) / numbers[name]["std"] for name in NAMES]
+        relative = [abs(numbers[k]["value"] / numbers[k]["truth"] - 1) for k in ("k_z", "k_e", "k_w")]
+        assert max(relative) < (0.02 if rough else 0.005)
+    assert np.sqrt(np.mean(np.square(off))) < 1.7
+    assert np.abs(off).max() < 5
+
+
+def test_the_tool_is_the_frame_called_tool() -> None:
+    """Its Jacobian decides on singular postures; the frame's origin counts for floor and boxes."""
+    arm = Body("a", joints=(Joint("1", "y", motor=Motor(1.0)),), mass=5, center_of_mass=(0.2, 0, 0), inertia=1)
+    frames = (Frame("tool", "a", Placement((1.0, 0, 0))),)
+    angles = np.array([[0.3], [-1.2]])
+    bare, named = Robot("arm", (arm,)), Robot("arm", (arm,), frames=frames)
+    np.testing.assert_allclose(np.linalg.norm(tool_jacobian(bare, angles)[:, :3], axis=1), 0.2)
+    np.testing.assert_allclose(tool_jacobian(named, angles), frame_jacobians(named, angles, "tool"), atol=1e-15)
+    np.testing.assert_allclose(np.linalg.norm(tool_jacobian(named, angles)[:, :3], axis=1), 1.0)
+    assert "frame tool" in skeleton(named, angles).names
+    down = candidates(CandidateSpec(given={"up": (-0.5,), "down": (0.5,)}, floor=-0.3, singular=0.0), named, 1)
+    assert [one.name for one in down.configurations] == ["up"]
+
+
+def test_candidates_of_a_slide_need_its_ends() -> None:
+    """A joint that turns may be drawn from a whole turn; metres have no such default."""
+    slide = Joint("x", "x", motor=Motor(1.0), motion="translation")
+    with pytest.raises(StudyError, match=r"joint x slides and has no limits\.angle"):
+        candidates(CandidateSpec(), Robot("s", (Body("s", joints=(slide,), mass=1),)), 1)
+    ended = Joint("x", "x", motor=Motor(1.0), motion="translation", limits=Limits((0.0, 0.5)))
+    drawn = candidates(CandidateSpec(random=20), Robot("s", (Body("s", joints=(ended,), mass=1),)), 1, 0.1)
+    angles = np.array([one.angles[0] for one in drawn.configurations])
+    assert angles.min() >= 0.15
+    assert angles.max() <= 0.35
+
+
+def test_a_plain_spring_refusal_says_metres_where_it_was_written_in_them(tmp_path: Path) -> None:
+    """Units of the message follow those of the file."""
+    with pytest.raises(StudyError, match=r"at a .* deflection of .* m and pulls beyond, for k = 8e\+06 N/m"):
+        load(written(tmp_path, rough=False, **{"cubic: 1e12 N/m^3": "cubic: -1e12 N/m^3"}))
+    assert Spring(1.0).is_linear
