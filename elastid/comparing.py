@@ -50,14 +50,19 @@ def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
                 "it; give compare.variants, or a second study"
             )
         responses = read_responses(run.path("estimate"))
-        comparison = _compared(run, models, responses)
-        write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
-        shutil.rmtree(run.folder / PARTIAL, ignore_errors=True)
-        run.console.table(comparison_table(comparison))
-        run.console.say(f"compare: {comparison.verdict}")
-        run.console.say(str(run.folder / RESULT))
-        if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
-            stages.report(run)
+        names = [response.configuration.name for response in responses]
+        finish(run, ranked(names, models, refitted(run, models, responses)))
+
+
+def finish(run: Run, comparison: Comparison) -> None:
+    """Write a comparison, say how it came out, and show it in the report where there is one."""
+    write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
+    shutil.rmtree(run.folder / PARTIAL, ignore_errors=True)
+    run.console.table(comparison_table(comparison))
+    run.console.say(f"compare: {comparison.verdict}")
+    run.console.say(str(run.folder / RESULT))
+    if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
+        stages.report(run)
 
 
 def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[Variant]:
@@ -66,7 +71,7 @@ def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterato
     yield Variant(study.name, study.robot, study.fit, study.model)
     for spec in study.compare.variants or _default(study, bool(others)):
         try:
-            yield _variant(loaded, spec)
+            yield variant(loaded, spec)
         except StudyError as error:
             raise StudyError(f"compare.variants: {spec.name}: {error}") from None
     for other in others:
@@ -134,7 +139,8 @@ def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
     return (other, *approximate)
 
 
-def _variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
+def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
+    """The study's own model but for what is given; StudyError where there is no such model."""
     own = loaded.study
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
     robot = study.robot if spec.motor_coupling else without_motor_coupling(study.robot)
@@ -154,8 +160,8 @@ def _weighed_as(own: Study, other: Study) -> FitSpec:
     )
 
 
-def _compared(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyResponse]) -> Comparison:
-    """All fits, those that are not there yet by several processes."""
+def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
+    """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     names = [response.configuration.name for response in responses]
     parts = ((), *folds(names, run.study.compare.folds))
     tasks = [Task(variant, part, run.study.seed) for variant in models for part in parts]
@@ -173,7 +179,7 @@ def _compared(run: Run, models: Sequence[Variant], responses: Sequence[Frequency
             write_refit(paths[missing[index]], result)
     results = [each for path in paths if (each := done[path]) is not None]
     n = len(parts)
-    return ranked(names, models, [results[i * n : (i + 1) * n] for i in range(len(models))])
+    return [results[i * n : (i + 1) * n] for i in range(len(models))]
 
 
 def _key(task: Task, run: Run) -> str:

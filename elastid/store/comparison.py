@@ -12,6 +12,7 @@ import numpy as np
 
 from elastid.store.files import Stamp, text_file
 from elastid.validation.comparison import Comparison, LeftOut, Refit, Row
+from elastid.validation.search import Trial
 
 SCHEMA = 1
 
@@ -25,6 +26,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
         "verdict": comparison.verdict,
         "configurations": list(comparison.configurations),
         "models": [asdict(row) | {"misfit": row.misfit.tolist()} for row in comparison.rows],
+        "search": [asdict(trial) for trial in comparison.trials],
     }
     with text_file(path) as file:
         json.dump(_plain(content), file, indent=1, allow_nan=False)
@@ -41,7 +43,13 @@ def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
         tuple(content["configurations"]),
         tuple(Row(**row | {"misfit": np.array([_number(m) for m in row["misfit"]])}) for row in rows),
         content["verdict"],
+        tuple(_trial(trial) for trial in content.get("search", [])),
     )
+
+
+def _trial(row: dict[str, Any]) -> Trial:
+    names = {key: tuple(row[key]) for key in ("coordinates", "elastic")}
+    return Trial(**_numbers(row, ("before", "after", "change", "standard_error", "criterion")) | names)
 
 
 def write_refit(path: Path, refit: Refit) -> None:

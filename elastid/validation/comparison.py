@@ -21,11 +21,12 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from elastid.arrays import FloatArray, frozen
-from elastid.errors import ElastidError
+from elastid.errors import ElastidError, StudyError
 from elastid.fit.choose import choose
 from elastid.fit.identify import identify, predict
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
@@ -34,6 +35,9 @@ from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.frequency import agreement
+
+if TYPE_CHECKING:
+    from elastid.validation.search import Trial
 
 # Part of the misfit by which two fits of one model may differ.
 SAME = 1e-3
@@ -114,11 +118,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Comparison:
-    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict."""
+    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict.
+
+    trials: of the search that met these models, in its order; none where they were given.
+    """
 
     configurations: tuple[str, ...]
     rows: tuple[Row, ...]
     verdict: str
+    trials: tuple[Trial, ...] = ()
 
 
 def folds(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
@@ -158,13 +166,22 @@ def ranked(configurations: Sequence[str], variants: Sequence[Variant], refits: S
 
 
 def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
-    """A study's fit without the parameters that its own robot has and a variant has not."""
+    """A study's fit without the parameters that its own robot has and a variant has not.
+
+    StudyError where it names no others: without any it would be another fit, that of every stiffness.
+    """
     there, known = robot.parameters(), own.parameters()
 
     def gone(key: str) -> bool:
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
 
-    return replace(spec, parameters={key: wish for key, wish in spec.parameters.items() if not gone(key)})
+    kept = {key: wish for key, wish in spec.parameters.items() if not gone(key)}
+    if spec.parameters and not kept:
+        raise StudyError(
+            f"fit.parameters names only what this model does not have ({', '.join(spec.parameters)}); name further "
+            "ones, such as the stiffnesses of the gears"
+        )
+    return replace(spec, parameters=kept)
 
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:

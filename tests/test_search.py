@@ -1,0 +1,194 @@
+"""elastid compare --search: the joints in which a robot gives way are found, those in which it does not stay rigid."""
+
+import json
+import math
+from pathlib import Path
+from unittest.mock import create_autospec
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from test_compare import ROBOT, STUDY, measured
+from test_report import report_content
+
+from elastid import cli, comparing, searching
+from elastid.errors import StudyError
+from elastid.report.page import html
+from elastid.run import Run
+from elastid.searching import search_elasticity, trial_table
+from elastid.store.comparison import read_comparison
+from elastid.study import load
+from elastid.validation.comparison import Row
+from elastid.validation.search import found, found_words, search
+
+# In the truth 1x is as good as rigid; the study may find it so, since its bounds are wide.
+STIFF = "robot.bodies.0.joints.1.spring.stiffness=4e8"
+FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """The path of a study with the further elastic joints 1x and 2x, whose responses are not there yet."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    return tmp_path / "study.yml"
+
+
+def plan(study: Path, *overrides: str, **options: object) -> Run:
+    """A run with the responses of a robot that bends in 2x, under 2 % noise."""
+    return measured(study, load(study, (STIFF,)).study.robot, *FIT, *overrides, **options)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path, seed: int) -> None:
+    """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
+    run = plan(study, seed=seed)
+    search_elasticity(run)
+    content = json.loads((run.folder / "compare.json").read_text())
+    trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}
+    assert {key: t["taken"] for key, t in trials.items()} == {(1, "1x"): False, (1, "2x"): True, (2, "1x"): False}
+    freed, spurious = trials[1, "2x"], trials[2, "1x"]
+    assert -freed["change"] > freed["standard_error"] > 0
+    assert freed["criterion"] < -100
+    assert freed["change"] == pytest.approx(freed["after"] - freed["before"])
+    assert freed["after"] == spurious["before"] == pytest.approx(0.9, abs=0.15)
+    assert freed["n_free"] + 1 == spurious["n_free"]
+    assert spurious["change"] == pytest.approx(0, abs=0.05)
+    assert content["verdict"].startswith("Beyond the driven joints the elasticity sits in 2x; 1x can be rigid")
+    assert {row["name"] for row in content["models"]} == {"two", "driven joints alone", "1x elastic", "2x elastic"}
+
+
+def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same bytes from two processes and from one that was stopped after five fits."""
+    straight = plan(study, "compare.folds=2", jobs=2, folder="straight")
+    search_elasticity(straight)
+    stopped = plan(study, "compare.folds=2", folder="stopped")
+    refit, calls = comparing.refit, []
+
+    def interrupted(responses, task):
+        calls.append(task)
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return refit(responses, task)
+
+    monkeypatch.setattr(comparing, "refit", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        search_elasticity(stopped)
+    search_elasticity(stopped)
+    assert len(calls) == 4 * 3 + 1
+    first, second = ((run.folder / "compare.json").read_bytes() for run in (straight, stopped))
+    assert first == second
+    comparison = read_comparison(stopped.folder / "compare.json", stopped.stamps["estimate"])
+    assert comparison is not None
+    assert [row[:3] for row in trial_table(comparison.trials)[1:]] == [
+        ["1", "1x free", "3"],
+        ["1", "2x free", "4"],
+        ["2", "1x free", "5"],
+    ]
+    page = html(report_content(comparison=comparison), [])
+    assert page.count("2x free</td>") == page.count(">taken</td>") == 1
+
+
+NAMES = ("a", "b", "c", "d", "e")
+ADDED = np.array([0.8, 1.0, 1.1, 1.3])
+
+
+def world(error):
+    """What the search is told where the misfit of a model is error(elastic): rows of all models so far."""
+    known = {}
+
+    def fitted(models):
+        for model in models:
+            misfit = np.asarray(error(model), float)
+            cost = 1000 * float(misfit.mean())
+            known[model] = Row(" ".join(model), len(model), cost, 1000, cost + 2 * len(model), misfit, 0.0, 0.0)
+        return known
+
+    return fitted
+
+
+@given(useful=st.sets(st.sampled_from(NAMES)), gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5))
+def test_what_helps_by_itself_is_found_whatever_the_rest(useful: set[str], gains: list[float]) -> None:
+    """Springs whose parts of the error add up: those with one are freed, the largest first; none is tried twice."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    fitted = world(lambda model: rest - sum(gain[name] for name in model) * ADDED)
+    trials = list(search(NAMES, fitted))
+    assert set(found(trials)) == useful
+    taken = [trial.coordinates[0] for trial in trials if trial.taken]
+    assert [gain[name] for name in taken] == sorted((gain[name] for name in useful), reverse=True)
+    assert len({(trial.step, trial.elastic) for trial in trials}) == len(trials)
+    assert all(name in found_words(NAMES, trials) for name in NAMES)
+
+
+def test_two_springs_that_show_only_together_are_found() -> None:
+    """No single one helps: all are freed at once, and what is not needed becomes rigid again, step by step."""
+    fitted = world(lambda model: (1 if {"b", "d"} <= set(model) else 5) * ADDED + 1e-3 * len(model))
+    trials = list(search(NAMES, fitted))
+    assert found(trials) == ("b", "d")
+    assert [(trial.becomes, len(trial.elastic)) for trial in trials if trial.taken] == [
+        ("free", 5),
+        ("rigid", 4),
+        ("rigid", 3),
+        ("rigid", 2),
+    ]
+
+
+def test_a_spring_that_another_stood_in_for_becomes_rigid_again() -> None:
+    """Alone a is the best, beside b and c it is good for nothing."""
+    errors = {"a": 3, "b": 4, "c": 4, "ab": 2.5, "ac": 2.5, "bc": 1, "abc": 1.001}
+    fitted = world(lambda model: errors.get("".join(model), 6) * ADDED)
+    trials = list(search(("a", "b", "c"), fitted))
+    assert found(trials) == ("b", "c")
+    assert ("rigid", ("a",)) in [(trial.becomes, trial.coordinates) for trial in trials if trial.taken]
+
+
+@pytest.mark.parametrize(
+    ("gain", "is_found"), [([8, 0, 0, 0], False), ([8, 1, 1, 1], True), ([1, -1, 1, -0.9], False), ([9e-4] * 4, False)]
+)
+def test_evidence_must_come_from_several_configurations_and_be_worth_the_parameters(gain, is_found) -> None:
+    """A gain in one configuration is its own standard error; one below 2 in QAIC does not pay for a parameter."""
+    fitted = world(lambda model: 10 - np.array(gain) * len(model))
+    trials = list(search(("a",), fitted))
+    assert found(trials) == (("a",) if is_found else ())
+
+
+def test_models_without_a_fit_do_not_lead_the_search() -> None:
+    """One that can be fitted is better than one that cannot; where there is none, nothing is claimed."""
+    fitted = world(lambda model: ADDED if model == ("a",) else ADDED * math.nan)
+    trials = list(search(("a", "b"), fitted))
+    assert found(trials) == ("a",)
+    fitted = world(lambda _: ADDED * math.nan)
+    trials = list(search(("a", "b"), fitted))
+    assert found(trials) == ()
+    assert found_words(("a", "b"), trials).startswith("The search has nothing to go by")
+
+
+def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
+    """Nothing to judge by, nothing to identify where the search begins, nothing to search among."""
+    run = measured(study, load(study).study.robot, "experiment.configurations={a: [0, 0.2]}")
+    with pytest.raises(StudyError, match="there is one only; measure in further ones"):
+        search_elasticity(run)
+    run = measured(study, load(study).study.robot, "fit.parameters={k_1x: {}, d_2x: {}}", folder="further")
+    with pytest.raises(StudyError, match=r"search: driven joints alone: fit\.parameters names only what .*k_1x, d_2x"):
+        search_elasticity(run)
+    lines = ROBOT.splitlines(keepends=True)
+    (study.parent / "robot.yml").write_text("".join(line for line in lines if "x, axis: x" not in line))
+    springs = 'fit.parameters={"k_*": {}}'
+    run = measured(study, load(study, (springs,)).study.robot, springs, folder="driven")
+    with pytest.raises(StudyError, match="every elastic joint of robot two axes is driven"):
+        search_elasticity(run)
+
+
+def test_the_command_takes_one_study(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """elastid compare A --search; with a second study it is a usage error."""
+    worked = create_autospec(searching.search_elasticity)
+    monkeypatch.setattr(searching, "search_elasticity", worked)
+    monkeypatch.chdir(tmp_path)
+    assert cli.run_command(["compare", str(tiny), "--search", "--jobs", "1", "-q"]) == 0
+    assert worked.call_args.args[0].loaded.path == tiny
+    assert cli.run_command(["compare", str(tiny), str(tiny), "--search"]) == 2
+    assert worked.call_count == 1
