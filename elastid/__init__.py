@@ -13,8 +13,9 @@ Values (floor 1): `units` and `section` (how a study's numbers and sections are 
 `record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints,
 springs, motors; from a table of Denavit and Hartenberg, or a URDF).
 
-Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; the simulated and the
-recorded rig; responses of other programs), `frf` (records to responses and their covariance).
+Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; `design` of what to measure;
+the `simulated` and the `recorded` rig; `responses` of other programs), `frf` (records to responses and their
+covariance).
 
 Model wing: `model` (equations of motion in CasADi: `formulation` chooses `serial` or, for robots with loops, one of
 `parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear`
@@ -37,8 +38,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from elastid.experiment.plan import Plan, make_plan
-    from elastid.experiment.recorded import RecordedRig
-    from elastid.experiment.simulated import SimulatedRig
+    from elastid.experiment.recorded.rig import RecordedRig
+    from elastid.experiment.simulated.rig import SimulatedRig
     from elastid.fit.identify import identify, predict
     from elastid.fit.result import FitResult
     from elastid.frf.estimators import estimate
@@ -60,9 +61,9 @@ _HOME = {
     "FrequencyResponse": "elastid.response",
     "Plan": "elastid.experiment.plan",
     "Record": "elastid.record",
-    "RecordedRig": "elastid.experiment.recorded",
+    "RecordedRig": "elastid.experiment.recorded.rig",
     "Robot": "elastid.robot",
-    "SimulatedRig": "elastid.experiment.simulated",
+    "SimulatedRig": "elastid.experiment.simulated.rig",
     "estimate": "elastid.frf.estimators",
     "formulate": "elastid.model.formulation",
     "frequency_response": "elastid.linear.transfer",

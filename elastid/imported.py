@@ -11,7 +11,7 @@ import numpy as np
 from elastid.errors import DataError, StudyError
 from elastid.experiment.plan import checked_configurations
 from elastid.experiment.responses.reading import link_side_response, read_table
-from elastid.experiment.spec import ResponseFileSpec
+from elastid.experiment.responses.spec import ResponseFileSpec
 from elastid.frf.conversion import in_quantity
 from elastid.frf.pairing import pairing_words
 from elastid.record import Configuration

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from elastid.errors import StudyError
-from elastid.experiment.log_files import contents
+from elastid.experiment.recorded.log_files import contents
+from elastid.experiment.recorded.spec import TextFormatSpec
+from elastid.experiment.recorded.text_logs import described_format, guessed
 from elastid.experiment.responses.reading import contents_of
 from elastid.experiment.responses.uff import SUFFIXES
-from elastid.experiment.spec import TextFormatSpec
-from elastid.experiment.text_logs import described_format, guessed
 from elastid.store import described as described_artefact
 from elastid.store import kind_of
 

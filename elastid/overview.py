@@ -6,7 +6,8 @@ from collections.abc import Collection, Iterator, Sequence
 
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec
+from elastid.experiment.simulated.spec import CarrierSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.choose import choose
 from elastid.parameters import Parameter
 from elastid.robot import Robot

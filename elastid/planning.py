@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from elastid.errors import StudyError
-from elastid.experiment.designing import Brief
+from elastid.experiment.design.designing import Brief
 from elastid.response import FrequencyResponse
 from elastid.store import read_fit, read_responses
 from elastid.study import LoadedStudy

@@ -15,12 +15,12 @@ from typing import Any
 
 from elastid.arrays import IntArray
 from elastid.errors import FitError, StudyError
-from elastid.experiment.designing import designed
+from elastid.experiment.design.designing import designed
 from elastid.experiment.plan import Experiment
-from elastid.experiment.recorded import RecordedRig
+from elastid.experiment.recorded.rig import RecordedRig
 from elastid.experiment.references import references
 from elastid.experiment.rig import Rig
-from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.identify import identify, predict
 from elastid.fit.multistart import Interrupted
 from elastid.fit.result import FitResult

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from elastid.experiment.forecast import Forecast
+from elastid.experiment.design.forecast import Forecast
 from elastid.report.numbers import digits, number
 from elastid.report.parameter_rows import ParameterRow
 

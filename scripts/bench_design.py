@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.experiment.optimal import Criterion, Relaxed, relaxed, whole
+from elastid.experiment.design.optimal import Criterion, Relaxed, relaxed, whole
 
 CANDIDATES, PARAMETERS, EXPERIMENTS = 7920, 12, 15
 

@@ -35,12 +35,13 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.configurations import candidates
-from elastid.experiment.design_spec import CandidateSpec, DesignSpec
-from elastid.experiment.designing import Brief, Design, designed
+from elastid.experiment.design.configurations import candidates
+from elastid.experiment.design.designing import Brief, Design, designed
+from elastid.experiment.design.spec import CandidateSpec, DesignSpec
 from elastid.experiment.plan import Chosen, Plan, make_plan
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimators import estimate

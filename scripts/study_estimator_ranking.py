@@ -42,8 +42,9 @@ from scipy.optimize import minimize
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan import Experiment, make_plan
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.frf.estimators import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise

@@ -29,8 +29,9 @@ from elastid.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.limits import QUANTITIES, peaks_of_run, within_limits
 from elastid.experiment.plan import make_plan
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import CarrierSpec, ControllerSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.parallel import ordered
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 

@@ -12,11 +12,11 @@ import pytest
 from elastid import stages
 from elastid.console import Console
 from elastid.errors import StudyError
-from elastid.experiment.configurations import candidates
-from elastid.experiment.design_spec import CandidateSpec
+from elastid.experiment.design.configurations import candidates
+from elastid.experiment.design.spec import CandidateSpec
 from elastid.experiment.plan import make_plan
-from elastid.experiment.rig_hardware import filtered
-from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.simulated.hardware import filtered
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.frf.estimators import estimate
 from elastid.linear.chain import sensor_elements
 from elastid.linear.linearise import linearise

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from elastid.errors import StudyError
-from elastid.experiment.configurations import candidates, dexterity
-from elastid.experiment.design_spec import BoxSpec, CandidateSpec
+from elastid.experiment.design.configurations import candidates, dexterity
+from elastid.experiment.design.spec import BoxSpec, CandidateSpec
 from elastid.model.kinematics import skeleton
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
 

@@ -14,12 +14,13 @@ import pytest
 from elastid.cli import run_command
 from elastid.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design_spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
-from elastid.experiment.designing import Brief, designed
-from elastid.experiment.friction_level import friction_level
+from elastid.experiment.design.designing import Brief, designed
+from elastid.experiment.design.friction_level import friction_level
+from elastid.experiment.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
 from elastid.experiment.plan import Plan, make_plan
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimators import estimate

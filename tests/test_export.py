@@ -15,8 +15,9 @@ import pytest
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.cli import run_command
 from elastid.errors import StudyError
+from elastid.experiment.recorded.spec import ChannelSpec
 from elastid.experiment.responses.reading import link_side_response, read_table
-from elastid.experiment.spec import ChannelSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
 from elastid.export.identified import Identified, identified
 from elastid.export.targets import TARGETS
 from elastid.fit.choose import choose

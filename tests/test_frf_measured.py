@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.experiment.recorded import RecordedRig
-from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec
+from elastid.experiment.recorded.rig import RecordedRig
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.frf.estimators import estimate
 from elastid.frf.periods import trusted
 from elastid.frf.spec import EstimatorSpec

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from elastid import stages
 from elastid.console import Console
 from elastid.errors import StudyError
-from elastid.experiment.coupled_gears import to_joints
-from elastid.experiment.spec import ChannelSpec
+from elastid.experiment.recorded.coupled_gears import to_joints
+from elastid.experiment.recorded.spec import ChannelSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation, linearise

@@ -21,8 +21,9 @@ from elastid.experiment.movement import check_movement, movement
 from elastid.experiment.plan import Plan, make_plan
 from elastid.experiment.prior import closed_loop_response
 from elastid.experiment.references import references
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.frf.estimators import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise

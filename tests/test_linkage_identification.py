@@ -15,9 +15,10 @@ from elastid import cli
 from elastid.comparing import compare
 from elastid.console import Console
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design_spec import CandidateSpec, DesignSpec
-from elastid.experiment.designing import Brief, designed
-from elastid.experiment.spec import ExperimentSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.design.designing import Brief, designed
+from elastid.experiment.design.spec import CandidateSpec, DesignSpec
+from elastid.experiment.simulated.spec import NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.arrays import FloatArray
-from elastid.experiment.optimal import Criterion, Letter, Over, relaxed, whole
+from elastid.experiment.design.optimal import Criterion, Letter, Over, relaxed, whole
 
 LETTERS: tuple[Letter, ...] = ("D", "A", "E")
 

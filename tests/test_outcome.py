@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.experiment.simulated.spec import SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.outcome import truth
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import Study

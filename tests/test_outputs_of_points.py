@@ -11,9 +11,9 @@ import pytest
 from elastid import cli
 from elastid.errors import StudyError
 from elastid.experiment.plan import make_plan
-from elastid.experiment.recorded import RecordedRig
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import ChannelSpec
+from elastid.experiment.recorded.rig import RecordedRig
+from elastid.experiment.recorded.spec import ChannelSpec
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.frf.estimators import estimate
 from elastid.linear.linearise import linearise
 from elastid.linear.transfer import Kernel, frequency_response

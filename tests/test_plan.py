@@ -11,7 +11,8 @@ import pytest
 from elastid.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan import Plan, make_plan
-from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.experiment.simulated.spec import SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
 
 LIMITS = Limits(angle=(-math.pi / 2, math.pi / 2))

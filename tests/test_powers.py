@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import LinearConstraint, minimize
 
 from elastid.arrays import FloatArray
-from elastid.experiment.optimal import Criterion, Letter
-from elastid.experiment.powers import Source, best_powers, even_powers
+from elastid.experiment.design.optimal import Criterion, Letter
+from elastid.experiment.design.powers import Source, best_powers, even_powers
 
 Groups = list[list[list[Source]]]
 

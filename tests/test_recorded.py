@@ -16,11 +16,12 @@ from scipy.io import savemat
 
 from elastid.errors import DataError, ElastidError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.log_files import contents, read_channels
-from elastid.experiment.periodicity import repetition
-from elastid.experiment.recorded import RecordedRig
-from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec, TextFormatSpec
-from elastid.experiment.text_logs import described_format, guessed
+from elastid.experiment.recorded.log_files import contents, read_channels
+from elastid.experiment.recorded.periodicity import repetition
+from elastid.experiment.recorded.rig import RecordedRig
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec, TextFormatSpec
+from elastid.experiment.recorded.text_logs import described_format, guessed
+from elastid.experiment.spec import ExperimentSpec
 from elastid.inspection import described as inspected
 from elastid.record import Record
 from elastid.robot import Body, Joint, Motor, Robot, Spring

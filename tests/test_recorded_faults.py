@@ -14,8 +14,9 @@ from scipy.io import savemat
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.recorded import RecordedRig
-from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec
+from elastid.experiment.recorded.rig import RecordedRig
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.frf.estimators import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record

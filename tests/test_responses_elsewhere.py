@@ -19,8 +19,9 @@ from elastid import stages
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.console import Console
 from elastid.errors import DataError, ElastidError, StudyError
+from elastid.experiment.recorded.spec import ChannelSpec
 from elastid.experiment.responses.reading import link_side_response, read_table
-from elastid.experiment.spec import ChannelSpec, ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.responses.spec import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.frf.conversion import in_quantity
 from elastid.inspection import described
 from elastid.record import Configuration, Motion

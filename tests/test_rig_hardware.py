@@ -12,19 +12,19 @@ from scipy.signal import butter, freqs, welch
 
 from elastid.errors import DataError, StudyError
 from elastid.experiment.plan import Plan
-from elastid.experiment.rig_hardware import drawn, friction_of_a_run
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import (
+from elastid.experiment.simulated.hardware import drawn, friction_of_a_run
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import (
     CarrierSpec,
     ColoredNoiseSpec,
     ControllerSpec,
     EncoderRippleSpec,
-    ExperimentSpec,
     NoiseSpec,
     SimulatedSpec,
     TorqueRippleSpec,
     WarmingSpec,
 )
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.choose import choose
 from elastid.fit.elastic import elastic_fit
 from elastid.fit.solvers import solve

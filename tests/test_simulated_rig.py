@@ -12,17 +12,10 @@ from scipy.linalg import expm
 
 from elastid.errors import DataError, StudyError
 from elastid.experiment.plan import Plan
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import (
-    CarrierSpec,
-    ChannelSpec,
-    ControllerSpec,
-    ExperimentSpec,
-    FileSpec,
-    NoiseSpec,
-    RecordedSpec,
-    SimulatedSpec,
-)
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial

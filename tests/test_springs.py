@@ -13,8 +13,9 @@ from scipy.linalg import expm
 
 from elastid.errors import StudyError
 from elastid.experiment.plan import Plan
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes

@@ -16,7 +16,7 @@ from elastid import provenance, stages
 from elastid.console import Console
 from elastid.errors import FitError, StudyError
 from elastid.experiment.plan import Experiment
-from elastid.experiment.simulated import SimulatedRig
+from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse

@@ -10,8 +10,8 @@ import pytest
 from elastid import stages
 from elastid.console import Console
 from elastid.errors import StudyError
+from elastid.experiment.design.sticking import sticking
 from elastid.experiment.plan import make_plan
-from elastid.experiment.sticking import sticking
 from elastid.friction.dynamic import Bristle, SwitchedMaxwellSlip
 from elastid.friction.placed import frictions
 from elastid.outcome import truth

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.arrays import IntArray
-from elastid.experiment.spec import CarrierSpec
+from elastid.experiment.simulated.spec import CarrierSpec
 
 
 def refusal(carrier: CarrierSpec, lines: IntArray, spacing_hz: float, n_u: int) -> str:

@@ -20,7 +20,8 @@ from elastid.excitation.multisine import experiments
 from elastid.excitation.spec import MultisineSpec
 from elastid.excitation.spectrum import amplitudes, shape
 from elastid.experiment.prior import ClosedLoopResponse, closed_loop_response
-from elastid.experiment.spec import ControllerSpec, ExperimentSpec, NoiseSpec
+from elastid.experiment.simulated.spec import ControllerSpec, NoiseSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 

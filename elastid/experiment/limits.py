@@ -24,8 +24,9 @@ from elastid.experiment.injection import torque_rms
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.prior import closed_loop_response
 from elastid.experiment.rehearsal import Rehearsal, derivatives
-from elastid.experiment.simulated import SimulatedRig
-from elastid.experiment.spec import CarrierSpec, ExperimentSpec
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.simulated.spec import CarrierSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.parallel import Progress, ordered, silent
 from elastid.record import Configuration
 from elastid.robot import Robot

@@ -18,7 +18,7 @@ from elastid.arrays import FloatArray, frozen
 from elastid.errors import StudyError
 from elastid.experiment.carrier_lines import refusal
 from elastid.experiment.plan import Plan
-from elastid.experiment.spec import CarrierSpec
+from elastid.experiment.simulated.spec import CarrierSpec
 from elastid.robot import Robot
 
 # Harmonics of a square wave that the filter leaves less than this of the first one are left out.

@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.excitation.spec import Signal
-from elastid.experiment.spec import ControllerSpec
+from elastid.experiment.simulated.spec import ControllerSpec
 from elastid.linear.chain import torque_elements
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation

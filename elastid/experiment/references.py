@@ -15,7 +15,7 @@ import numpy as np
 from elastid.arrays import FloatArray, frozen
 from elastid.experiment.movement import movement
 from elastid.experiment.plan import Plan
-from elastid.experiment.spec import CarrierSpec
+from elastid.experiment.simulated.spec import CarrierSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate

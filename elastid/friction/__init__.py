@@ -13,5 +13,5 @@ What a frequency response sees of it. About a sliding speed v_0 > 0 a LuGre law 
 and b vanishes above three to five nu_s: there only the viscous alpha_2 is left, which is what the linear model has. At
 rest the law is a spring sigma_0 to ground, which looks like stiffness of the robot; near nu_s it is negative damping.
 So experiments keep the joints sliding (`experiment.simulated.carrier`). What dry friction still does, reversing under a
-multisine, is some damping more and a distortion that averages over realisations (`experiment.friction_level`).
+multisine, is some damping more and a distortion that averages over realisations (`experiment.design.friction_level`).
 """

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, frozen
-from elastid.experiment.forecast import Forecast
+from elastid.experiment.design.forecast import Forecast
 from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
 from elastid.experiment.rehearsal import Rehearsal

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from elastid.arrays import FloatArray
-from elastid.experiment.forecast import Forecast
+from elastid.experiment.design.forecast import Forecast
 from elastid.model.kinematics import skeleton
 from elastid.record import Configuration
 from elastid.report import style

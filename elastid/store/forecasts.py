@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.experiment.forecast import Forecast
+from elastid.experiment.design.forecast import Forecast
 from elastid.store.files import attributes, opened, scale, texts, variable
 
 GROUP = "forecast"

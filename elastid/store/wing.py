@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from elastid.experiment.forecast import Forecast
+from elastid.experiment.design.forecast import Forecast
 from elastid.experiment.limits import Peaks
 from elastid.experiment.plan import Plan
 from elastid.experiment.references import Reference

@@ -13,7 +13,8 @@ from elastid.excitation.lines import planned_lines
 from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.carrier_lines import refusal
-from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec, ResponseFileSpec, ResponsesSpec
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose
 from elastid.names import did_you_mean
 from elastid.study.design_checks import check_design, chosen_names

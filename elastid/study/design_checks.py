@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.errors import StudyError
-from elastid.experiment.design_spec import DesignSpec
-from elastid.experiment.interest import interest
-from elastid.experiment.robot_time import refusal
+from elastid.experiment.design.interest import interest
+from elastid.experiment.design.robot_time import refusal
+from elastid.experiment.design.spec import DesignSpec
 from elastid.fit.choose import choose
 from elastid.names import did_you_mean
 from elastid.study.messages import Problem

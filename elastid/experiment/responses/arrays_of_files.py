@@ -15,8 +15,8 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.errors import DataError
+from elastid.experiment.responses.spec import ResponsesSpec
 from elastid.experiment.responses.table import ResponseTable
-from elastid.experiment.spec import ResponsesSpec
 
 _DATA = "ResponseData"
 HOW_TO_SAVE = (

@@ -14,15 +14,15 @@ import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.errors import DataError
-from elastid.experiment.coupled_gears import to_joints
-from elastid.experiment.log_files import name_in_file, opened_log
+from elastid.experiment.recorded.coupled_gears import to_joints
+from elastid.experiment.recorded.log_files import name_in_file, opened_log
+from elastid.experiment.recorded.signals import link_side_factor
+from elastid.experiment.recorded.text_logs import TextLog, guessed
 from elastid.experiment.responses.arrays_of_files import dataset_table, struct_table, structs_in
+from elastid.experiment.responses.spec import ResponsesSpec
 from elastid.experiment.responses.table import ResponseTable
 from elastid.experiment.responses.text import text_table
 from elastid.experiment.responses.uff import SUFFIXES, uff_contents, uff_table
-from elastid.experiment.signals import link_side_factor
-from elastid.experiment.spec import ResponsesSpec
-from elastid.experiment.text_logs import TextLog, guessed
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.errors import DataError
-from elastid.experiment.spec import ChannelSpec
+from elastid.experiment.recorded.spec import ChannelSpec
 
 # One of the file's unit in Hz; MATLAB's time unit is seconds unless the file says otherwise.
 _IN_HZ = {

@@ -11,9 +11,9 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray
 from elastid.errors import DataError
+from elastid.experiment.recorded.text_logs import TextLog
+from elastid.experiment.responses.spec import ResponsesSpec
 from elastid.experiment.responses.table import ResponseTable, label
-from elastid.experiment.spec import ResponsesSpec
-from elastid.experiment.text_logs import TextLog
 
 
 def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:

@@ -13,8 +13,8 @@ import numpy as np
 
 from elastid.arrays import IntArray
 from elastid.errors import DataError, StudyError
+from elastid.experiment.recorded.spec import ChannelSpec
 from elastid.experiment.responses.table import ResponseTable, label
-from elastid.experiment.spec import ChannelSpec
 
 SUFFIXES = (".uff", ".unv")
 _FREQUENCY_RESPONSE = 4

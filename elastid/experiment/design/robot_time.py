@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design_spec import DesignSpec
+from elastid.experiment.design.spec import DesignSpec
 from elastid.experiment.spec import ExperimentSpec
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.spec import TextFormatSpec
+from elastid.experiment.recorded.spec import TextFormatSpec
 
 # The usual ways to write numbers in columns, the most usual first: delimiter and decimal.
 _WRITTEN: tuple[tuple[str, Literal[".", ","]], ...] = (

@@ -12,10 +12,10 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
-from elastid.experiment.choosing import visible
-from elastid.experiment.expected import Prospect
-from elastid.experiment.optimal import Criterion
-from elastid.experiment.powers import best_powers, even_powers
+from elastid.experiment.design.choosing import visible
+from elastid.experiment.design.expected import Prospect
+from elastid.experiment.design.optimal import Criterion
+from elastid.experiment.design.powers import best_powers, even_powers
 from elastid.record import Configuration
 
 

@@ -17,11 +17,11 @@ import numpy as np
 
 from elastid.arrays import FloatArray, IntArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.configurations import Candidates
-from elastid.experiment.design_spec import DesignSpec, GuessSpec
-from elastid.experiment.expected import Prospect
-from elastid.experiment.interest import interest
-from elastid.experiment.optimal import Criterion, relaxed, whole
+from elastid.experiment.design.configurations import Candidates
+from elastid.experiment.design.expected import Prospect
+from elastid.experiment.design.interest import interest
+from elastid.experiment.design.optimal import Criterion, relaxed, whole
+from elastid.experiment.design.spec import DesignSpec, GuessSpec
 from elastid.experiment.plan import Chosen
 from elastid.parallel import Progress, ordered, silent
 from elastid.parameters import ParameterSet

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.spec import ChannelSpec, TextFormatSpec
-from elastid.experiment.text_logs import TextLog, open_text, otherwise_written
+from elastid.experiment.recorded.spec import ChannelSpec, TextFormatSpec
+from elastid.experiment.recorded.text_logs import TextLog, open_text, otherwise_written
 
 Arrays: TypeAlias = Mapping[str, Any]
 _LISTED = 40

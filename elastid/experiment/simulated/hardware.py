@@ -11,8 +11,8 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.experiment.plan import Experiment, Plan
-from elastid.experiment.sensors import logged_quantity, output_stds
-from elastid.experiment.spec import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
+from elastid.experiment.simulated.sensors import logged_quantity, output_stds
+from elastid.experiment.simulated.spec import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.linear.chain import LagElement, sensor_elements, torque_elements
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.robot import Robot

@@ -13,8 +13,8 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
-from elastid.experiment.log_files import name_in_file
-from elastid.experiment.spec import ChannelSpec
+from elastid.experiment.recorded.log_files import name_in_file
+from elastid.experiment.recorded.spec import ChannelSpec
 from elastid.robot import Robot
 
 

@@ -18,9 +18,10 @@ from elastid.errors import DataError, StudyError
 from elastid.experiment.movement import check_movement
 from elastid.experiment.plan import Experiment, Plan
 from elastid.experiment.references import Reference, reference
-from elastid.experiment.rig_hardware import Noise, drawn, drives, filtered, friction_of_a_run
-from elastid.experiment.sensors import logged_quantity, planned, sensed
-from elastid.experiment.spec import EncoderRippleSpec, ExperimentSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.experiment.simulated.hardware import Noise, drawn, drives, filtered, friction_of_a_run
+from elastid.experiment.simulated.sensors import logged_quantity, planned, sensed
+from elastid.experiment.simulated.spec import EncoderRippleSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.friction.placed import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel

@@ -22,10 +22,10 @@ import numpy as np
 from elastid.arrays import ComplexArray, FloatArray, IntArray
 from elastid.errors import StudyError
 from elastid.excitation.grids import line_frequencies
-from elastid.experiment.friction_level import friction_level
-from elastid.experiment.powers import Source
-from elastid.experiment.sensors import logged_quantity, output_stds
-from elastid.experiment.spec import ControllerSpec, NoiseSpec
+from elastid.experiment.design.friction_level import friction_level
+from elastid.experiment.design.powers import Source
+from elastid.experiment.simulated.sensors import logged_quantity, output_stds
+from elastid.experiment.simulated.spec import ControllerSpec, NoiseSpec
 from elastid.fit.elastic import ElasticFit, elastic_fit, matched
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import Weights, one_by_one, weigh

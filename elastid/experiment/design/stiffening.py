@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.experiment.expected import Prospect
+from elastid.experiment.design.expected import Prospect
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.preload import preloads
 from elastid.model.elastic import ElasticModel

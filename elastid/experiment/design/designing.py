@@ -10,24 +10,25 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
 from elastid.excitation.spec import AskedTorque, MultisineSpec
-from elastid.experiment.choosing import Choice, Task, choose_configurations, guesses
-from elastid.experiment.configurations import candidates
-from elastid.experiment.design_spec import DesignSpec, LevelSpec
-from elastid.experiment.earlier import variance_like
-from elastid.experiment.expected import Expected, Level, Prospect, linear_model
-from elastid.experiment.forecast import Forecast, check_lines, forecast
-from elastid.experiment.interest import interest
+from elastid.experiment.design.choosing import Choice, Task, choose_configurations, guesses
+from elastid.experiment.design.configurations import candidates
+from elastid.experiment.design.earlier import variance_like
+from elastid.experiment.design.expected import Expected, Level, Prospect, linear_model
+from elastid.experiment.design.forecast import Forecast, check_lines, forecast
+from elastid.experiment.design.interest import interest
+from elastid.experiment.design.optimal import Criterion
+from elastid.experiment.design.robot_time import period_options, refusal, room
+from elastid.experiment.design.shaping import best_spectra
+from elastid.experiment.design.spec import DesignSpec, LevelSpec
+from elastid.experiment.design.sticking import sticking
+from elastid.experiment.design.stiffening import stiffening_words
 from elastid.experiment.limits import Peaks, costs, nearest_run, within_limits
 from elastid.experiment.movement import one_period, reach
-from elastid.experiment.optimal import Criterion
 from elastid.experiment.plan import Chosen, Plan, make_plan
 from elastid.experiment.rehearsal import Rehearsal
-from elastid.experiment.robot_time import period_options, refusal, room
-from elastid.experiment.shaping import best_spectra
-from elastid.experiment.simulated import true_robot
-from elastid.experiment.spec import ExperimentSpec, SimulatedSpec
-from elastid.experiment.sticking import sticking
-from elastid.experiment.stiffening import stiffening_words
+from elastid.experiment.simulated.rig import true_robot
+from elastid.experiment.simulated.spec import SimulatedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.fit.choose import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.experiment.spec import NoiseSpec
+from elastid.experiment.simulated.spec import NoiseSpec
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion

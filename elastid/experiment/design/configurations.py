@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.arrays import BoolArray, FloatArray
 from elastid.errors import StudyError
-from elastid.experiment.design_spec import CandidateSpec
+from elastid.experiment.design.spec import CandidateSpec
 from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
 from elastid.record import Configuration
 from elastid.robot import Robot

@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import StudyError
-from elastid.experiment.expected import Expected, expected_fit
+from elastid.experiment.design.expected import Expected, expected_fit
 from elastid.fit.certainty import certainty
 from elastid.fit.elastic import ElasticFit
 from elastid.fit.residuals import as_real

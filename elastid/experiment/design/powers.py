@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.experiment.optimal import Criterion
+from elastid.experiment.design.optimal import Criterion
 from elastid.fit.residuals import as_real
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.experiment.plan import Plan
-from elastid.experiment.spec import CarrierSpec
+from elastid.experiment.simulated.spec import CarrierSpec
 from elastid.friction.placed import coulomb_levels
 from elastid.robot import Robot
 

@@ -10,14 +10,15 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.coupled_gears import to_joints
-from elastid.experiment.gathering import Gathered, gather, period_samples
-from elastid.experiment.log_files import name_in_file
-from elastid.experiment.periodicity import repetition
 from elastid.experiment.plan import Experiment, checked_configurations
-from elastid.experiment.repairing import repaired
-from elastid.experiment.signals import link_side_factor, named
-from elastid.experiment.spec import ChannelSpec, ExperimentSpec, FileSpec, RecordedSpec
+from elastid.experiment.recorded.coupled_gears import to_joints
+from elastid.experiment.recorded.gathering import Gathered, gather, period_samples
+from elastid.experiment.recorded.log_files import name_in_file
+from elastid.experiment.recorded.periodicity import repetition
+from elastid.experiment.recorded.repairing import repaired
+from elastid.experiment.recorded.signals import link_side_factor, named
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.spec import ExperimentSpec
 from elastid.record import Motion, Record
 from elastid.repair.delay import LEAST_CORRELATION, delay
 from elastid.repair.finding import Log, counts

@@ -14,9 +14,9 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, StudyError
-from elastid.experiment.log_files import read_channels
-from elastid.experiment.signals import check_values, link_side, named
-from elastid.experiment.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.recorded.log_files import read_channels
+from elastid.experiment.recorded.signals import check_values, link_side, named
+from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
 from elastid.repair.delay import LEAST_CORRELATION, delay
 from elastid.repair.finding import Finding, Log
 from elastid.repair.grid import on_grid

@@ -1,0 +1,1 @@
+"""The rig that is a folder of logs: reading, aligning, mending and gathering them into records."""
