@@ -10,16 +10,16 @@ Two wings end in the same value, FrequencyResponse, and meet in the fit:
                `----> linear ---------------------'
 
 Values (floor 1): `units` and `section` (how a study's numbers and sections are read), `parameters` (names and vectors),
-`record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints,
-springs, motors; from a table of Denavit and Hartenberg, or a URDF).
+`record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints, springs, motors,
+loops; from a table of Denavit and Hartenberg, or a URDF).
 
-Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; `design` of what to measure;
-the `simulated` and the `recorded` rig; `responses` of other programs), `frf` (records to responses and their
+Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; `design` of what to
+measure; the `simulated` and the `recorded` rig; `responses` of other programs), `frf` (records to responses and their
 covariance).
 
 Model wing: `model` (equations of motion in CasADi: `formulation` chooses `serial` or, for robots with loops, one of
-`parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear`
-(equilibrium, linearisation, frequency response and its derivatives, modes).
+`parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear` (equilibrium, linearisation, frequency
+response and its derivatives, modes).
 
 Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).
 
