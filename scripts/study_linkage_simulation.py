@@ -3,10 +3,10 @@
     python scripts/study_linkage_simulation.py [--quick]
 
 The shipped planar arm without damping, friction and torque, let go from a posture with bent springs: T + V must stay,
-phi must stay 0. For steps of 0.1 and 0.5 ms, ddphi + alpha dphi + beta phi = 0 with several (alpha, beta), the projection
+phi must stay 0. For steps of 0.1 and 0.5 ms, ddphi + alpha dphi + beta phi = 0 with several (alpha, beta), projection
 after every step, and the minimal model with its rod cut, which has no loop. The drift of the energy is that of the
-integrator and hardly differs; in 2 s of motion phi stays within 1e-11 (0.1 ms) and 2e-8 m (0.5 ms) without and a tenth of that
-with Baumgarte's terms, and within rounding with the projection.
+integrator and hardly differs. In 2 s of motion phi reaches 1e-11 m (0.1 ms) and 2e-8 m (0.5 ms) without Baumgarte's
+terms, a tenth of that with them, and rounding with the projection.
 The last line is one JSON object with the numbers of the table.
 """
 
