@@ -15,10 +15,6 @@ Measured (CPU time, two cores shared with much other work, medians): one evaluat
 solves and 7.0 to 7.7 times the floor; CasADi takes 47 and JAX 22 times as long for one. A whole fit is 11 times faster
 than least_squares with the same Jacobian and 32 times faster than with finite differences, all at the same cost within
 1e-14. Twice the lines take 0.90 and twice the configurations 0.98 of twice the time; 500 configurations work in 3 MB.
-
-numba, measured for the solve of 18 coordinates alone, 16 lines side by side: half of NumPy's time, some 7 ms of the 41
-of an evaluation, where condensing the motors saves 3. It costs 0.5 s to import, 0.6 s to load compiled or 1.8 s to
-compile, and 190 MB, and was left out; a kernel compiled as a whole was not measured.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

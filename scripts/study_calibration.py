@@ -16,9 +16,9 @@ by 0.98 to 1.00 of the bound, intervals state 1.04 to 1.06 of it. Demo robot, 40
 
 With a wrong model, where the disagreement of configurations counts (`fit/between.py`), without a floor and with one of
 1 %: demo robot, 40 data sets each, a hidden mode 94 and 96 %, masses 2 % off 89 and 74 %, one to three times the
-friction that the model holds fixed 83 and 83 %; linkage arm, 20 each, 88 and 90 %, 57 and 80 %, 73 and 81 %. Without
-the disagreement, other draws, no floor: 90, 62, 74 % and 92, 51, 71 %. What the parameters absorb alike in all
-configurations shows nowhere: identify what is not known well, or give the floor what it stands for.
+friction that the model holds fixed 83 and 83 %; linkage arm, 20 each, 88 and 90 %, 57 and 80 %, 73 and 81 %.
+What the parameters absorb alike in all configurations shows nowhere: identify what is not known well, or give the floor
+what it stands for.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -106,17 +106,17 @@ def pin():
 @settings(deadline=None, max_examples=25)
 def test_mass_coriolis_and_gravity_equal_pinocchio(pin, seed):
     """M, c + g and g of random trees (branches, oblique axes, fixed bodies) equal pinocchio's to 1e-10."""
-    equal_to_pinocchio(pin, random_robot(seed), seed)
+    assert_equal_to_pinocchio(pin, random_robot(seed), seed)
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 @pytest.mark.parametrize("seed", [0, 1])
 def test_shipped_robots_equal_pinocchio(pin, path, seed):
     """M, c + g, g, frames and their Jacobians of every robot in configs."""
-    equal_to_pinocchio(pin, load_robot(path), seed)
+    assert_equal_to_pinocchio(pin, load_robot(path), seed)
 
 
-def equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
+def assert_equal_to_pinocchio(pin, robot: Robot, seed: int) -> None:
     """Link-side rigid body terms without drivetrain, poses and Jacobians, to 1e-10."""
     robot = rigid(robot)
     model = serial(robot)

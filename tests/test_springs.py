@@ -307,9 +307,15 @@ def test_springs_that_pull_are_refused(fields: dict[str, float], message: str) -
 
 def test_monotone_springs_are_accepted() -> None:
     """quadratic^2 < 3 k cubic, and hardening to both sides without a cubic term."""
-    Spring(1e6, quadratic=9e8, cubic=3e11)
-    Spring(1e6, symmetric_quadratic=1e9)
-    Spring(1e6, symmetric_quadratic=-9e8, cubic=3e11)
+    deflection = np.linspace(-5e-3, 5e-3, 2001)
+    for spring in (
+        Spring(1e6, quadratic=9e8, cubic=3e11),
+        Spring(1e6, symmetric_quadratic=1e9),
+        Spring(1e6, symmetric_quadratic=-9e8, cubic=3e11),
+    ):
+        k2, k2s, k3 = spring.quadratic or 0.0, spring.symmetric_quadratic or 0.0, spring.cubic or 0.0
+        torque = 1e6 * deflection + k2 * deflection**2 + k2s * deflection * np.abs(deflection) + k3 * deflection**3
+        assert np.all(np.diff(torque) > 0)
 
 
 def test_names_are_those_of_what_a_spring_has() -> None:
