@@ -210,7 +210,7 @@ def fit(study: Path, **options: Any) -> None:
 @_study
 @_stage_options
 def validate(study: Path, **options: Any) -> None:
-    """Judge the fit on left-out configurations and by its residuals: validation.h5."""
+    """Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json."""
     _only("validate", study, options)
 
 

@@ -24,7 +24,8 @@ ARTEFACTS = {
     "validate": "validation.h5",
     "report": "report.html",
 }
-SUMMARY = "summary.json"
+# The machine-readable end of a stage, beside its file.
+SUMMARIES = {"fit": "summary.json", "validate": "validation.json"}
 
 
 @dataclass(frozen=True)
@@ -55,6 +56,10 @@ class Run:
         """The file in which a stage leaves its result."""
         return self.folder / ARTEFACTS[stage]
 
+    def summary(self, stage: str) -> Path:
+        """The file in which programs read how a fit or its validation ended."""
+        return self.folder / SUMMARIES[stage]
+
     def is_current(self, stage: str) -> bool:
         """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""
         wanted = self.stamps[stage]
@@ -63,7 +68,7 @@ class Run:
         found = read_stamp(self.path(stage))
         if found is None or (found.inputs, found.code) != (wanted.inputs, wanted.code):
             return False
-        return stage != "fit" or (self.folder / SUMMARY).is_file()
+        return stage not in SUMMARIES or self.summary(stage).is_file()
 
     def require(self, stage: str) -> None:
         """Refuse to go on without the results that a stage reads; StudyError says which command makes them."""
