@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,8 +14,8 @@ from pathlib import Path
 from elastid import __version__
 from elastid.console import Console
 from elastid.errors import StudyError
-from elastid.provenance import stages_of, stamps, upstream
-from elastid.store import Stamp, read_stamp, remove_leftovers
+from elastid.provenance import file_hash, stages_of, stamps, upstream
+from elastid.store import Finished, Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 ARTEFACTS = {
@@ -59,6 +61,13 @@ class Run:
     def summary(self, stage: str) -> Path:
         """The file in which programs read how a fit or its validation ended."""
         return self.folder / SUMMARIES[stage]
+
+    def finished(self, stage: str) -> Finished:
+        """What a stage had finished when it was stopped: of this study, by this code, from the very files it reads."""
+        stamp, files = self.stamps[stage], [file_hash(self.path(name)) for name in upstream(self.study, stage)]
+        folder = self.path(stage).with_suffix(".partial")
+        remove_leftovers(folder)
+        return Finished(folder, hashlib.sha256(json.dumps([stamp.inputs, stamp.code, files]).encode()).hexdigest())
 
     def is_current(self, stage: str) -> bool:
         """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""

@@ -173,12 +173,18 @@ def _from_records(run: Run) -> list[FrequencyResponse]:
 
 
 def fit(run: Run) -> None:
-    """fit.h5 and summary.json; a fit that found nothing leaves a summary that says why, and raises FitError."""
+    """fit.h5 and summary.json; a fit that found nothing leaves a summary that says why, and raises FitError.
+
+    One that is stopped leaves what it has finished in fit.partial, from where the next goes on.
+    """
     study, left_out = run.study, run.study.validation.left_out
     responses = read_responses(run.path("estimate"))
     fitted = [response for response in responses if response.configuration.name not in left_out]
     if not run.is_current("validate"):  # of another fit; nobody is to read it beside this one's summary
         run.summary("validate").unlink(missing_ok=True)
+    finished = run.finished("fit")
+    if finished:
+        run.console.say(f"fit: going on from {finished.words}")
     try:
         with run.console.progress("fit") as progress:
             result = identify(
@@ -189,15 +195,18 @@ def fit(run: Run) -> None:
                 seed=study.seed,
                 jobs=run.jobs,
                 progress=progress,
+                finished=finished,
             )
     except FitError as error:
         _write_summary(run, "fit", failure(study, str(error)))
         raise
     except Interrupted as stop:
         _write_summary(run, "fit", interrupted(study, stop.ends))
+        run.console.say(f"fit: stopped with {finished.words or 'nothing'} done, which is kept")
         raise
     _write_summary(run, "fit", _summary(run, result, responses))
     write_fit(run.path("fit"), result, run.stamps["fit"])
+    finished.clear()
     _pass_on(run, result.warnings)
     run.console.say(f"fit: {result.message}")
 
@@ -205,10 +214,12 @@ def fit(run: Run) -> None:
 def validate(run: Run) -> None:
     """validation.h5 and validation.json: how far the fitted model carries, on left-out configurations if any."""
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
+    finished = run.finished("validate")
     with run.console.progress("validate") as progress:
-        validation = validated(run, responses, result, progress)
+        validation = validated(run, responses, result, finished, progress)
     _write_summary(run, "validate", validation_summary(run.study, validation))
     write_validation(run.path("validate"), validation, run.stamps["validate"])
+    finished.clear()
     for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
         if words:
             run.console.say(f"validate: {words}")

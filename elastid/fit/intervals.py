@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
@@ -24,18 +25,25 @@ FAILED = 0.05
 
 
 def further_intervals(
-    result: FitResult, settled: Settled, spec: FitSpec, seed: int, jobs: int, progress: Progress
+    result: FitResult,
+    settled: Settled,
+    spec: FitSpec,
+    seed: int,
+    jobs: int,
+    progress: Progress,
+    finished: MutableMapping[str, Any],
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
     x, words = settled.end.x, list(result.warnings)
     if spec.profile:
         names = profiled_names(spec.profile, result.parameters)
-        found = profiles(settled.fit.problem, x, np.diag(result.covariance), names, jobs, progress)
+        found = profiles(settled.fit.problem, x, np.diag(result.covariance), names, jobs, progress, finished)
         rows = {profile.name: profile.interval for profile in found}
         ends = np.array([rows.get(name, (np.nan, np.nan)) for name in result.parameters.free_names])
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
-        draws = bootstrap(settled.fit, settled.weights, x, spec.bootstrap, spec.bootstrap_kind, seed, jobs, progress)
+        kind, weights = spec.bootstrap_kind, settled.weights
+        draws = bootstrap(settled.fit, weights, x, spec.bootstrap, kind, seed, jobs, progress, finished)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > FAILED:
             words.append(f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out")
