@@ -148,7 +148,8 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
     if study.model != own.model:
         fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
-    return Variant(spec.name, robot, fit, study.model)
+    # Independent coordinates are a choice for the study's own robot, and without influence on its response.
+    return Variant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
 def _weighed_as(own: Study, other: Study) -> FitSpec:

@@ -38,7 +38,7 @@ def truth(study: Study) -> dict[str, float] | None:
     # nor that of a joint which turns rigidly with its motor.
     rough = {law.place for law in frictions(study.robot)}
     sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
-    rigid = {joint.name for joint in study.robot.driven if not joint.is_flexible}
+    rigid = {joint.name for joint in study.robot.driven if joint not in study.robot.flexible}
     sticking |= {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
 

@@ -25,6 +25,7 @@ from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Body, GearCoupling, Joint, Motor, Placement, Robot, Spring
+from elastid.robot.variants import stiffened
 from elastid.run import Run
 from elastid.store import read_records
 from elastid.study import load
@@ -204,14 +205,21 @@ def test_gears_that_cannot_be_are_refused(gears, says):
         replace(wrist(), gears=tuple(gears))
 
 
-def test_a_spring_that_would_turn_a_rigid_gear_is_refused():
-    """Motor 5's shaft gives, joint 6 is coupled to it beyond the shaft, but its own gear is rigid."""
-    robot = wrist()
-    stiff = replace(robot.bodies[2], joints=(replace(robot.bodies[2].joints[0], motor=Motor(J[2], RATIO[2])),))
-    with pytest.raises(
-        ValueError, match="where the spring km_4 gives, joint 6 turns too by the coupling, but its gear"
-    ):
-        replace(robot, bodies=(*robot.bodies[:2], stiff))
+def test_a_rigid_shaft_among_elastic_ones_turns_as_the_gears_want_it():
+    """Motor 6's shaft is rigid: against the motor-side formulation with q_m6 = eta_6 q_a by hand."""
+    robot = stiffened(wrist(), ["6"])
+    assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
+    eta, freq_hz = robot.eta, np.array([3.0, 11.0, 40.0])
+    M = scipy.linalg.block_diag(links_inertia(wrist()), np.diag(J))
+    T = np.vstack([np.eye(5), np.r_[eta[2], 0, 0]])  # q_a, q_m4, q_m5 -> q_a, q_m
+    Z = np.hstack([-eta, np.eye(3)])[:2] @ T
+    K, D = Z.T @ np.diag(K_SHAFT[:2]) @ Z, Z.T @ np.diag(D_SHAFT[:2]) @ Z
+    D += T.T @ np.diag(np.r_[np.zeros(3), np.full(3, 1e-4)]) @ T
+    s = 2j * np.pi * freq_hz[:, None, None]
+    G_m = T[3:] @ (s**2 * np.linalg.inv(s**2 * (T.T @ M @ T) + s * D + K)) @ T[3:].T
+    model = linear(robot)
+    G_a = frequency_response(model, model.theta_ref, freq_hz)
+    np.testing.assert_allclose(eta @ G_a @ eta.T, G_m, rtol=1e-9, atol=1e-9 * np.abs(G_m).max())
 
 
 def test_logs_of_coupled_motors_come_to_the_link_side_together():

@@ -47,7 +47,13 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path,
     search_elasticity(run)
     content = json.loads((run.folder / "compare.json").read_text())
     trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}
-    assert {key: t["taken"] for key, t in trials.items()} == {(1, "1x"): False, (1, "2x"): True, (2, "1x"): False}
+    assert {key: t["taken"] for key, t in trials.items()} == {
+        (1, "1x"): False,
+        (1, "2x"): True,
+        (2, "1x"): False,
+        (2, "gear 1"): False,
+        (2, "gear 2"): False,
+    }
     freed, spurious = trials[1, "2x"], trials[2, "1x"]
     assert -freed["change"] > freed["standard_error"] > 0
     assert freed["criterion"] < -100
@@ -55,8 +61,10 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path,
     assert freed["after"] == spurious["before"] == pytest.approx(0.9, abs=0.15)
     assert freed["n_free"] + 1 == spurious["n_free"]
     assert spurious["change"] == pytest.approx(0, abs=0.05)
-    assert content["verdict"].startswith("Beyond the driven joints the elasticity sits in 2x; 1x can be rigid")
-    assert {row["name"] for row in content["models"]} == {"two", "driven joints alone", "1x elastic", "2x elastic"}
+    assert content["verdict"].startswith("The elasticity sits in gear 1, gear 2, 2x; 1x can be rigid")
+    names = {"two", "driven joints alone", "1x elastic", "2x elastic"}
+    names |= {"2x elastic, gear 1 rigid", "2x elastic, gear 2 rigid"}
+    assert {row["name"] for row in content["models"]} == names
 
 
 def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
@@ -78,7 +86,7 @@ def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
     with pytest.raises(KeyboardInterrupt):
         search_elasticity(stopped)
     search_elasticity(stopped)
-    assert len(calls) == 4 * 3 + 1
+    assert len(calls) == 6 * 3 + 1
     first, second = ((run.folder / "compare.json").read_bytes() for run in (straight, stopped))
     assert first == second
     comparison = read_comparison(stopped.folder / "compare.json", stopped.stamps["estimate"])
@@ -87,6 +95,8 @@ def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
         ["1", "1x free", "3"],
         ["1", "2x free", "4"],
         ["2", "1x free", "5"],
+        ["2", "gear 1 rigid", "3"],
+        ["2", "gear 2 rigid", "3"],
     ]
     page = html(report_content(comparison=comparison), [])
     assert page.count("2x free</td>") == page.count(">taken</td>") == 1
@@ -156,6 +166,23 @@ def test_evidence_must_come_from_several_configurations_and_be_worth_the_paramet
     assert found(trials) == (("a",) if is_found else ())
 
 
+@given(
+    useful=st.sets(st.sampled_from(NAMES)),
+    start=st.sets(st.sampled_from(NAMES)),
+    gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5),
+)
+def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: set[str], gains: list[float]) -> None:
+    """What is elastic to begin with becomes rigid where it helps nothing, and only after all that helps was freed."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    first = tuple(name for name in NAMES if name in start)
+    trials = list(search(NAMES, world(lambda model: rest - sum(gain[name] for name in model) * ADDED), first))
+    assert set(found(trials, first)) == useful
+    taken = [trial for trial in trials if trial.taken]
+    assert [trial.becomes for trial in taken] == ["free"] * len(useful - start) + ["rigid"] * len(start - useful)
+    assert ("can be rigid" in found_words(NAMES, trials, first)) == (useful != set(NAMES))
+
+
 def test_models_without_a_fit_do_not_lead_the_search() -> None:
     """One that can be fitted is better than one that cannot; where there is none, nothing is claimed."""
     fitted = world(lambda model: ADDED if model == ("a",) else ADDED * math.nan)
@@ -175,11 +202,11 @@ def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
     run = measured(study, load(study).study.robot, "fit.parameters={k_1x: {}, d_2x: {}}", folder="further")
     with pytest.raises(StudyError, match=r"search: driven joints alone: fit\.parameters names only what .*k_1x, d_2x"):
         search_elasticity(run)
-    lines = ROBOT.splitlines(keepends=True)
-    (study.parent / "robot.yml").write_text("".join(line for line in lines if "x, axis: x" not in line))
-    springs = 'fit.parameters={"k_*": {}}'
-    run = measured(study, load(study, (springs,)).study.robot, springs, folder="driven")
-    with pytest.raises(StudyError, match="every elastic joint of robot two axes is driven"):
+    lines = [line for line in ROBOT.splitlines(keepends=True) if "x, axis: x" not in line and "spring:" not in line]
+    (study.parent / "robot.yml").write_text("".join(lines))
+    friction = 'fit.parameters={"fm_*": {}}'
+    run = measured(study, load(study, (friction,)).study.robot, friction, folder="stiff")
+    with pytest.raises(StudyError, match="nothing of robot two axes is elastic, so there is nothing to search among"):
         search_elasticity(run)
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.model.compensators import compensators
-from elastid.model.drivetrain import drivetrain, input_matrix
+from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows
 from elastid.model.elastic import ElasticModel
 from elastid.model.multibody import (
     angular_velocities,
@@ -42,9 +42,9 @@ class Equations:
     """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
 
     M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
-    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies + 6 n_f, n_q): J v stacks
-    the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each named
-    frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).
+    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for most trees.  J (3 n_bodies + 6 n_f, n_q): J v
+    stacks the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each
+    named frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).
     """
 
     coordinates: tuple[str, ...]
@@ -70,7 +70,10 @@ def coordinates_of(robot: Robot) -> tuple[str, ...]:
 
 
 def open_chain(robot: Robot) -> Equations:
-    """The equations of the tree of bodies: all joints, then the motors of flexible joints; no constraint."""
+    """The equations of the tree of bodies: all joints, then the motors of flexible joints.
+
+    Constraints are those of rigid gears that are coupled with elastic ones alone.
+    """
     table = robot.parameters()
     coordinates = coordinates_of(robot)
     n_q, n_l = len(coordinates), len(robot.joints)
@@ -103,7 +106,7 @@ def open_chain(robot: Robot) -> Equations:
         + f_balance,
         V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
-        phi=ca.SX(0, 1),
+        phi=ca.sparsify(ca.DM(rigid_rows(robot))) @ q,
         J=J,
         gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),

@@ -25,4 +25,4 @@ def constrained(robot: Robot) -> ElasticModel:
     found = closures(robot, of.q[: len(robot.joints)])
     of = with_rod_inertia(robot, of, found)
     of, rows = stretching(robot, of, found)
-    return elastic_model(robot, replace(of, phi=ca.vertcat(*rows)))
+    return elastic_model(robot, replace(of, phi=ca.vertcat(of.phi, *rows)))
