@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 from unittest.mock import create_autospec
 
@@ -13,7 +14,11 @@ from test_compare import ROBOT, STUDY, measured
 from test_report import report_content
 
 from elastid import cli, comparing, searching
+from elastid.comparing import variants
 from elastid.errors import StudyError
+from elastid.linear.linearise import linearise
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
 from elastid.report.page import html
 from elastid.run import Run
 from elastid.searching import search_elasticity, trial_table
@@ -100,6 +105,69 @@ def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
     ]
     page = html(report_content(comparison=comparison), [])
     assert page.count("2x free</td>") == page.count(">taken</td>") == 1
+
+
+LINKAGE = """\
+name: linkage
+robot: robot.yml
+excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 50], torque_rms: 10}
+experiment:
+  configurations: {a: [0, 0], b: [0.5, -0.1], c: [-0.4, 0.4], d: [0.2, 0.9]}
+  simulated: {}
+fit:
+  starts: 6
+  start_factor: 20
+  parameters: {"k_*": {}, k_2: {bounds: [1e4, 1e11]}, k_b2: {bounds: [1e4, 1e11]}, k_rod: {start: 2e7}, d_rod: {}}
+compare: {folds: 2}
+report: {formats: [png]}
+"""
+
+
+@pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal"), (2, "minimal")])
+def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
+    """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
+
+    Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.
+    """
+    shutil.copy(Path(__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    study = tmp_path / "study.yml"
+    study.write_text(LINKAGE)
+    truth = load(study).study.robot.with_parameters({"k_2": 5e8, "k_b2": 2e9})
+    lines = np.linspace(3, 36, 30)
+    run = measured(study, truth, f"model.formulation={formulation}", seed=seed, freq_hz=lines, noise=0.05)
+    search_elasticity(run)
+    content = json.loads((run.folder / "compare.json").read_text())
+    assert content["verdict"].startswith(
+        "The elasticity sits in gear 3, rod rod; gear 2, b2 can be rigid by these data"
+    )
+    assert [(t["becomes"], *t["coordinates"]) for t in content["search"] if t["taken"]] == [
+        ("free", "rod rod"),
+        ("rigid", "gear 2"),
+    ]
+    for trial in content["search"]:
+        if trial["coordinates"] in (["gear 3"], ["rod rod"]):
+            assert abs(trial["change"]) > 2 * trial["standard_error"]
+            assert abs(trial["criterion"]) > 1000
+        else:
+            assert abs(trial["change"]) < 0.2
+            assert abs(trial["criterion"]) < 10
+    names = {row["name"] for row in content["models"]}
+    assert {"linkage", "driven joints alone", "rod rod elastic", "rod rod elastic, gear 2 rigid"} <= names
+
+
+def test_a_model_with_a_rigid_rod_chooses_its_own_coordinates(tmp_path: Path) -> None:
+    """The independent coordinates of the study are too many for it; parameters of the rod are gone from its fit."""
+    shutil.copy(Path(__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    (tmp_path / "study.yml").write_text(LINKAGE)
+    chosen = "[joint 2, joint b2, joint 3, joint elbow, motor 2, motor 3]"
+    options = f"model={{formulation: minimal, independent: {chosen}}}", "compare.variants=[{name: stiff, rigid: [rod]}]"
+    own, stiff = variants(load(tmp_path / "study.yml", options))
+    assert len(own.model.independent) == 6
+    for each, n in ((own, 6), (stiff, 5)):
+        model = formulate(each.robot, each.model)
+        linear = linearise(model, Configuration("a", (0.1, 0.2)), model.theta, model.inputs, "acceleration")
+        assert linear.M.shape == (n, n)
+    assert set(own.fit.parameters) - set(stiff.fit.parameters) == {"k_rod", "d_rod"}
 
 
 NAMES = ("a", "b", "c", "d", "e")
