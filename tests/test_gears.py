@@ -292,6 +292,22 @@ def test_a_coupled_wrist_is_simulated_estimated_and_fitted(tmp_path: Path) -> No
     assert all(row["rms_log_db"] < 1 for row in found["frf_error"])
 
 
+def test_a_coupled_wrist_with_one_rigid_shaft_is_simulated_and_fitted(tmp_path: Path) -> None:
+    """Motor 6 has no spring; where that of motor 5 gives, joint 6 turns along: rig, fit and replay know it."""
+    (tmp_path / "robot.yml").write_text(ROBOT.replace(", spring: {stiffness: 0.5, damping: 1e-3}", ""))
+    (tmp_path / "study.yml").write_text(STUDY.replace(", km_6: 0.4 N*m/rad", ""))
+    run = Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate", "fit", "validate"):
+        stages.only(run, stage)
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert found["status"] == "converged"
+    low, high = found["parameters"]["km_5"]["interval95"]
+    assert low * 0.995 < 1.1 < high * 1.005
+    assert high - low < 0.1
+    replays = json.loads((tmp_path / "run" / "validation.json").read_text())["replays"]
+    assert all(np.min(replay["fit_percent"]) > 90 for replay in replays)
+
+
 def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -> None:
     """The log of the simulated rig, written to CSV as torques and angles of shafts, is fitted as on the link side."""
     (tmp_path / "robot.yml").write_text(ROBOT)
