@@ -9,8 +9,8 @@ from three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_
 from elastid.fit.bootstrap import bootstrap
 from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.profile import profiles
-from elastid.fit.quadratic import bent
 from elastid.fit.propagation import response_deviation, uncertain_modes
+from elastid.fit.quadratic import bent
 from elastid.fit.weights import weigh
 from elastid.linear.modes import modes
 from elastid.linear.transfer import frequency_response
@@ -56,7 +56,7 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
 
 
 def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
-    """r = (d - 1) / relative with x = log d, as G is nearly linear in a damping, and y seen beside it with d's error."""
+    """r = (d - 1) / relative with x = log d, as G nearly is in a damping, and y seen with d's error."""
     free = ParameterSet((Parameter("d", 1.0, lower=1e-9, upper=1e3, log=True), Parameter("y", 0.0, lower=-9, upper=9)))
 
     def residual(x):

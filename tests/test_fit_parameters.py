@@ -233,7 +233,9 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     assert {"fm_1", "fm_2"} <= set(profiled)
     assert any(f"{', '.join(profiled)}: known too roughly" in warning for warning in result.warnings)
     assert not len(identify(noisy, bench(), replace(spec, profile=()), seed=1).profile95)
-    assert not len(identify(data, bench(), spec, seed=1).profile95)
+    well = identify(data, bench(), spec, seed=1)
+    springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]
+    assert not len(well.profile95) or np.isnan(well.profile95[springs]).all()
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "sqp"])
