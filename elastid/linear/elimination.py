@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from importlib.util import find_spec
 
 import numpy as np
 
@@ -23,8 +22,12 @@ SMALL_PIVOT = 1e-3
 
 @cache
 def is_compiled() -> bool:
-    """Whether the loops can be compiled here: numba is installed (the extra `fast`)."""
-    return find_spec("numba") is not None
+    """Whether the loops can be compiled here: numba is installed (the extra `fast`), in a version that fits NumPy's."""
+    try:
+        import numba  # noqa: F401
+    except ImportError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)
