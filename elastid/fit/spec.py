@@ -27,10 +27,18 @@ def _check_band(band_hz: tuple[float, float] | None) -> None:
 
 @section
 class PriorSpec:
-    """Normal distribution known beforehand: mean with unit, std relative (0.1 = 10 %) for a positive parameter."""
+    """Normal distribution known beforehand: std relative (0.1 = 10 %) for a positive parameter, else in SI.
 
-    mean: Quantity
+    mean: with unit; default the robot's number, as for masses that a drawing gives within a few percent.
+    """
+
     std: float
+    mean: Quantity | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a distribution without width."""
+        if not 0 < self.std < math.inf:
+            raise ValueError(f"std is {self.std:g}; it must be positive, or fix the parameter (fixed: true)")
 
 
 @section
