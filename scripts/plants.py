@@ -47,7 +47,7 @@ class Plant:
     @property
     def parameters(self) -> ParameterSet:
         """All parameters, starting at the truth."""
-        return choose(self.spec, self.robot)
+        return choose(self.spec, self.robot, [configuration.name for configuration in self.configurations])
 
 
 def three_mass() -> Plant:
