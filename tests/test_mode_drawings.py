@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
 from test_report import fit_result, report_content
 
 from elastid.linear.equilibrium import equilibrium
@@ -23,6 +23,7 @@ from elastid.model.stick_figure import StickFigure, stick_figure
 from elastid.outcome import modes_of
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
+from elastid.report import style
 from elastid.report.booklet import front_pages
 from elastid.report.content import ReportContent
 from elastid.report.figures import drawings
@@ -158,9 +159,9 @@ def test_a_robot_hangs_as_gravity_has_it(gravity: tuple[float, float, float], up
     assert drawing is not None
     assert (drawing.up, drawing.hanging) == (up, hanging)
     row = ModeRow("c1", freq_hz, 0.05 * np.ones(len(freq_hz)), drawing=drawing)
-    for axes in mode_sketches(row, drawing, "c1", True).axes:
-        if axes.get_ylabel().startswith("xyz"[up]):
-            assert (axes.get_ylim()[0] > axes.get_ylim()[1]) == hanging
+    for (_, (_, upwards)), slopes in sketched(row, drawing).items():
+        assert slopes[0, 0] > 0
+        assert (slopes[0, 1] < 0) == (hanging and upwards == up)
 
 
 def test_where_nothing_is_seen_to_move_nothing_is_drawn() -> None:
@@ -221,27 +222,42 @@ def mode_row(name: str = "c1") -> ModeRow:
     )  # fmt: skip
 
 
+def sketched(row: ModeRow, drawing: ModeDrawing) -> dict[tuple[int, tuple[int, int]], np.ndarray]:
+    """Inches to a metre along both axes (3, 2) of the sticks at rest, at one end and at the other, view by view."""
+    views = [(mode, view) for mode in range(len(row.frequency_hz)) for view in drawing.views(mode)]
+    collections = mode_sketches(row, drawing, "c1", True).axes[0].collections
+    colors = (style.WEAK, style.FITTED, style.MEASURED)
+    sticks = [next(one for one in collections if to_hex(one.get_edgecolor()[0]) == color.lower()) for color in colors]
+    drawn_at = [np.array(one.get_segments()).reshape(len(views), -1, 2) for one in sticks]
+    pairs = np.array([link[:2] for link in drawing.links])
+    found = {}
+    for i, (mode, view) in enumerate(views):
+        slopes = []
+        for sign, inches in zip((0, -1, 1), drawn_at, strict=True):
+            points = (drawing.points + sign * drawing.moved[:, :, mode].real)[pairs][..., list(view)].reshape(-1, 2)
+            lines = [np.polyfit(points[:, k], inches[i, :, k], 1) for k in (0, 1)]
+            for k in (0, 1):
+                np.testing.assert_allclose(np.polyval(lines[k], points[:, k]), inches[i, :, k], atol=1e-9)
+            slopes.append([line[0] for line in lines])
+        found[mode, view] = np.array(slopes)
+    return found
+
+
 def test_the_sketches_show_rest_and_both_ends_to_one_scale() -> None:
     """Grey, orange and blue sticks at points - moved, points and points + moved, a panel for each view."""
     row = mode_row()
     drawing = row.drawing
     assert drawing is not None
+    slopes = np.array([*sketched(row, drawing).values()])
+    assert len(slopes) > len(row.frequency_hz)
+    np.testing.assert_allclose(slopes, slopes[0, 0, 0])
     figure = mode_sketches(row, drawing, "c1", True)
-    views = [(mode, view) for mode in range(len(row.frequency_hz)) for view in drawing.views(mode)]
-    assert len(figure.axes) == len(views) > len(row.frequency_hz)
-    for axes, (mode, (right, up)) in zip(figure.axes, views, strict=True):
-        sticks = [one for one in axes.collections if isinstance(one, LineCollection)]
-        for lines, sign in zip(sticks, (0, -1, 1), strict=True):
-            points = (drawing.points + sign * drawing.moved[:, :, mode].real)[:, [right, up]]
-            expected = [points[[a, b]] for a, b, _ in drawing.links]
-            np.testing.assert_allclose(np.array(lines.get_segments()), expected, atol=1e-12)
-        assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{'xyz'[right]} in m", f"{'xyz'[up]} in m")
-        assert axes.get_aspect() == 1.0
-        assert np.diff(axes.get_xlim()) == pytest.approx(np.diff(figure.axes[0].get_xlim()))
-        low, high = (np.array(limits) for limits in zip(axes.get_xlim(), axes.get_ylim(), strict=True))
-        assert np.all((points > low) & (points < high))
-    words = figure.axes[0].get_title(loc="left").replace("\u00a0", " ")
-    assert words == f"mode 1: {number(row.frequency_hz[0])} Hz, 4.2 %\n92 % gear 2, 8 % rod"
+    words = [text.get_text().replace("\u00a0", " ") for text in figure.axes[0].texts]
+    assert f"mode 1: {number(row.frequency_hz[0])} Hz, 4.2 %\n92 % gear 2, 8 % rod" in words
+    views = [view for mode in range(len(row.frequency_hz)) for view in drawing.views(mode)]
+    assert [word for word in words if word.endswith("in m")] == [f"{'xyz'[a]} in m" for view in views for a in view]
+    segments = np.concatenate([np.array(one.get_segments()).reshape(-1, 2) for one in figure.axes[0].collections])
+    assert np.all((segments > 0) & (segments < figure.get_size_inches()))
 
 
 def test_a_report_draws_sticks_where_there_are_any_and_bars_elsewhere() -> None:
@@ -250,7 +266,7 @@ def test_a_report_draws_sticks_where_there_are_any_and_bars_elsewhere() -> None:
     found = {d.name: d.figure for d in drawings(report_content(modes=(mode_row(), bench))) if d.name.endswith("modes")}
     assert [len(axes.patches) for axes in found["frf-c2-modes"].axes] == [5] * len(bench.frequency_hz)
     assert found["frf-c2-modes"].axes[0].get_title(loc="left") == "92 % gear 2, 8 % rod"
-    assert found["frf-c1-modes"].axes[0].get_xlabel().endswith("in m")
+    assert len(found["frf-c1-modes"].axes) == 1
 
 
 def test_the_front_pages_hold_the_mode_table() -> None:
