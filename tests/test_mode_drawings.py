@@ -407,6 +407,22 @@ def test_the_browser_draws_the_points_to_one_scale(table) -> None:  # type: igno
     assert scales[0] > 50
 
 
+def test_the_browser_draws_a_slide_that_spans_nothing_upwards(browser, tmp_path) -> None:  # type: ignore[no-untyped-def]
+    """All points on one line: a strip along it, no division by its height."""
+    joint = Joint("x", "x", Spring(5e6, 300.0), Motor(2e-3, 600.0), motion="translation")
+    load = Body("load", "carriage", Placement((0.5, 0, 0)), (Joint("e", "x", Spring(8e5), motion="translation"),), 25)
+    drawing = drawn(Robot("slide", (Body("carriage", joints=(joint,), mass=40), load)), np.array([0.3]))
+    row = ModeRow("c1", np.arange(1.0, 1.0 + drawing.moved.shape[2]), np.full(2, 0.05), drawing=drawing)
+    page, complaints = browser.new_page(), []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.goto(written(report_content(modes=(row,)), tmp_path).as_uri())
+    box = page.locator("#mode-viewer svg").first.bounding_box()
+    assert 350 < box["width"] < 420
+    assert 100 < box["height"] < 200
+    assert "NaN" not in sticks(page)
+    assert complaints == []
+
+
 def test_the_browser_plays_and_pauses(table) -> None:  # type: ignore[no-untyped-def]
     """A chosen mode swings; paused, it stays where it is; at first nothing moves."""
     page = table(reduced_motion="no-preference")

@@ -37,6 +37,16 @@
     return [Math.min(...ends), Math.max(...ends)];
   };
 
+  // What a view spans to the right and upwards; what hardly extends one way gets some room there.
+  const spans = (row, mode, axes) => {
+    const ranges = axes.map((axis) => range(row, mode, axis));
+    const least = 0.3 * Math.max(...ranges.map(([low, high]) => high - low));
+    return ranges.map(([low, high]) => {
+      const more = Math.max(0, least - (high - low)) / 2;
+      return [low - more, high + more];
+    });
+  };
+
   // 1, 2 or 5 of a decade, for about so many ticks.
   const tick = (length, count) => {
     const rough = length / count;
@@ -62,7 +72,7 @@
   };
 
   const view = (row, mode, [right, up], scale) => {
-    const [x, y] = [range(row, mode, right), range(row, mode, up)];
+    const [x, y] = spans(row, mode, [right, up]);
     const down = up === row.down;
     const [width, height] = [scale * (x[1] - x[0]), scale * (y[1] - y[0])];
     const [left, top] = [46, 14];
@@ -125,8 +135,8 @@
     carried.textContent = mode.carried && `Energy: ${mode.carried}.`;
     views.replaceChildren();
     moving = [];
-    const sizes = mode.views.map((axes) => axes.map((axis) => range(row, mode, axis)).map(([low, high]) => high - low));
-    const scale = Math.min(...sizes.map(([wide, high]) => Math.min(WIDTH / Math.max(wide, 1e-9), HEIGHT / Math.max(high, 1e-9))));
+    const sizes = mode.views.map((axes) => spans(row, mode, axes).map(([low, high]) => high - low));
+    const scale = Math.min(...sizes.map(([wide, high]) => Math.min(WIDTH / wide, HEIGHT / high)));
     mode.views.forEach((axes) => view(row, mode, axes, scale));
     phase = 0;
     moving.forEach((draw) => draw(0));
