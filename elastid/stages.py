@@ -35,6 +35,7 @@ from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
 from elastid.run import Run
 from elastid.store import (
+    Finished,
     Stamp,
     read_configurations,
     read_fit,
@@ -182,9 +183,7 @@ def fit(run: Run) -> None:
     fitted = [response for response in responses if response.configuration.name not in left_out]
     if not run.is_current("validate"):  # of another fit; nobody is to read it beside this one's summary
         run.summary("validate").unlink(missing_ok=True)
-    finished = run.finished("fit")
-    if finished:
-        run.console.say(f"fit: going on from {finished.words}")
+    finished = _taken_up(run, "fit")
     try:
         with run.console.progress("fit") as progress:
             result = identify(
@@ -199,10 +198,11 @@ def fit(run: Run) -> None:
             )
     except FitError as error:
         _write_summary(run, "fit", failure(study, str(error)))
+        finished.clear()
         raise
     except Interrupted as stop:
         _write_summary(run, "fit", interrupted(study, stop.ends))
-        run.console.say(f"fit: stopped with {finished.words or 'nothing'} done, which is kept")
+        run.console.say(f"fit: stopped, {finished.words or 'no start'} done and kept")
         raise
     _write_summary(run, "fit", _summary(run, result, responses))
     write_fit(run.path("fit"), result, run.stamps["fit"])
@@ -214,7 +214,7 @@ def fit(run: Run) -> None:
 def validate(run: Run) -> None:
     """validation.h5 and validation.json: how far the fitted model carries, on left-out configurations if any."""
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    finished = run.finished("validate")
+    finished = _taken_up(run, "validate")
     with run.console.progress("validate") as progress:
         validation = validated(run, responses, result, finished, progress)
     _write_summary(run, "validate", validation_summary(run.study, validation))
@@ -352,6 +352,14 @@ def _summary(run: Run, result: FitResult, responses: tuple[FrequencyResponse, ..
     agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, model, strict=True)]
     notes = [note for response in responses for note in response.notes]
     return summary(run.study, result, modes_of(run.study, result, responses), agreements, notes)
+
+
+def _taken_up(run: Run, stage: str) -> Finished:
+    """What the stage had finished when it was stopped, with a word where there is anything."""
+    finished = run.finished(stage)
+    if finished:
+        run.console.say(f"{stage}: going on from {finished.words}")
+    return finished
 
 
 def _write_summary(run: Run, stage: str, content: dict[str, Any]) -> None:

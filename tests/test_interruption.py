@@ -122,7 +122,7 @@ def test_a_stopped_fit_goes_on_from_where_it_was(
         assert end.cpu_s < 1.5
         assert not list(unfitted.rglob(".*"))
         n_starts = len([name for name in kept if name.startswith("start-")])
-        assert f"fit: stopped with {n_starts} starts" in end.said
+        assert f"fit: stopped, {n_starts} starts" in end.said
         assert "what was finished is kept" in end.complained
         summary = json.loads((unfitted / "summary.json").read_text())
         assert (summary["status"], summary["message"]) == (
