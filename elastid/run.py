@@ -62,12 +62,16 @@ class Run:
         """The file in which programs read how a fit or its validation ended."""
         return self.folder / SUMMARIES[stage]
 
+    def partial(self, stage: str) -> Path:
+        """The folder in which a stage keeps what it has finished, until its result is whole: the next goes on there."""
+        return self.path(stage).with_suffix(".partial")
+
     def finished(self, stage: str) -> Finished:
         """What a stage had finished when it was stopped: of this study, by this code, from the very files it reads."""
         stamp, files = self.stamps[stage], [file_hash(self.path(name)) for name in upstream(self.study, stage)]
-        folder = self.path(stage).with_suffix(".partial")
-        remove_leftovers(folder)
-        return Finished(folder, hashlib.sha256(json.dumps([stamp.inputs, stamp.code, files]).encode()).hexdigest())
+        key = hashlib.sha256(json.dumps([stamp.inputs, stamp.code, files]).encode()).hexdigest()
+        remove_leftovers(self.partial(stage))
+        return Finished(self.partial(stage), key)
 
     def is_current(self, stage: str) -> bool:
         """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""

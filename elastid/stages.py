@@ -62,8 +62,6 @@ from elastid.tables import forecast_table, parameter_table
 from elastid.validating import validated
 from elastid.validation.frequency import agreement
 
-# Finished experiments of a measurement that was stopped; the next one goes on from here.
-PARTIAL = "records.partial"
 TRUSTED = ("converged", "at_bound")
 
 
@@ -73,6 +71,8 @@ def run_all(run: Run) -> None:
         for stage in run.stages:
             if run.is_current(stage):
                 run.console.say(f"{stage}: nothing has changed, {run.path(stage).name} is kept")
+                # Of a stage that was killed once its result was written, and before it had tidied up.
+                shutil.rmtree(run.partial(stage), ignore_errors=True)
             else:
                 WORK[stage](run)
         _conclude(run)
@@ -126,7 +126,7 @@ def design(run: Run) -> None:
 def measure(run: Run) -> None:
     """records.h5, from the simulated rig or from the recorded logs; an earlier, stopped measurement is gone on with."""
     rig, stamp = _rig(run), run.stamps["measure"]
-    folder = run.folder / PARTIAL
+    folder = run.partial("measure")
     folder.mkdir(parents=True, exist_ok=True)
     remove_leftovers(folder)
     todo = [experiment for experiment in rig.experiments if not _is_measured(folder, experiment, stamp)]

@@ -121,6 +121,17 @@ def test_a_lost_or_damaged_result_is_made_again_alone(copy: Path, worked_on: lis
     assert worked_on == ["measure", "estimate", "fit"]
 
 
+def test_what_a_stage_no_longer_needs_goes(copy: Path, worked_on: list[str]) -> None:
+    """Parts of a stage that was killed after its result was written are not kept beside it."""
+    run = run_of(copy / "study.yml", copy / "run")
+    for stage in ("measure", "fit", "validate"):
+        run.partial(stage).mkdir()
+        (run.partial(stage) / "start-0.json").write_text("{}")
+    stages.run_all(run)
+    assert worked_on == []
+    assert not list(run.folder.glob("*.partial"))
+
+
 def test_results_do_not_hang_on_the_number_of_processes(tiny: Path, tmp_path: Path) -> None:
     """Two processes give the same bytes as one, in every file but the log."""
     trees = []
@@ -183,7 +194,7 @@ def test_a_stopped_measurement_goes_on_where_it_was(
         patch.setattr(stages, "SimulatedRig", Interrupting)
         with pytest.raises(KeyboardInterrupt):
             stages.only(run, "measure")
-    assert sorted(p.name for p in (run.folder / stages.PARTIAL).iterdir()) == ["a-r0-e0.h5", "a-r1-e0.h5"]
+    assert sorted(p.name for p in (run.partial("measure")).iterdir()) == ["a-r0-e0.h5", "a-r1-e0.h5"]
     assert not run.path("measure").exists()
     measured = []
     inner = SimulatedRig.measure
@@ -191,7 +202,7 @@ def test_a_stopped_measurement_goes_on_where_it_was(
     stages.only(run, "measure")
     assert measured == ["b-r0-e0", "b-r1-e0"]
     assert run.path("measure").read_bytes() == (finished / "run" / "records.h5").read_bytes()
-    assert not (run.folder / stages.PARTIAL).exists()
+    assert not (run.partial("measure")).exists()
 
 
 def test_leftovers_of_another_study_are_measured_again(
