@@ -32,7 +32,8 @@ def truth(study: Study) -> dict[str, float] | None:
     simulated = study.experiment.simulated
     if simulated is None:
         return None
-    numbers = {name: value for name, (value, _) in study.robot.parameters().items()} | {DELAY: 0.0}
+    robot = study.robot
+    numbers = {name: value for name, (value, _) in robot.parameters(robot.geometry).items()} | {DELAY: 0.0}
     # Dry friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
     rough = {law.place for law in frictions(study.robot)}
@@ -44,7 +45,7 @@ def truth(study: Study) -> dict[str, float] | None:
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
     """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
-    linearisation = Linearisation.of(formulate(study.robot, study.model))
+    linearisation = Linearisation.of(formulate(study.robot, study.model, result.parameters.names))
     rows = []
     for model in linearised(linearisation, responses, result.parameters, result.x):
         name = model.configuration.name
@@ -58,7 +59,8 @@ def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyRespo
 
 def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:
     """Standard deviation (F, n_y, n_u) of the fitted model beside each response, by that of its parameters."""
-    models = linearised(Linearisation.of(formulate(study.robot, study.model)), responses, result.parameters, result.x)
+    equations = formulate(study.robot, study.model, result.parameters.names)
+    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
     return tuple(
         response_deviation(model, response.freq_hz, result.parameters, result.x, result.covariance)[1]
         for model, response in zip(models, responses, strict=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from elastid.arrays import FloatArray
 from elastid.fit.elastic import matched
 from elastid.fit.result import FitResult
@@ -53,6 +55,10 @@ def identified(
     """
     fitted = robot.with_parameters({name: value for name, value in result.values.items() if name != DELAY})
     model = formulate(fitted, spec)
-    linearisation, theta = Linearisation.of(model), result.theta
+    # The fitted geometry is in the robot: its numbers are none of the model's parameters any more.
+    linearisation, theta = (
+        Linearisation.of(model),
+        np.array([result.values[name] for name in (*model.parameters, DELAY)]),
+    )
     linear = (matched(linearisation.at(G.configuration, theta[:-1], G.outputs, G.quantity), G) for G in measured)
     return Identified(name, fitted, model, result, theta, tuple(measured), tuple(linear))

@@ -61,7 +61,8 @@ class Assembly:
         weights = tuple(weigh(response, spec) for response in responses)
         if spec.weights.normalise:
             weights = normalised(weights, responses)
-        return cls(tuple(responses), weights, Linearisation.of(formulate(robot, model)), parameters, spec)
+        equations = formulate(robot, model, parameters.names)
+        return cls(tuple(responses), weights, Linearisation.of(equations), parameters, spec)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -1,13 +1,14 @@
 """Which parameters are identified: the robot's numbers under the `fit.parameters` of a study.
 
-Stiffness, damping, friction, inertia and mass are logarithmic; centres of mass, products of inertia, a spring's
-quadratic terms, a compensator's length and the delay are linear. What a study does not name keeps the robot's number.
+Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
+geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
+does not name keeps the robot's number.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
@@ -29,13 +30,14 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
+    Coordinates and lengths of the geometry are among the parameters as far as the study names them (`named_geometry`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
-    table = robot.parameters() | {DELAY: (0.0, "s")}
-    wanted = _match(spec.parameters, table) if spec.parameters else _default(robot)
+    table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    wanted = _match(spec.parameters, table, robot.geometry) if spec.parameters else _default(robot)
     linear = _linear_names(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
@@ -60,13 +62,25 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     return parameters
 
 
-def _match(given: Mapping[str, ParameterSpec], table: Mapping[str, object]) -> dict[str, ParameterSpec]:
+def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+    """The names of robot.geometry that fit.parameters ask for, by a key or as what another one is tied to.
+
+    A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
+    """
+    asked = [key for key in given if key[:1].isalpha()]
+    asked += [wish.tie.to for wish in given.values() if wish.tie is not None and wish.tie.to in robot.geometry]
+    return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in asked))
+
+
+def _match(
+    given: Mapping[str, ParameterSpec], table: Mapping[str, object], geometry: Iterable[str]
+) -> dict[str, ParameterSpec]:
     """What the study says about each name that it names."""
     matched: dict[str, ParameterSpec] = {}
     for key, wish in given.items():
         names = [name for name in table if fnmatchcase(name, key)]
         if not names:
-            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, list(table))}")
+            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, table, geometry)}")
         matched |= {name: _starred(key, name, wish) for name in names}
     return matched | {key: wish for key, wish in given.items() if key in table}
 
@@ -158,6 +172,7 @@ def _linear_names(robot: Robot) -> set[str]:
     names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
     names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
     names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
+    names |= robot.geometry.keys() - {f"l_{loop.name}" for loop in robot.loops}
     return names
 
 

@@ -92,7 +92,8 @@ def predict(
     result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse], model: ModelSpec = EXACT
 ) -> tuple[FrequencyResponse, ...]:
     """The fitted model's response for each of `responses`: its lines, inputs, outputs and configuration."""
-    models = linearised(Linearisation.of(formulate(robot, model)), responses, result.parameters, result.x)
+    equations = formulate(robot, model, result.parameters.names)
+    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
     return tuple(
         replace(
             to_response(linear, result.theta_of(linear.configuration.name), response.freq_hz),

@@ -161,6 +161,7 @@ class FitSpec:
 
     criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
+    Geometry (ends of compensators, places of joints and bodies) is identified where it is named: pc1_cyl_z, pj_2b_z.
     ratios: factors that ties share, by a name of your own.
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest

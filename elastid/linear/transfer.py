@@ -10,7 +10,7 @@ solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without another solv
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
 Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. An accelerometer has
-C + T / s^2 in the place of C.
+C + T / s^2 in the place of C. Geometry that moves what is measured adds c dC X.
 """
 
 from __future__ import annotations
@@ -44,7 +44,8 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     M, D, K = model.matrices(theta)
     s: ComplexArray = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
-    G: ComplexArray = _gain(model, theta, s) * (model.C @ X + model.tilt @ X / s**2)
+    C, T = model.readout(theta)
+    G: ComplexArray = _gain(model, theta, s) * (C @ X + T @ X / s**2)
     return G
 
 
@@ -67,6 +68,19 @@ class Terms:
     direction: IntArray
 
 
+@dataclass(frozen=True)
+class Sides:
+    """Which right sides Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
+
+    columns (n_y,): of each output the column that holds its direction.  tilts: of each tilted one that of its row of T.
+    """
+
+    extra: IntArray
+    columns: IntArray
+    tilted: IntArray
+    tilts: IntArray
+
+
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
@@ -87,26 +101,29 @@ class Kernel:
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        return np.concatenate([self._response(s, X, theta) for _, s, X in self._solutions(theta)])
+        readout = self.model.readout(theta)
+        return np.concatenate([self._response(s, X, theta, readout) for _, s, X in self._solutions(theta)])
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
         n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
         G = np.empty((self.freq_hz.size, n_y, n_u), complex)
         dG = np.zeros((len(self.wanted), *G.shape), complex)
-        (_, columns, tilted, tilts), (Y, groups) = self._right_sides, self._directions_and_terms
+        sides, (Y, groups), readout = self._sides, self._directions_and_terms, self.model.readout(theta)
         for block, s, X in self._solutions(theta):
-            G[block] = self._response(s, X, theta)
+            G[block] = self._response(s, X, theta, readout)
             for place, slope in self.factor_slopes(theta, s):
                 dG[place, block] = slope[:, None, None] * G[block]
             YX = _times(Y, X)
-            left, right = YX[:, :, columns], YX[:, :, :n_u]
-            left[:, :, tilted] += YX[:, :, tilts] / s[:, None] ** 2
+            left, right = YX[:, :, sides.columns], YX[:, :, :n_u]
+            left[:, :, sides.tilted] += YX[:, :, sides.tilts] / s[:, None] ** 2
             gain = _gain(self.model, theta, s)
             powers = -np.stack([gain, gain * s, gain * s**2])
             for terms in groups:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
+            for place, moved in self.moved_readings(s, X, gain):
+                dG[place, block] += moved
         return G, dG
 
     @cached_property
@@ -128,40 +145,63 @@ class Kernel:
             yield self.wanted.index(name), slope
 
     @cached_property
+    def moved_outputs(self) -> tuple[str, ...]:
+        """The wanted parameters that move what is measured."""
+        moved = self.model.moved_outputs
+        return tuple(name for name in self.wanted if name in moved)
+
+    def moved_readings(
+        self, s: ComplexArray, X: ComplexArray, gain: ComplexArray
+    ) -> Iterator[tuple[int, ComplexArray]]:
+        """c (dC + dT / s^2) X (F, n_y, n_u) of each of them, with its place among the wanted parameters."""
+        turned = X[:, :, : self.model.B.shape[1]]
+        for name in self.moved_outputs:
+            slope, moved = self.model.slopes[name], np.zeros((len(s), len(self.model.C), turned.shape[2]), complex)
+            if slope.C is not None:
+                moved += gain[:, None, None] * (slope.C @ turned)
+            if slope.T is not None:
+                moved += (gain / s**2)[:, None, None] * (slope.T @ turned)
+            yield self.wanted.index(name), moved
+
+    @cached_property
     def output_columns(self) -> IntArray:
         """For each output the column of X in `solutions` that belongs to its direction, tilt included."""
-        right, columns, tilted, _ = self._right_sides
-        places = columns.copy()
-        places[tilted] = right.shape[1] + np.arange(len(tilted))
+        sides = self._sides
+        places = sides.columns.copy()
+        places[sides.tilted] = sides.tilts + len(sides.tilts)
         return places
 
     def solutions(
         self, theta: FloatArray
     ) -> Iterator[tuple[slice, ComplexArray, ComplexArray, ComplexArray, ComplexArray]]:
         """Block by block: the lines, s = j omega (F,), X = Z^-1 [B, extra] (F, n, m), the gain c (F,), and G."""
-        _, columns, tilted, tilts = self._right_sides
+        sides, readout = self._sides, self.model.readout(theta)
         for block, s, X in self._solutions(theta):
-            G = self._response(s, X, theta)
-            if tilted.size:
-                X = np.concatenate([X, X[:, :, columns[tilted]] + X[:, :, tilts] / s[:, None, None] ** 2], axis=2)
+            G = self._response(s, X, theta, readout)
+            if sides.tilted.size:
+                tilts = X[:, :, sides.tilts] / s[:, None, None] ** 2
+                X = np.concatenate([X, X[:, :, sides.columns[sides.tilted]] + tilts], axis=2)
             yield block, s, X, _gain(self.model, theta, s), G
 
-    def _response(self, s: ComplexArray, X: ComplexArray, theta: FloatArray) -> ComplexArray:
+    def _response(
+        self, s: ComplexArray, X: ComplexArray, theta: FloatArray, readout: tuple[FloatArray, FloatArray]
+    ) -> ComplexArray:
+        (C, T), tilted = readout, self._sides.tilted
         gain, moved = _gain(self.model, theta, s)[:, None, None], X[:, :, : self.model.B.shape[1]]
-        G: ComplexArray = gain * (self.model.C @ moved)
-        tilted = self._right_sides[2]
+        G: ComplexArray = gain * (C @ moved)
         if tilted.size:
-            G[:, tilted] += (gain / s[:, None, None] ** 2) * (self.model.tilt[tilted] @ moved)
+            G[:, tilted] += (gain / s[:, None, None] ** 2) * (T[tilted] @ moved)
         return G
 
     def _solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray]]:
         """Block by block: the lines, s = j omega (F,), and X = Z^-1 [B, extra] (F, n, n_u + n_extra)."""
         M, D, K = self._matrices(theta)
+        right = self._right_sides if not self.model.moved_outputs else self._right(*self.model.readout(theta))
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s: ComplexArray = (1j * omega).astype(complex)
-            yield block, s, self._leaves.solve(M, D, K, omega, self._right_sides[0])
+            yield block, s, self._leaves.solve(M, D, K, omega, right)
 
     @cached_property
     def _leaves(self) -> Leaves:
@@ -186,21 +226,31 @@ class Kernel:
         return np.array(places, np.int64), np.array(stacked).reshape(len(places), 3 * n * n)
 
     @cached_property
-    def _right_sides(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """[B, extra] and for each output the column that holds its direction; collocated outputs need no extra one.
+    def _right_sides(self) -> FloatArray:
+        """[B, extra rows of C, tilted rows of T] where no parameter moves C and T."""
+        return self._right(self.model.C, self.model.tilt)
 
-        Then the outputs that tilting changes, and the columns of their rows of T.
-        """
-        sides = list(self.model.B.T)
-        columns = []
-        for direction in self.model.C:
+    def _right(self, C: FloatArray, T: FloatArray) -> FloatArray:
+        return np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[self._sides.tilted]])
+
+    @cached_property
+    def _sides(self) -> Sides:
+        """Which outputs are in the direction of an input or of another output, at any theta, and need no solution."""
+        model = self.model
+        moved = [model.slopes[name] for name in model.moved_outputs]
+        C = np.array([model.C, *(slope.C for slope in moved if slope.C is not None)]).transpose(1, 0, 2)
+        T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])
+        still = np.zeros((C.shape[1] - 1, model.n))
+        sides, extra, columns = [np.vstack([side[None], still]) for side in model.B.T], [], []
+        for row, direction in enumerate(C):
             same = [i for i, side in enumerate(sides) if np.array_equal(side, direction)]
             if not same:
                 sides.append(direction)
+                extra.append(row)
             columns.append(same[0] if same else len(sides) - 1)
-        tilted = np.flatnonzero(self.model.tilt.any(axis=1))
+        tilted = np.flatnonzero(T.any(axis=(0, 2)))
         tilts = len(sides) + np.arange(len(tilted))
-        return np.column_stack([*sides, *self.model.tilt[tilted]]), np.array(columns), tilted, tilts
+        return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
 
     @cached_property
     def _directions_and_terms(self) -> tuple[FloatArray, tuple[Terms, ...]]:

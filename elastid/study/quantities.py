@@ -9,7 +9,7 @@ from fnmatch import fnmatchcase
 from typing import TypeAlias
 
 from elastid.errors import StudyError
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
@@ -25,9 +25,10 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 def in_si(study: Study) -> tuple[Study, list[Problem]]:
     """The study with every quantity a float in SI, and what stands in the way: unknown names, wrong units, bounds."""
     found: list[Problem] = []
-    numbers = study.robot.parameters()
-    table = {**numbers, DELAY: (0.0, "s")}
-    parameters = {name: _parameter(spec, name, table, found) for name, spec in study.fit.parameters.items()}
+    numbers = study.robot.parameters(study.robot.geometry)
+    asked = named_geometry(study.fit.parameters, study.robot)
+    table: Table = {**study.robot.parameters(asked), DELAY: (0.0, "s")}
+    parameters = {name: _parameter(spec, name, table, numbers, found) for name, spec in study.fit.parameters.items()}
     study = replace(study, fit=replace(study.fit, parameters=parameters))
     simulated = study.experiment.simulated
     if simulated is not None:
@@ -43,7 +44,8 @@ def in_si(study: Study) -> tuple[Study, list[Problem]]:
 Table: TypeAlias = Mapping[str, tuple[float, str]]
 
 
-def _parameter(spec: ParameterSpec, pattern: str, table: Table, found: list[Problem]) -> ParameterSpec:
+def _parameter(spec: ParameterSpec, pattern: str, table: Table, every: Table, found: list[Problem]) -> ParameterSpec:
+    """The spec in SI.  table: the parameters; every: the geometry that no key names included."""
     path = (*_FIT, pattern)
     names = [name for name in table if fnmatchcase(name, pattern)]
 
@@ -52,7 +54,7 @@ def _parameter(spec: ParameterSpec, pattern: str, table: Table, found: list[Prob
 
     before = len(found)
     if not names:
-        known = did_you_mean(pattern, table)
+        known = did_you_mean(pattern, table, every)
         found.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")

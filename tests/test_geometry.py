@@ -1,0 +1,159 @@
+"""Geometry as named numbers: where bodies, joints, compensators and loops sit, in the linear model and in a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.transfer import Kernel, frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import (
+    Anchor,
+    Body,
+    Compensator,
+    Frame,
+    GasSpring,
+    Joint,
+    Loop,
+    Motor,
+    Placement,
+    Robot,
+    Rod,
+    Spring,
+)
+
+LINES = np.geomspace(0.7, 90, 8)
+
+
+def bending_arm() -> Robot:
+    """A gas spring on the shoulder, an upper arm that bends at 0.35 m, an elbow; a tool with an accelerometer."""
+    gas = GasSpring(6000.0, 0.6, 0.4, 1.2, "draw")
+    ends = Anchor("base", (-0.15, 0.02, -0.5)), Anchor("root", (-0.1, 0.01, 0.1))
+    motor = Motor(2e-3, 60, 1e-3)
+    bend = Joint("1b", "y", Spring(6e4, 30), point=(0.0, 0.0, 0.35))
+    twist = Joint("1t", (0.1, 0.0, 1.0), Spring(2e4, 20), point=(0.02, 0.01, 0.3))
+    return Robot(
+        "bending arm",
+        (
+            Body(
+                "root",
+                "base",
+                Placement((0.03, 0, 0.02)),
+                (Joint("1", "y", Spring(3e4, 60), motor),),
+                15,
+                (0, 0, 0.2),
+                1.0,
+            ),
+            Body("tip", "root", Placement(), (bend, twist), 20, (0.01, 0.02, 0.6), (1.0, 1.1, 0.4)),
+            Body(
+                "fore",
+                "tip",
+                Placement((0, 0.1, 0.8)),
+                (Joint("2", "y", Spring(2e4, 40), motor),),
+                25,
+                (0.3, 0, 0),
+                1.0,
+            ),
+        ),
+        frames=(Frame("tool", "fore", Placement((0.6, 0.05, 0.1), (0.2, 0.1, -0.3))),),
+        compensators=(Compensator("gas", ends, gas=gas),),
+    )
+
+
+def linkage(rod: Rod, spatial: bool) -> Robot:
+    """Lower arm that bends, crank and rod to a rear lever: a four-bar, planar or on a turret."""
+    motor = Motor(2e-3, 100, 2e-3)
+    bodies: list[Body] = []
+    base, place = "base", Placement((0.2, -0.08, 0.46))
+    if spatial:
+        turn = Joint("1", "z", Spring(1.5e6, 700), motor)
+        bodies.append(Body("turret", joints=(turn,), mass=100, center_of_mass=(0.02, 0.02, 0.3), inertia=8.0))
+        base = "turret"
+    sideways = (Joint("c2", "x", Spring(1e6, 400), point=(0.0, 0.0, 0.4)),) if spatial else ()
+    bend = Joint("b2", "y", Spring(2e6, 500), point=(0.0, 0.0, 0.4))
+    bodies += [
+        Body("lower", base, place, (Joint("2", "y", Spring(8e5, 400), motor),), 16.0, (0.06, 0.09, 0.2), 0.4),
+        Body("end", "lower", Placement(), (bend, *sideways), 15.0, (0.06, 0.09, 0.6), 0.4),
+        Body("crank", base, place, (Joint("3", "y", Spring(5e5, 250), motor),), 19.4, (-0.45, -0.09, 0.03), 0.7),
+        Body("upper", "end", Placement((0, -0.07, 0.89)), (Joint("elbow", "y"),), 50.0, (0.35, 0.13, 0.14), 5.0),
+    ]
+    ends = Anchor("crank", (-0.33, -0.07, 0.0)), Anchor("upper", (-0.3, 0.0, 0.0))
+    frames = (Frame("tool", "upper", Placement((0.9, 0.0, 0.1))),)
+    return Robot("linkage", tuple(bodies), frames=frames, loops=(Loop("rod", ends, rod=rod),))
+
+
+RIGID, ELASTIC = Rod(0.86, 6.2, 0.4, 0.5), Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000)
+TOOL = ("accelerometer tool z", "frame tool x", "body {} y")
+CASES = {
+    "bending arm": (bending_arm(), ModelSpec(), (0.4, -0.3), "fore"),
+    "constrained, rigid": (linkage(RIGID, False), ModelSpec("constrained"), (0.2, 0.1), "upper"),
+    "constrained, spatial": (linkage(ELASTIC, True), ModelSpec("constrained"), (0.3, 0.2, 0.1), "upper"),
+    "minimal, rigid": (linkage(RIGID, True), ModelSpec("minimal"), (0.3, 0.2, 0.1), "upper"),
+    "minimal, elastic": (linkage(ELASTIC, False), ModelSpec("minimal"), (0.2, 0.1), "upper"),
+    "minimal, lumped": (linkage(ELASTIC, False), ModelSpec("minimal", "lumped_rod"), (0.2, 0.1), "upper"),
+    "series stiffness": (linkage(ELASTIC, False), ModelSpec("minimal", "series_stiffness"), (0.2, 0.1), "upper"),
+    "bending outside": (linkage(RIGID, False), ModelSpec("minimal", "bending_outside"), (0.2, 0.1), "upper"),
+}
+
+
+def measured(robot: Robot, body: str) -> tuple[str, ...]:
+    """The motors, and places that the geometry moves."""
+    return (*robot.motor_locations, *(place.format(body) for place in TOOL))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -> None:
+    """dG/dtheta of all parameters at once, geometry and what it deflects, against differences of fourth order."""
+    robot, spec, angles, body = CASES[case]
+    model = formulate(robot, spec, robot.geometry)
+    outputs, at = measured(robot, body), Configuration("c", angles)
+    linearisation = Linearisation.of(model)
+    linear = linearisation.at(at, model.theta, outputs, "acceleration")
+    kernel = Kernel(linear, LINES, linear.parameters)
+    G, dG = kernel.evaluate(linear.theta_ref)
+    np.testing.assert_allclose(G, frequency_response(linear, linear.theta_ref, LINES), rtol=1e-9)
+    scale = np.abs(G).max(axis=0)
+    found = replace(linearisation, following=None)  # responses alone
+
+    def anew(place: int, by: float) -> np.ndarray:
+        theta = model.theta.copy()
+        theta[place] += by
+        there = found.at(at, theta, outputs, "acceleration")
+        return frequency_response(there, there.theta_ref, LINES)
+
+    for place, name in enumerate(model.parameters):
+        if not (name in robot.geometry or name.startswith(("k_", "m_", "c_", "F0_", "I_rod", "a_"))):
+            continue
+        size = max(abs(model.theta[place]), 0.3)
+        h = 2e-4 * size
+        near, far = (anew(place, step) - anew(place, -step) for step in (h, 2 * h))
+        difference = (8 * near - far) / (12 * h)
+        error = np.abs(dG[place] - difference)
+        allowed = 1e-6 * np.maximum(np.abs(difference).max(axis=0), 1e-2 * scale / size)
+        assert np.all(error <= allowed), (name, (error / allowed).max())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_coordinates_as_symbols_are_the_coordinates_of_the_robot(case: str) -> None:
+    """The model with all geometry as parameters, at other values of it, is that of the robot described so."""
+    robot, spec, angles, body = CASES[case]
+    outputs, at = measured(robot, body), Configuration("c", angles)
+    numbers = robot.parameters(robot.geometry)
+    rng = np.random.default_rng(0)
+    in_plane = [name for name in robot.geometry if name.endswith(("_x", "_z")) or name == "l_rod"]
+    values = {name: numbers[name][0] + 0.01 * float(rng.uniform(-1, 1)) for name in in_plane}
+    other = robot.with_parameters(values)
+    model, fresh = formulate(robot, spec, robot.geometry), formulate(other, spec)
+    theta = np.array([values.get(name, number) for name, number in zip(model.parameters, model.theta, strict=True)])
+    symbols = linearise(model, at, theta, outputs, "acceleration")
+    described = linearise(fresh, at, fresh.theta, outputs, "acceleration")
+    G = frequency_response(symbols, symbols.theta_ref, LINES)
+    expected = frequency_response(described, described.theta_ref, LINES)
+    np.testing.assert_allclose(G, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+    assert fresh.parameters == tuple(robot.parameters())
+    assert model.robot_at(theta) == other
