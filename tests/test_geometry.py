@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
 
+from elastid.export.mujoco import mjcf
+from elastid.fit.choose import choose, named_geometry
+from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.transfer import Kernel, frequency_response
 from elastid.model.formulation import formulate
+from elastid.model.kinematics import skeleton
+from elastid.model.serial import serial
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import (
@@ -157,3 +163,90 @@ def test_coordinates_as_symbols_are_the_coordinates_of_the_robot(case: str) -> N
     np.testing.assert_allclose(G, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
     assert fresh.parameters == tuple(robot.parameters())
     assert model.robot_at(theta) == other
+
+
+def test_a_point_of_a_joint_moves_its_axis_and_nothing_else() -> None:
+    """The same robot as one whose body is placed at the point, and mounted back by as much behind its joint."""
+    arm = bending_arm()
+    root, tip, fore = arm.bodies
+    bend, twist = tip.joints
+    apart = (
+        replace(tip, name="bent", joints=(replace(bend, point=(0.0, 0.0, 0.0)),), placement=Placement(bend.point)),
+        replace(tip, joints=(replace(twist, point=(0.0, 0.0, 0.0)),), parent="bent"),
+    )
+    back = tuple(Placement(tuple(-x for x in joint.point)) for joint in (bend, twist))
+    massless = replace(apart[0], mass=0.0, center_of_mass=(0.0, 0.0, 0.0), inertia=0.0, mounting=back[0])
+    last = replace(apart[1], placement=Placement(twist.point), mounting=back[1])
+    other = replace(arm, bodies=(root, massless, last, fore))
+    one, two = serial(arm), serial(other)
+    rng = np.random.default_rng(0)
+    order = [two.coordinates.index(name) for name in one.coordinates]
+    theta = np.array([dict(zip(one.parameters, one.theta, strict=True)).get(n, 0.0) for n in two.parameters])
+    for _ in range(3):
+        q, v = rng.uniform(-0.3, 0.3, (2, one.n_q))
+        p, w = np.zeros(one.n_q), np.zeros(one.n_q)
+        p[order], w[order] = q, v
+        np.testing.assert_allclose(
+            one.mass(q, one.theta).full(), two.mass(p, theta).full()[np.ix_(order, order)], rtol=1e-12, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            one.force(q, v, one.theta).full(), two.force(p, w, theta).full()[order], rtol=1e-10, atol=1e-9
+        )
+        outputs = [f"frame tool {axis}" for axis in "xyz"]
+        expected = two.output_jacobian(p, outputs)[:, order]
+        np.testing.assert_allclose(one.output_jacobian(q, outputs), expected, rtol=1e-12, atol=1e-12)
+    shown = skeleton(arm, np.array([[0.3, 0.2]]))
+    np.testing.assert_allclose(
+        shown.points[0, shown.names.index("center of mass of fore")],
+        skeleton(other, np.array([[0.3, 0.2]])).points[0, -2],
+    )
+    bends_at = shown.points[0, shown.names.index("joint 1b")] - shown.points[0, shown.names.index("joint 1")]
+    np.testing.assert_allclose(bends_at, 0.35 * np.array([np.sin(0.3), 0, np.cos(0.3)]), atol=1e-12)
+
+
+def test_mujoco_sees_the_joints_where_they_are() -> None:
+    """Mass matrix and weight of the exported tree, joints at points of their own included, in MuJoCo's arithmetic."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    arm = bending_arm()
+    rigid = replace(
+        arm, compensators=(), bodies=tuple(replace(b, joints=tuple(map(_stiff, b.joints))) for b in arm.bodies)
+    )
+    engine = mujoco.MjModel.from_xml_string(ET.tostring(mjcf(rigid), encoding="unicode"))
+    data, model = mujoco.MjData(engine), serial(rigid)
+    for q in np.random.default_rng(1).uniform(-0.5, 0.5, (3, model.n_q)):
+        data.qpos[:] = q
+        mujoco.mj_forward(engine, data)
+        M = np.zeros((engine.nv, engine.nv))
+        mujoco.mj_fullM(engine, data, M)
+        np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=1e-9, atol=1e-9)
+        springs = np.array([0, 6e4 * q[1], 2e4 * q[2], 0])
+        weight = model.potential_gradient(q, model.theta).full()[:, 0] - springs
+        np.testing.assert_allclose(weight, data.qfrc_bias, rtol=1e-9, atol=1e-6)
+
+
+def _stiff(joint: Joint) -> Joint:
+    return joint if joint.motor is None else replace(joint, spring=None)
+
+
+def test_names_of_the_geometry() -> None:
+    """Per body, joint, end and axis; in the robot's table only where it is asked for."""
+    arm, mechanism = bending_arm(), linkage(ELASTIC, False)
+    assert {"p_tip_z", "pj_1b_z", "pc1_gas_x", "pc2_gas_z"} <= arm.geometry.keys()
+    assert {"p1_rod_x", "p2_rod_z", "l_rod", "p_upper_z", "pj_elbow_x"} <= mechanism.geometry.keys()
+    assert not arm.geometry.keys() & arm.parameters().keys()
+    assert arm.parameters(("pj_1b_z", "k_1"))["pj_1b_z"] == (0.35, "m")
+    moved = arm.with_parameters({"pj_1b_z": 0.2, "pc2_gas_x": -0.3, "p_fore_z": 0.9})
+    assert moved.bodies[1].joints[0].point == (0.0, 0.0, 0.2)
+    assert moved.compensators[0].ends[1].point == (-0.3, 0.01, 0.1)
+    assert moved.bodies[2].placement.xyz == (0, 0.1, 0.9)
+    with pytest.raises(ValueError, match=r"the length of the rod is -1 m"):
+        mechanism.with_parameters({"l_rod": -1.0})
+    with pytest.raises(ValueError, match="joint 1: it slides, wherever its axis is; leave out point"):
+        Joint("1", "z", Spring(1e3), motion="translation", point=(0.1, 0.0, 0.0))
+    names = named_geometry({"pc1_*": ParameterSpec(), "*": ParameterSpec(), "*_z": ParameterSpec()}, arm)
+    assert names == ("pc1_gas_x", "pc1_gas_y", "pc1_gas_z")
+    tied = {"pc2_gas_x": ParameterSpec(tie=TieSpec("pc1_gas_x", -1.0))}
+    assert named_geometry(tied, arm) == ("pc1_gas_x", "pc2_gas_x")
+    everything = choose(FitSpec(parameters={"*": ParameterSpec(fixed=True), "k_*": ParameterSpec()}), arm)
+    assert set(everything.names) == {*arm.parameters(), "delay"}
+    assert set(choose(FitSpec(), arm).names) == {*arm.parameters(), "delay"}

@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, FitError
+from elastid.fit import geometry
 from elastid.fit.assembly import Assembly, linearised, settle, widening
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
@@ -64,6 +65,7 @@ def identify(
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
     check_masks(responses, spec)
+    geometry.refuse(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
@@ -74,7 +76,7 @@ def identify(
             f"{fit.n_residuals} real numbers are left to fit {len(parameters.free)} parameters; fix some, or use more "
             "lines"
         )
-    refuse_without_effect(fit)
+    refuse_without_effect(fit, robot)
     first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
     criterion = "log" if first is not fit else spec.criterion
     stages = [assembly.searched(stage, criterion) for stage in (*widening(first, spec.continuation), first)]
@@ -103,7 +105,7 @@ def predict(
     )
 
 
-def refuse_without_effect(fit: ElasticFit) -> None:
+def refuse_without_effect(fit: ElasticFit, robot: Robot) -> None:
     """FitError that names the free parameters which reach none of the responses that count."""
     x = fit.parameters.x
     information = np.diag(replace(fit, shapes=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
@@ -111,9 +113,12 @@ def refuse_without_effect(fit: ElasticFit) -> None:
     silent_ones = effect <= NO_EFFECT * effect.max()
     if silent_ones.any():
         names = ", ".join(name for name, none in zip(fit.parameters.free_names, silent_ones, strict=True) if none)
+        places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
+        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start"
         raise FitError(
             f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
             f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
+            + (hint if places else "")
         )
 
 

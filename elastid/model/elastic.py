@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -100,7 +101,7 @@ class ElasticModel:
         """Number of constraint rows; 0 for a tree."""
         return int(self.constraint.size1_out(0))
 
-    @property
+    @cached_property
     def geometry(self) -> tuple[str, ...]:
         """The coordinates and lengths among the parameters."""
         return tuple(name for name in self.parameters if name in self.robot.geometry)

@@ -109,12 +109,15 @@ def skeleton(
         return len(names) - 1
 
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
-        # A body's joints start from one origin, which only what is below the first of them moves, or its sliding.
-        if body.joints:
-            first = seat.frame - len(body.joints) + 1
-            mobile = layout.frames[first].parent >= 0 or layout.frames[first].slides
-            origin[body.name] = add(f"joint {body.joints[0].name}", p[first], mobile, origin[body.parent])
-        if not body.joints or any(body.mounting.xyz):
+        # A body's joints start from one origin, which only what is below the first of them moves, or its sliding; those
+        # at a point of their own are drawn there.
+        first = seat.frame - len(body.joints) + 1
+        for i, joint in enumerate(body.joints):
+            if i == 0 or any(joint.point):
+                mobile = layout.frames[first + i].parent >= 0 or joint.slides
+                above = origin.get(body.name, origin[body.parent])
+                origin[body.name] = add(f"joint {joint.name}", p[first + i], mobile, above)
+        if not body.joints or any(body.mounting.xyz) or any(any(joint.point) for joint in body.joints):
             above = origin.get(body.name, origin[body.parent])
             origin[body.name] = add(f"body {body.name}", _placed(R, p, seat, np.zeros(3)), seat.frame >= 0, above)
         tool = add(

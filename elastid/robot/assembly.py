@@ -221,7 +221,7 @@ class Robot:
         payload = below("payload", self.payload.numbers) if self.payload is not None else {}
         return places | payload | below("chain", self.chain.numbers)
 
-    @property
+    @cached_property
     def geometry(self) -> Numbers:
         """Every length and coordinate that has a name, alike; they count among the parameters where they are asked for.
 

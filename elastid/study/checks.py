@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.carrier_lines import refusal
 from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
 from elastid.names import did_you_mean
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
@@ -33,6 +34,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_design(study, base)
     yield from _references(study)
     yield from _hardware(study)
+    yield from _geometry(study)
     if study.experiment.recorded is not None:
         yield from _files(study.experiment.recorded, study, base)
         yield from _channels(study.experiment.recorded.channels, study)
@@ -149,6 +151,25 @@ def _hardware(study: Study) -> Iterator[Problem]:
                 law.curve(0.0, temperature)
             except ValueError as error:
                 yield Problem((*path, "warming", "temperature"), str(error))
+
+
+def _geometry(study: Study) -> Iterator[Problem]:
+    """Coordinates that are to be identified start where the robot can stand, and keep the ends of springs apart."""
+    if not named_geometry(study.fit.parameters, study.robot):
+        return
+    from elastid.fit.geometry import refusals  # brings CasADi, which few checks need
+
+    configurations = study.experiment.configurations
+    if any(len(angles) != len(study.robot.driven) for angles in configurations.values()):
+        return  # said elsewhere
+    try:
+        parameters = choose(study.fit, study.robot, tuple(configurations))
+    except StudyError:
+        return  # said elsewhere
+    for name, message in refusals(parameters, study.robot, configurations):
+        keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
+        yield Problem(("fit", "parameters", *keys[-1:]), message)
+        return
 
 
 def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:

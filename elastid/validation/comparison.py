@@ -170,7 +170,7 @@ def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
     StudyError where it names no others: without any it would be another fit, that of every stiffness.
     """
-    there, known = robot.parameters(), own.parameters()
+    there, known = robot.parameters(robot.geometry), own.parameters(own.geometry)
 
     def gone(key: str) -> bool:
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)

@@ -182,7 +182,8 @@ class Prospect:
         """Nms/rad (n_u,), link side: what Coulomb friction adds to the viscous friction that a fit finds."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
-        model = _linearisation(self.robot, self.model).at(configuration, theta[:-1], motors, self.quantity)
+        local = _linearisation(self.robot, self.model, self.parameters.names)
+        model = local.at(configuration, theta[:-1], motors, self.quantity)
         motion = frequency_response(model, theta, self.freq_hz)
         sensitivity = self._sensitivity(configuration, motion)
         return self._friction((sensitivity @ self.R[..., None])[..., 0], motion)[0]
