@@ -13,6 +13,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from elastid.errors import StudyError
+from elastid.fit import groups
 from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
@@ -31,13 +32,17 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
     Coordinates and lengths of the geometry are among the parameters as far as the study names them (`named_geometry`).
+    A key with a group behind an @ is about the parameter of that group alone (`groups`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
     table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    wanted = _match(spec.parameters, table, robot.geometry) if spec.parameters else _default(robot)
+    shared = {key: wish for key, wish in spec.parameters.items() if not groups.is_of_one(key)}
+    wanted = _match(shared, table, robot.geometry) if spec.parameters else _default(robot)
+    grouped = {name: groups.of(name, wish, spec.robots, configurations) for name, wish in wanted.items()}
+    groups.check_keys(spec, wanted)
     linear = _linear_names(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
@@ -46,11 +51,14 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
             chosen.append(Parameter(name, value, unit, log=name not in linear, free=False))
             continue
         parameter = _parameter(name, value, unit, wanted[name], name not in linear)
-        groups = _groups(name, wanted[name].per, configurations)
-        grouped = [configuration for group in groups.values() for configuration in group]
-        everywhere = bool(grouped) and set(grouped) >= set(configurations)
+        own = grouped[name]
+        everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        further += [replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items()]
+        for group, only in own.items():
+            key = f"{name}@{group}"
+            wish = groups.wish(key, wanted[name], spec.parameters)
+            of_group = _parameter(key, value, unit, wish, name not in linear)
+            further.append(replace(of_group, only=only))
     _check_ratios(spec, chosen)
     chosen += further
     try:
@@ -94,22 +102,6 @@ def _starred(key: str, name: str, wish: ParameterSpec) -> ParameterSpec:
     before, after = key.split("*")
     star = name[len(before) : len(name) - len(after)]
     return replace(wish, tie=replace(wish.tie, to=wish.tie.to.replace("*", star)))
-
-
-def _groups(
-    name: str, per: str | Mapping[str, Sequence[str]] | None, configurations: Sequence[str]
-) -> dict[str, tuple[str, ...]]:
-    """Group to its configurations among those that are fitted."""
-    if per is None or not configurations:
-        return {}
-    if isinstance(per, str):
-        return {configuration: (configuration,) for configuration in configurations}
-    where, taken = f"fit.parameters.{name}.per", [one for group in per.values() for one in group]
-    for one in taken:
-        if taken.count(one) > 1:
-            raise StudyError(f"{where}: configuration {one} is in two groups")
-    found = {group: tuple(one for one in members if one in configurations) for group, members in per.items()}
-    return {group: members for group, members in found.items() if members}
 
 
 def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
@@ -203,4 +195,4 @@ def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[fl
         return float(wish.bounds[0]), float(wish.bounds[1])
     if log:
         return start / REACH, start * (REACH_OF_FRICTION if name.startswith(("f_", "fm_")) else REACH)
-    return DELAY_BOUNDS if name == DELAY else (-math.inf, math.inf)
+    return DELAY_BOUNDS if name.partition(groups.OF)[0] == DELAY else (-math.inf, math.inf)

@@ -159,4 +159,5 @@ def _result(
     signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
     found = (*border_words(fit.shapes, fit.parameters.expand(end.x)), *findings(result, sure.unreached))
-    return replace(result, status=status, message=message, warnings=(*signs, *apart, *notes, *found))
+    known = fit.parameters.with_means(end.x)
+    return replace(result, parameters=known, status=status, message=message, warnings=(*signs, *apart, *notes, *found))

@@ -17,6 +17,7 @@ from elastid.experiment.carrier_lines import refusal
 from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose, named_geometry
+from elastid.fit.groups import OF
 from elastid.names import did_you_mean
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
@@ -289,6 +290,7 @@ def _references(study: Study) -> Iterator[Problem]:
     if configurations and study.design is None and set(left_out) >= set(configurations):
         yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")
     masked = configurations + chosen_names(study)
+    yield from _groups(study, masked)
     inputs, outputs = _inputs(study), _outputs(study)
     for i, output in enumerate(outputs):
         if study.experiment.simulated is not None:
@@ -302,6 +304,38 @@ def _references(study: Study) -> Iterator[Problem]:
             yield _unknown((*path, "output"), "output", mask.output, outputs)
         if mask.input and mask.input not in inputs:
             yield _unknown((*path, "input"), "input", mask.input, inputs)
+
+
+def _groups(study: Study, configurations: list[str]) -> Iterator[Problem]:
+    """Robots and other groups hold configurations that there are; where robots are named, each is of one."""
+    given: list[tuple[KeyPath, Sequence[str]]] = [
+        (("fit", "robots", robot), names) for robot, names in study.fit.robots.items()
+    ]
+    for key, wish in study.fit.parameters.items():
+        per = wish.per if isinstance(wish.per, dict) else {}
+        given += [(("fit", "parameters", key, "per", group), names) for group, names in per.items()]
+        group = key.partition(OF)[2]
+        if group and not any(fnmatchcase(name, group) for name in _group_names(study, configurations)):
+            yield _unknown(("fit", "parameters", key), "group", group, _group_names(study, configurations))
+    for path, names in given:
+        try:
+            check_file_name(str(path[-1]))
+        except ValueError as error:
+            yield Problem(path, str(error), at_key=True)
+        for i, name in enumerate(names):
+            if name not in configurations:
+                yield _unknown((*path, i), "configuration", name, configurations)
+    measured = {name for names in study.fit.robots.values() for name in names}
+    missing = [name for name in study.experiment.configurations if name not in measured]
+    if study.fit.robots and missing:
+        problem = f"configuration {', '.join(missing)} is of none of these robots; name it at the one that it is of"
+        yield Problem(("fit", "robots"), problem, at_key=True)
+
+
+def _group_names(study: Study, configurations: list[str]) -> list[str]:
+    pers = [wish.per for wish in study.fit.parameters.values()]
+    found = [group for per in pers if isinstance(per, dict) for group in per] + list(study.fit.robots)
+    return [*found, *(configurations if "configuration" in pers else ())]
 
 
 def _inputs(study: Study) -> list[str]:

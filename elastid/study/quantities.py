@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 from elastid.errors import StudyError
 from elastid.fit.choose import choose, named_geometry
+from elastid.fit.groups import OF
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
@@ -47,7 +48,7 @@ Table: TypeAlias = Mapping[str, tuple[float, str]]
 def _parameter(spec: ParameterSpec, pattern: str, table: Table, every: Table, found: list[Problem]) -> ParameterSpec:
     """The spec in SI.  table: the parameters; every: the geometry that no key names included."""
     path = (*_FIT, pattern)
-    names = [name for name in table if fnmatchcase(name, pattern)]
+    names = [name for name in table if fnmatchcase(name, pattern.partition(OF)[0])]
 
     def number(value: Quantity, *keys: str | int) -> float:
         return _number(value, names, (*path, *keys), table, found)
@@ -116,10 +117,11 @@ def _truth_of_a_robot(study: Study, truth: Mapping[str, Quantity]) -> list[Probl
 def _refused_choice(study: Study) -> list[Problem]:
     """What the fit says about its parameters taken together, at the key that it speaks of."""
     try:
-        choose(study.fit, study.robot)
+        choose(study.fit, study.robot, tuple(study.experiment.configurations))
     except StudyError as error:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
-        named = re.match(r"\w+", message)
-        keys = [key for key in study.fit.parameters if named and fnmatchcase(named[0], key)]
+        named = re.match(r"[^\s:.]+", message)
+        keys = [key for key in study.fit.parameters if named and fnmatchcase(named[0].partition(OF)[0], key)]
+        keys += [key for key in study.fit.parameters if named and named[0] == key]
         return [Problem((*_FIT, *keys[-1:]), message)]
     return []
