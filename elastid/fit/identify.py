@@ -8,7 +8,7 @@ and solved again until nothing moves. Where springs are nonlinear the search its
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,12 +17,14 @@ from elastid.arrays import FloatArray
 from elastid.errors import DataError, FitError
 from elastid.fit import geometry
 from elastid.fit.assembly import Assembly, linearised, settle, widening
+from elastid.fit.between import is_in_error
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
+from elastid.fit.disagreement import disagreement
 from elastid.fit.elastic import ElasticFit
 from elastid.fit.explained import apart_words, explained, sign_words
 from elastid.fit.findings import at_bound, findings, status_and_message
-from elastid.fit.inputs import check_responses
+from elastid.fit.inputs import check_responses, posture_words
 from elastid.fit.intervals import further_intervals
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.physical import border_words
@@ -86,7 +88,8 @@ def identify(
     settled = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
     words = assembly.spring_words(settled.end.x)
-    result = _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes, *words))
+    notes = (*posture_words(responses, parameters, spec.robots), *assembly.notes, *settled.notes, *words)
+    result = _result(settled.fit, settled.end, sure, ranked, hits, notes, spec.robots)
     return further_intervals(result, settled, spec, seed, jobs, progress)
 
 
@@ -130,7 +133,13 @@ def _span(parameters: ParameterSet) -> FloatArray:
 
 
 def _result(
-    fit: ElasticFit, end: Start, sure: Certainty, ranked: tuple[Start, ...], hits: int, notes: tuple[str, ...]
+    fit: ElasticFit,
+    end: Start,
+    sure: Certainty,
+    ranked: tuple[Start, ...],
+    hits: int,
+    notes: tuple[str, ...],
+    robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
     dof = fit.problem.dof
     # Without any noise (a simulation) there is nothing to compare with but the weights.
@@ -158,6 +167,8 @@ def _result(
     status, message = status_and_message(result, end, sure.unreached, share)
     signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
+    if not apart and is_in_error(result.cost, result.cost_expected, dof):
+        apart = disagreement(fit, end.x, end.cost, result.cost_expected, robots)
     found = (*border_words(fit.shapes, fit.parameters.expand(end.x)), *findings(result, sure.unreached))
     known = fit.parameters.with_means(end.x)
     return replace(result, parameters=known, status=status, message=message, warnings=(*signs, *apart, *notes, *found))
