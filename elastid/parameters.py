@@ -236,7 +236,7 @@ class ParameterSet:
     def with_values(self, values: Mapping[str, float]) -> ParameterSet:
         """The same set starting from other SI values."""
         for name in values:
-            self.index(name)
+            self[name]
         return ParameterSet(
             tuple(replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
         )

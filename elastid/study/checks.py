@@ -314,9 +314,12 @@ def _groups(study: Study, configurations: list[str]) -> Iterator[Problem]:
     for key, wish in study.fit.parameters.items():
         per = wish.per if isinstance(wish.per, dict) else {}
         given += [(("fit", "parameters", key, "per", group), names) for group, names in per.items()]
-        group = key.partition(OF)[2]
-        if group and not any(fnmatchcase(name, group) for name in _group_names(study, configurations)):
-            yield _unknown(("fit", "parameters", key), "group", group, _group_names(study, configurations))
+        base, _, one = key.partition(OF)
+        each = any(
+            p.per == "configuration" for k, p in study.fit.parameters.items() if fnmatchcase(k, base) or k == base
+        )
+        if one and each and not any(fnmatchcase(name, one) for name in configurations):
+            yield _unknown(("fit", "parameters", key), "configuration", one, configurations)
     for path, names in given:
         try:
             check_file_name(str(path[-1]))
@@ -330,12 +333,6 @@ def _groups(study: Study, configurations: list[str]) -> Iterator[Problem]:
     if study.fit.robots and missing:
         problem = f"configuration {', '.join(missing)} is of none of these robots; name it at the one that it is of"
         yield Problem(("fit", "robots"), problem, at_key=True)
-
-
-def _group_names(study: Study, configurations: list[str]) -> list[str]:
-    pers = [wish.per for wish in study.fit.parameters.values()]
-    found = [group for per in pers if isinstance(per, dict) for group in per] + list(study.fit.robots)
-    return [*found, *(configurations if "configuration" in pers else ())]
 
 
 def _inputs(study: Study) -> list[str]:

@@ -123,5 +123,7 @@ def _refused_choice(study: Study) -> list[Problem]:
         named = re.match(r"[^\s:.]+", message)
         keys = [key for key in study.fit.parameters if named and fnmatchcase(named[0].partition(OF)[0], key)]
         keys += [key for key in study.fit.parameters if named and named[0] == key]
+        for key in keys[-1:]:
+            message = message.removeprefix(key).lstrip(".: ") if named and named[0] == key else message
         return [Problem((*_FIT, *keys[-1:]), message)]
     return []
