@@ -273,7 +273,7 @@ def write(folder: Path, response: FrequencyResponse) -> None:
 
 
 def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Six files of two robots: values by robot in table, summary and page, folds, comparison, a model each to export."""
+    """Six files of two robots: values by robot in table, summary, page; folds, comparison; a model each to export."""
     for response in both(3):
         write(tmp_path, response)
     path, run = tmp_path / "study.yml", tmp_path / "run"
