@@ -102,6 +102,8 @@ class LinearModel:
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """C and T (n_y, n) at theta (n_theta,) in SI."""
+        if not self.moved_outputs:
+            return self.C, self.tilt
         C, T = np.array(self.C), np.array(self.tilt)
         for name in self.moved_outputs:
             place, slope = self.parameters.index(name), self.slopes[name]

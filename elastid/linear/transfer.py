@@ -18,17 +18,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.linear.condensed import Leaves
+from elastid.linear.elimination import Elimination, is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
 # Lines worked on at a time: their matrices stay in the cache.
-BLOCK = 100
+BLOCK = 200
 # Eigenvalues of a slope below this part of its largest are rounding.
 RANK_TOLERANCE = 1e-12
 
@@ -57,7 +59,7 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> F
 
 @dataclass(frozen=True)
 class Terms:
-    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (rows of Y), each (P_g, n_t).
+    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (columns of Y), each (P_g, n_t).
 
     members (P_g,): their places among the wanted parameters.
     """
@@ -68,11 +70,26 @@ class Terms:
     direction: IntArray
 
 
+class Products(NamedTuple):
+    """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
+
+    YX (F, m, n_d), right sides b: the columns of B first, then others, of which `Kernel.output_columns` tells the one
+    of each output.  moved (n_m, F, n_y, n_u): c (dC + dT / s^2) Z^-1 B of each of `Kernel.moved_outputs`.
+    """
+
+    block: slice
+    s: ComplexArray
+    gain: ComplexArray
+    G: ComplexArray
+    YX: ComplexArray
+    moved: ComplexArray
+
+
 @dataclass(frozen=True)
 class Sides:
     """Which right sides Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
 
-    columns (n_y,): of each output the column that holds its direction.  tilts: of each tilted one that of its row of T.
+    columns (n_y,): of each output the one that holds its direction.  tilts: of each tilted one that of its row of T.
     """
 
     extra: IntArray
@@ -101,29 +118,26 @@ class Kernel:
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        readout = self.model.readout(theta)
-        return np.concatenate([self._response(s, X, theta, readout) for _, s, X in self._solutions(theta)])
+        return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
         n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
         G = np.empty((self.freq_hz.size, n_y, n_u), complex)
         dG = np.zeros((len(self.wanted), *G.shape), complex)
-        sides, (Y, groups), readout = self._sides, self._directions_and_terms, self.model.readout(theta)
-        for block, s, X in self._solutions(theta):
-            G[block] = self._response(s, X, theta, readout)
+        Y, groups = self._directions_and_terms
+        moving = [self.wanted.index(name) for name in self.moved_outputs]
+        for block, s, gain, G_block, YX, moved in self.products(theta, Y):
+            G[block] = G_block
             for place, slope in self.factor_slopes(theta, s):
-                dG[place, block] = slope[:, None, None] * G[block]
-            YX = _times(Y, X)
-            left, right = YX[:, :, sides.columns], YX[:, :, :n_u]
-            left[:, :, sides.tilted] += YX[:, :, sides.tilts] / s[:, None] ** 2
-            gain = _gain(self.model, theta, s)
+                dG[place, block] = slope[:, None, None] * G_block
+            by_direction = np.ascontiguousarray(YX.transpose(2, 0, 1))
+            left, right = by_direction[:, :, self.output_columns], by_direction[:, :, :n_u]
             powers = -np.stack([gain, gain * s, gain * s**2])
             for terms in groups:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
-            for place, moved in self.moved_readings(s, X, gain):
-                dG[place, block] += moved
+            dG[moving, block] += moved
         return G, dG
 
     @cached_property
@@ -145,70 +159,55 @@ class Kernel:
             yield self.wanted.index(name), slope
 
     @cached_property
-    def moved_outputs(self) -> tuple[str, ...]:
-        """The wanted parameters that move what is measured."""
-        moved = self.model.moved_outputs
-        return tuple(name for name in self.wanted if name in moved)
-
-    def moved_readings(
-        self, s: ComplexArray, X: ComplexArray, gain: ComplexArray
-    ) -> Iterator[tuple[int, ComplexArray]]:
-        """c (dC + dT / s^2) X (F, n_y, n_u) of each of them, with its place among the wanted parameters."""
-        turned = X[:, :, : self.model.B.shape[1]]
-        for name in self.moved_outputs:
-            slope, moved = self.model.slopes[name], np.zeros((len(s), len(self.model.C), turned.shape[2]), complex)
-            if slope.C is not None:
-                moved += gain[:, None, None] * (slope.C @ turned)
-            if slope.T is not None:
-                moved += (gain / s**2)[:, None, None] * (slope.T @ turned)
-            yield self.wanted.index(name), moved
-
-    @cached_property
     def output_columns(self) -> IntArray:
-        """For each output the column of X in `solutions` that belongs to its direction, tilt included."""
+        """For each output the right side in `Products.YX` that belongs to its direction, tilt included."""
         sides = self._sides
         places = sides.columns.copy()
         places[sides.tilted] = sides.tilts + len(sides.tilts)
         return places
 
-    def solutions(
-        self, theta: FloatArray
-    ) -> Iterator[tuple[slice, ComplexArray, ComplexArray, ComplexArray, ComplexArray]]:
-        """Block by block: the lines, s = j omega (F,), X = Z^-1 [B, extra] (F, n, m), the gain c (F,), and G."""
-        sides, readout = self._sides, self.model.readout(theta)
-        for block, s, X in self._solutions(theta):
-            G = self._response(s, X, theta, readout)
-            if sides.tilted.size:
-                tilts = X[:, :, sides.tilts] / s[:, None, None] ** 2
-                X = np.concatenate([X, X[:, :, sides.columns[sides.tilted]] + tilts], axis=2)
-            yield block, s, X, _gain(self.model, theta, s), G
+    @cached_property
+    def moved_outputs(self) -> tuple[str, ...]:
+        """The wanted parameters that move what is measured: geometry, between the springs and a sensor."""
+        moved = self.model.moved_outputs
+        return tuple(name for name in self.wanted if name in moved)
 
-    def _response(
-        self, s: ComplexArray, X: ComplexArray, theta: FloatArray, readout: tuple[FloatArray, FloatArray]
-    ) -> ComplexArray:
-        (C, T), tilted = readout, self._sides.tilted
-        gain, moved = _gain(self.model, theta, s)[:, None, None], X[:, :, : self.model.B.shape[1]]
-        G: ComplexArray = gain * (C @ moved)
-        if tilted.size:
-            G[:, tilted] += (gain / s[:, None, None] ** 2) * (T[tilted] @ moved)
-        return G
-
-    def _solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray]]:
-        """Block by block: the lines, s = j omega (F,), and X = Z^-1 [B, extra] (F, n, n_u + n_extra)."""
+    def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
+        """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
-        right = self._right_sides if not self.model.moved_outputs else self._right(*self.model.readout(theta))
+        (C, T), tilted = self.model.readout(theta), self._sides.tilted
+        right = self._right(C, T) if self.model.moved_outputs else self._right_sides
+        n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
+        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s: ComplexArray = (1j * omega).astype(complex)
-            yield block, s, self._leaves.solve(M, D, K, omega, right)
+            found = self._solver.products(M, D, K, omega, right, asked)
+            gain = _gain(self.model, theta, s)
+            moved, YX = found[:, :n_u, n_d:], found[:, :, :n_d]
+            G = gain[:, None, None] * moved[:, :, :n_y]
+            if tilted.size:
+                over = 1 / s[:, None, None] ** 2
+                G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:n_t]
+                YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
+            dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, len(self.moved_outputs), 2, n_y).transpose(3, 2, 0, 4, 1)
+            readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
+            yield Products(block, s, gain, G.swapaxes(1, 2), YX, readings)
 
     @cached_property
-    def _leaves(self) -> Leaves:
-        """Coordinates condensed before the others are solved for, whatever theta."""
+    def _moved_rows(self) -> tuple[FloatArray, ...]:
+        """dC^T and dT^T (n, n_y) of each of `moved_outputs`."""
+        zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.moved_outputs]
+        return tuple((zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T))
+
+    @cached_property
+    def _solver(self) -> Leaves | Elimination:
+        """Of Z X = B at any theta: what of Z is never zero is known."""
         n = self.model.n
         matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
-        return Leaves.of(np.any(matrices != 0, axis=0))
+        coupled = np.any(matrices != 0, axis=0)
+        return Elimination.of(coupled) if is_compiled() else Leaves.of(coupled)
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
@@ -241,20 +240,20 @@ class Kernel:
         C = np.array([model.C, *(slope.C for slope in moved if slope.C is not None)]).transpose(1, 0, 2)
         T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])
         still = np.zeros((C.shape[1] - 1, model.n))
-        sides, extra, columns = [np.vstack([side[None], still]) for side in model.B.T], [], []
+        directions, extra, columns = [np.vstack([side[None], still]) for side in model.B.T], [], []
         for row, direction in enumerate(C):
-            same = [i for i, side in enumerate(sides) if np.array_equal(side, direction)]
+            same = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
             if not same:
-                sides.append(direction)
+                directions.append(direction)
                 extra.append(row)
-            columns.append(same[0] if same else len(sides) - 1)
+            columns.append(same[0] if same else len(directions) - 1)
         tilted = np.flatnonzero(T.any(axis=(0, 2)))
-        tilts = len(sides) + np.arange(len(tilted))
+        tilts = len(directions) + np.arange(len(tilted))
         return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
 
     @cached_property
     def _directions_and_terms(self) -> tuple[FloatArray, tuple[Terms, ...]]:
-        """Y (n_d, n) of all terms, each direction once, and the wanted parameters in groups of as many terms."""
+        """Y (n, n_d) of all terms, each direction once, and the wanted parameters in groups of as many terms."""
         found: dict[int, list[tuple[int, float]]] = {}
         directions: list[FloatArray] = []
         for place, name in enumerate(self.wanted):
@@ -268,7 +267,7 @@ class Kernel:
         _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
         ends = np.cumsum([len(parts) for parts in found.values()])
         rows = dict(zip(found, np.split(same.reshape(-1), ends[:-1]), strict=False))
-        return stacked[first], tuple(_grouped(found, rows))
+        return stacked[first].T, tuple(_grouped(found, rows))
 
 
 def _gain(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
@@ -282,14 +281,6 @@ def _gain(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArra
 
 def _number(model: LinearModel, theta: FloatArray, name: str) -> float:
     return float(theta[model.parameters.index(name)])
-
-
-def _times(Y: FloatArray, X: ComplexArray) -> ComplexArray:
-    """Y X_f (n_d, F, m) of real Y (n_d, n) and X (F, n, m), as one real matrix product."""
-    F, n, m = X.shape
-    flat = np.ascontiguousarray(X.transpose(1, 0, 2)).reshape(n, F * m)
-    product: ComplexArray = (Y @ flat.view(float)).view(complex).reshape(-1, F, m)
-    return product
 
 
 def _grouped(found: Mapping[int, list[tuple[int, float]]], rows: Mapping[int, IntArray]) -> Iterator[Terms]:

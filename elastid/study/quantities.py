@@ -60,7 +60,9 @@ def _parameter(spec: ParameterSpec, pattern: str, table: Table, every: Table, fo
         return spec
     start = None if spec.start is None else number(spec.start, "start")
     bounds = None if spec.bounds is None else (number(spec.bounds[0], "bounds", 0), number(spec.bounds[1], "bounds", 1))
-    prior = None if spec.prior is None else replace(spec.prior, mean=number(spec.prior.mean, "prior", "mean"))
+    prior = spec.prior
+    if prior is not None and prior.mean is not None:
+        prior = replace(prior, mean=number(prior.mean, "prior", "mean"))
     if spec.tie is not None and (spec.tie.to not in table or spec.tie.to in names):
         found.append(
             Problem((*path, "tie", "to"), f"cannot be tied to '{spec.tie.to}'; {did_you_mean(spec.tie.to, table)}")
@@ -124,6 +126,7 @@ def _refused_choice(study: Study) -> list[Problem]:
         keys = [key for key in study.fit.parameters if named and fnmatchcase(named[0].partition(OF)[0], key)]
         keys += [key for key in study.fit.parameters if named and named[0] == key]
         for key in keys[-1:]:
-            message = message.removeprefix(key).lstrip(".: ") if named and named[0] == key else message
+            if message.startswith((f"{key}:", f"{key}.")):
+                message = message.removeprefix(key).lstrip(".: ")
         return [Problem((*_FIT, *keys[-1:]), message)]
     return []
