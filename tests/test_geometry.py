@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
+from elastid.errors import StudyError
 from elastid.export.mujoco import mjcf
 from elastid.fit.choose import choose, named_geometry
 from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
@@ -27,6 +28,7 @@ from elastid.robot import (
     Joint,
     Loop,
     Motor,
+    Pin,
     Placement,
     Robot,
     Rod,
@@ -250,3 +252,53 @@ def test_names_of_the_geometry() -> None:
     everything = choose(FitSpec(parameters={"*": ParameterSpec(fixed=True), "k_*": ParameterSpec()}), arm)
     assert set(everything.names) == {*arm.parameters(), "delay"}
     assert set(choose(FitSpec(), arm).names) == {*arm.parameters(), "delay"}
+
+
+def jointed(pin: Pin | None) -> Robot:
+    """A four-bar whose rod is a body on the crank, joined to the upper arm by a pin or in a point."""
+    motor = Motor(2e-3, 100, 2e-3)
+    bodies = (
+        Body(
+            "lower",
+            joints=(Joint("2", "y", Spring(8e5, 400), motor),),
+            mass=16,
+            center_of_mass=(0, 0, 0.2),
+            inertia=0.4,
+        ),
+        Body(
+            "crank",
+            joints=(Joint("3", "y", Spring(5e5, 250), motor),),
+            mass=19,
+            center_of_mass=(-0.4, 0, 0),
+            inertia=0.7,
+        ),
+        Body("upper", "lower", Placement((0, 0, 0.89)), (Joint("elbow", "y"),), 50, (0.35, 0, 0.14), 5.0),
+        Body("rod", "crank", Placement((-0.33, 0, 0)), (Joint("knee", "y"),), 6, (0, 0, 0.4), 0.5),
+    )
+    ends = Anchor("rod", (0, 0, 0.87)), Anchor("upper", (-0.3, 0, 0))
+    return Robot("jointed", bodies, loops=(Loop("l", ends, pin=pin),))
+
+
+@pytest.mark.parametrize("formulation", ["constrained", "minimal"])
+@pytest.mark.parametrize("pin", [Pin("y", planar=True), Pin("y"), None])
+def test_pins_and_points_of_loops_move_alike(pin: Pin | None, formulation: str) -> None:
+    """However a planar loop is closed: the same response and derivatives; what would open it is named."""
+    robot, spec, at = jointed(pin), ModelSpec(formulation), Configuration("c", (0.2, 0.1))  # type: ignore[arg-type]
+    names = ("p1_l_z", "p2_l_x", "p2_l_z", "p_rod_x", "p_upper_z")
+    model = formulate(robot, spec, names)
+    linear = linearise(model, at, model.theta, model.inputs, "acceleration")
+    _, dG = Kernel(linear, LINES, names).evaluate(linear.theta_ref)
+    for name, slope in zip(names, dG, strict=True):
+        h, value = 1e-4, robot.parameters(names)[name][0]
+
+        def anew(by: float, name: str = name, value: float = value) -> np.ndarray:
+            fresh = formulate(robot.with_parameters({name: value + by}), spec)
+            there = linearise(fresh, at, fresh.theta, fresh.inputs, "acceleration")
+            return frequency_response(there, there.theta_ref, LINES)
+
+        difference = (8 * (anew(h) - anew(-h)) - (anew(2 * h) - anew(-2 * h))) / (12 * h)
+        assert np.abs(slope - difference).max() < 1e-6 * np.abs(difference).max(), name
+    if pin is None or not pin.planar:
+        aside = formulate(robot, spec, ("p1_l_y",))
+        with pytest.raises(StudyError, match="p1_l_y: no motion of the joints keeps the loops of robot jointed closed"):
+            linearise(aside, at, aside.theta, aside.inputs, "acceleration")
