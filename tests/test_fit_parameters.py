@@ -224,7 +224,8 @@ def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
 
 def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     """A damper that the data hardly see: an interval that is not symmetric in the logarithm, with a word."""
-    noisy = [measure(bench(), name, np.random.default_rng(0), relative=0.4) for name in ("c1", "c2")]
+    rng = np.random.default_rng(0)
+    noisy = [measure(bench(), name, rng, relative=0.4) for name in ("c1", "c2")]
     spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
     result = identify(noisy, bench(), spec, seed=1)
     names = result.parameters.free_names
