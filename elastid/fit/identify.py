@@ -8,8 +8,9 @@ and solved again until nothing moves. Where springs are nonlinear the search its
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from elastid.fit.explained import apart_words, explained, sign_words
 from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.inputs import check_responses, posture_words
 from elastid.fit.intervals import further_intervals
-from elastid.fit.multistart import multistart, spread
+from elastid.fit.multistart import Interrupted, multistart, spread
 from elastid.fit.physical import border_words
 from elastid.fit.result import FitResult, Start
 from elastid.fit.spec import FitSpec
@@ -55,14 +56,16 @@ def identify(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = silent,
+    finished: MutableMapping[str, Any] | None = None,
 ) -> FitResult:
     """The parameters of `robot` that explain the responses of all configurations.
 
     model: the formulation of the equations.  seed: of the starts; the result does not depend on `jobs`, the number of
-    processes.  progress(done, starts).
+    processes.  progress(done, starts).  finished: where each start, profile and repetition is kept as soon as it is
+    done, and taken from where it was done before, of the same arguments; a dict, or one that outlives the process.
     Raises StudyError for parameters, masks or places that do not exist; DataError where nothing is left to fit;
     FitError for a parameter that reaches no response and where no start leads anywhere; Interrupted, with the starts
-    that were done, on Ctrl-C.
+    that were done, on Ctrl-C once the search has begun.
     """
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
@@ -84,13 +87,36 @@ def identify(
     stages = [assembly.searched(stage, criterion) for stage in (*widening(first, spec.continuation), first)]
     stages += [assembly.searched(fit, spec.criterion)] if first is not fit else []
     starts = spread(parameters, spec.starts, spec.start_factor, seed)
-    ranked, hits = multistart(stages, starts, jobs, progress, spec.solver)
+    finished = {} if finished is None else finished
+    ranked, hits = multistart(stages, starts, jobs, progress, spec.solver, finished)
+    try:
+        return _concluded(assembly, ranked, hits, seed, jobs, progress, finished)
+    except KeyboardInterrupt:
+        raise Interrupted(ranked) from None
+
+
+def _concluded(
+    assembly: Assembly,
+    ranked: tuple[Start, ...],
+    hits: int,
+    seed: int,
+    jobs: int,
+    progress: Progress,
+    finished: MutableMapping[str, Any],
+) -> FitResult:
+    """What is made of the best start: settled, with its certainty and the intervals that the study asks for."""
+    spec = assembly.spec
     settled = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
     words = assembly.spring_words(settled.end.x)
-    notes = (*posture_words(responses, parameters, spec.robots), *assembly.notes, *settled.notes, *words)
+    notes = (
+        *posture_words(assembly.responses, assembly.parameters, spec.robots),
+        *assembly.notes,
+        *settled.notes,
+        *words,
+    )
     result = _result(settled.fit, settled.end, sure, ranked, hits, notes, spec.robots)
-    return further_intervals(result, settled, spec, seed, jobs, progress)
+    return further_intervals(result, settled, spec, seed, jobs, progress, finished)
 
 
 def predict(

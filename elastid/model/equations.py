@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.model.compensators import compensators
-from elastid.model.drivetrain import drivetrain, input_matrix
+from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows
 from elastid.model.elastic import ElasticModel
 from elastid.model.multibody import (
     angular_velocities,
@@ -44,9 +44,9 @@ class Equations:
 
     parameters: the names of theta, robot.parameters() and coordinates of the geometry that are to be symbols, too.
     M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
-    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies + 6 n_f, n_q): J v stacks
-    the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each named
-    frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).  strains: of every spring.
+    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for most trees.  J (3 n_bodies + 6 n_f, n_q): J v
+    stacks the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each
+    named frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).  strains: of every spring.
     """
 
     coordinates: tuple[str, ...]
@@ -74,9 +74,10 @@ def coordinates_of(robot: Robot) -> tuple[str, ...]:
 
 
 def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
-    """The equations of the tree of bodies: all joints, then the motors of flexible joints; no constraint.
+    """The equations of the tree of bodies: all joints, then the motors of flexible joints.
 
-    geometry: names of robot.geometry that are symbols in them; what else it names has no effect.
+    Constraints are those of rigid gears that are coupled with elastic ones alone.  geometry: names of robot.geometry
+    that are symbols in them; what else it names has no effect.
     """
     table = robot.parameters(geometry)
     coordinates = coordinates_of(robot)
@@ -111,7 +112,7 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
         + f_balance,
         V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
-        phi=ca.SX(0, 1),
+        phi=ca.sparsify(ca.DM(rigid_rows(robot))) @ q,
         J=J,
         gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),

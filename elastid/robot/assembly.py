@@ -14,7 +14,7 @@ from elastid.robot.body import BASE, Body
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
 from elastid.robot.frame import Frame
-from elastid.robot.gears import GearCoupling, check_gears, mixing
+from elastid.robot.gears import GearCoupling, check_gears, gearboxes, mixing
 from elastid.robot.geometry import Acceleration3, Placement
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
@@ -127,10 +127,14 @@ class Robot:
         """The joints with a motor, in order: inputs, and the angles of a configuration."""
         return tuple(joint for joint in self.joints if joint.motor is not None)
 
-    @property
+    @cached_property
     def flexible(self) -> tuple[Joint, ...]:
-        """The joints with motor and spring, in order: the motor coordinates q_m."""
-        return tuple(joint for joint in self.joints if joint.is_flexible)
+        """The joints between which and their motors something gives, in order: the motor coordinates q_m.
+
+        A spring of their own, or one before a gear that couples them with another motor.
+        """
+        places = {place for box in gearboxes(self.driven, self.gears) for place in box.gears}
+        return tuple(joint for place, joint in enumerate(self.driven) if place in places)
 
     @property
     def motor_locations(self) -> tuple[str, ...]:

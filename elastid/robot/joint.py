@@ -84,7 +84,7 @@ class Joint:
 
     @property
     def is_flexible(self) -> bool:
-        """Driven through an elastic gear: it has a motor coordinate of its own."""
+        """Driven through a gear with a spring, so that its motor has a coordinate; `Robot.flexible` says who else."""
         return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property

@@ -29,4 +29,4 @@ def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
     found = closures(robot, of.q[: len(robot.joints)], by_name(of))
     of = with_rod_inertia(robot, of, found)
     of, rows = stretching(of, found)
-    return elastic_model(robot, replace(of, phi=ca.vertcat(*rows)))
+    return elastic_model(robot, replace(of, phi=ca.vertcat(of.phi, *rows)))

@@ -50,7 +50,7 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
     for name in spec.independent:
         if name not in of.coordinates:
             raise StudyError(f"model.independent: '{name}' is no coordinate; {did_you_mean(name, of.coordinates)}")
-    return elastic_model(robot, replace(of, phi=ca.vertcat(ca.SX(0, 1), *rows)), spec.independent)
+    return elastic_model(robot, replace(of, phi=ca.vertcat(of.phi, *rows)), spec.independent)
 
 
 def _refuse_moving_start(robot: Robot, parameters: Collection[str]) -> None:
