@@ -149,7 +149,13 @@ def _weakest(result: FitResult) -> list[str]:
 
 def _search(result: FitResult) -> list[str]:
     sentences = []
-    if result.hits == 1 < len(result.starts):
+    lost = sum(not math.isfinite(start.cost) for start in result.starts)
+    if lost:
+        sentences.append(
+            f"{lost} of {len(result.starts)} starts led nowhere, the first one so: "
+            f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}"
+        )
+    if result.hits == 1 < len(result.starts) - lost:
         second = result.starts[1].cost
         sentences.append(
             f"only 1 of {len(result.starts)} starts reached the best cost (V = {result.starts[0].cost:.5g}, the next "

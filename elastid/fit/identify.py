@@ -24,7 +24,7 @@ from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.inputs import check_responses
 from elastid.fit.intervals import further_intervals
 from elastid.fit.multistart import multistart, spread
-from elastid.fit.physical import border_words
+from elastid.fit.physical import border_words, possible
 from elastid.fit.result import FitResult, Start
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import check_masks
@@ -79,7 +79,7 @@ def identify(
     criterion = "log" if first is not fit else spec.criterion
     stages = [assembly.searched(stage, criterion) for stage in (*widening(first, spec.continuation), first)]
     stages += [assembly.searched(fit, spec.criterion)] if first is not fit else []
-    starts = spread(parameters, spec.starts, spec.start_factor, seed)
+    starts = possible(spread(parameters, spec.starts, spec.start_factor, seed), fit.shapes, parameters)
     ranked, hits = multistart(stages, starts, jobs, progress, spec.solver)
     settled = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
@@ -152,5 +152,5 @@ def _result(
     status, message = status_and_message(result, end, sure.unreached, share)
     signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
-    found = (*border_words(fit.shapes, fit.parameters.expand(end.x)), *findings(result, sure.unreached))
+    found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
     return replace(result, status=status, message=message, warnings=(*signs, *apart, *notes, *found))
