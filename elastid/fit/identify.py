@@ -15,14 +15,15 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, FitError
-from elastid.fit.assembly import Assembly, linearised, settle, widening
+from elastid.fit.assembly import Assembly, Settled, linearised, settle, widening
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
 from elastid.fit.elastic import ElasticFit
-from elastid.fit.explained import apart_words, explained, sign_words
+from elastid.fit.explained import apart_words, explained
 from elastid.fit.findings import at_bound, findings, status_and_message
-from elastid.fit.inputs import check_responses
+from elastid.fit.inputs import alike_words, check_responses
 from elastid.fit.intervals import further_intervals
+from elastid.fit.misread import frequency_words, misread_words
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.physical import border_words, possible
 from elastid.fit.result import FitResult, Start
@@ -39,8 +40,10 @@ from elastid.robot import Robot
 
 # A parameter whose effect is this small beside the strongest one's has none; rounding leaves about 1e-16.
 NO_EFFECT = 1e-9
-# Residuals so many times what the noise explains make one look for a channel with a wrong sign.
+# Residuals so many times what the noise explains make one look for channels that were misread.
 FAR_BEYOND_NOISE = 10.0
+# So does a model that explains less than this share of responses whose noise is unknown.
+FAIRLY_EXPLAINED = 0.9
 
 
 def identify(
@@ -83,8 +86,8 @@ def identify(
     ranked, hits = multistart(stages, starts, jobs, progress, spec.solver)
     settled = settle(assembly, ranked[0], spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
-    words = assembly.spring_words(settled.end.x)
-    result = _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes, *words))
+    words = (*alike_words(responses), *assembly.notes, *settled.notes, *assembly.spring_words(settled.end.x))
+    result = _result(settled, sure, ranked, hits, words)
     return further_intervals(result, settled, spec, seed, jobs, progress)
 
 
@@ -124,8 +127,9 @@ def _span(parameters: ParameterSet) -> FloatArray:
 
 
 def _result(
-    fit: ElasticFit, end: Start, sure: Certainty, ranked: tuple[Start, ...], hits: int, notes: tuple[str, ...]
+    settled: Settled, sure: Certainty, ranked: tuple[Start, ...], hits: int, notes: tuple[str, ...]
 ) -> FitResult:
+    fit, end = settled.fit, settled.end
     dof = fit.problem.dof
     # Without any noise (a simulation) there is nothing to compare with but the weights.
     expected = sure.expected_cost if sure.expected_cost > 1e-12 * dof else dof
@@ -148,9 +152,14 @@ def _result(
         informing_hz=sure.informed.band_hz,
         weakest=sure.informed.weakest,
     )
-    share = explained(fit, end.x, result.cost_expected)
-    status, message = status_and_message(result, end, sure.unreached, share)
-    signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
+    # Where no noise was measured, the residuals are the only measure of it, and no excuse for themselves.
+    noise_is_known = any(weights.noise is not None for weights in settled.weights)
+    share = explained(fit, end.x, result.cost_expected if noise_is_known else 0.0)
+    suspect = result.model_error > FAR_BEYOND_NOISE if noise_is_known else share < FAIRLY_EXPLAINED
+    misread = misread_words(fit, end.x, end.cost) if suspect else ()
+    status, message = status_and_message(result, end, sure.unreached, share, noise_is_known, bool(misread))
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
     found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
-    return replace(result, status=status, message=message, warnings=(*signs, *apart, *notes, *found))
+    return replace(
+        result, status=status, message=message, warnings=(*misread, *frequency_words(result), *apart, *notes, *found)
+    )

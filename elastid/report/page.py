@@ -19,7 +19,7 @@ from elastid.report.booklet import booklet
 from elastid.report.content import ReportContent
 from elastid.report.explorer import explorer
 from elastid.report.figures import CONFIGURATION, drawings
-from elastid.report.numbers import digits, number, percent
+from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import parameter_rows
 
 Format: TypeAlias = Literal["png", "pdf"]
@@ -104,7 +104,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "digits": digits, "percent": percent}
+    environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
     free = set(content.result.parameters.free_names)
     return environment.get_template("template.html.j2").render(
         content=content,
