@@ -27,13 +27,13 @@ from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import load
 
-# Relative noise of every element, the share of its largest value that is added, and the correlation of the outputs.
-NOISE, FLOOR, CORRELATION = 0.02, 2e-4, 0.5
+# Relative noise of every element, the share of it that the largest value adds, and the correlation of the outputs.
+NOISE, FLOOR, CORRELATION = 0.02, 0.01, 0.5
 
 
 @dataclass(frozen=True)
 class Plant:
-    """A robot in some configurations, measured on some lines, and what is identified."""
+    """A robot in some configurations, measured on some lines with so much relative noise, and what is identified."""
 
     name: str
     robot: Robot
@@ -42,11 +42,12 @@ class Plant:
     spec: FitSpec
     quantity: Motion = "acceleration"
     model: ModelSpec = EXACT
+    noise: float = NOISE
 
     @property
     def parameters(self) -> ParameterSet:
         """All parameters, starting at the truth."""
-        return choose(self.spec, self.robot)
+        return choose(self.spec, self.robot, [configuration.name for configuration in self.configurations])
 
 
 def three_mass() -> Plant:
@@ -103,7 +104,7 @@ class Rig:
 
     def _drawn(self, response: FrequencyResponse, rng: np.random.Generator) -> FrequencyResponse:
         F, n_y, n_u = response.G.shape
-        std = NOISE * np.abs(response.G) + FLOOR * np.abs(response.G).max()
+        std = self.plant.noise * (np.abs(response.G) + FLOOR * np.abs(response.G).max())
         level = np.sqrt(np.mean(std**2, axis=2))
         right = level[:, :, None] * self.correlation * level[:, None, :]
         e = np.linalg.cholesky(right) @ (rng.standard_normal((F, n_y, n_u)) + 1j * rng.standard_normal((F, n_y, n_u)))

@@ -69,7 +69,7 @@ class Runs:
         x = self.plant.parameters.x
         best = settle(rig.assembly(data, self.plant.spec), Start(x, x, 0.0, 0, True, "the truth"), "complex").end
         robot = wrong_start(self.plant.robot, self.plant.parameters.free_names, rng)
-        spec = replace(self.plant.spec, starts=self.starts)
+        spec = replace(self.plant.spec, starts=self.starts, profile=())  # no interval is asked for
         begin = time.perf_counter()
         try:
             result = identify(data, robot, spec, model=self.plant.model, seed=number)

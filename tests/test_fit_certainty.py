@@ -10,6 +10,7 @@ from elastid.fit.bootstrap import bootstrap
 from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.profile import profiles
 from elastid.fit.propagation import response_deviation, uncertain_modes
+from elastid.fit.quadratic import bent
 from elastid.fit.weights import weigh
 from elastid.linear.modes import modes
 from elastid.linear.transfer import frequency_response
@@ -52,6 +53,43 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
     (profile,) = profiles(problem, x, variance, ["x"])
     assert profile.interval[1] == np.inf
     assert profile.interval[0] == pytest.approx(-np.log(np.sqrt(1.96**2 + 16 * np.exp(-6)) / 4), abs=0.1)
+
+
+def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
+    """r = (d - 1) / relative with x = log d, as G nearly is in a damping, and y seen with d's error."""
+    free = ParameterSet((Parameter("d", 1.0, lower=1e-9, upper=1e3, log=True), Parameter("y", 0.0, lower=-9, upper=9)))
+
+    def residual(x):
+        d = np.exp(x[0])
+        r = np.array([(d - 1) / relative, 100 * (x[1] - seen * (d - 1)), x[1]])
+        return r, np.array([[d / relative, 0], [-100 * seen * d, 100], [0, 1]])
+
+    def evaluate(x):
+        r, J = residual(x)
+        return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
+
+    return LeastSquares(free, 3, evaluate, residual)
+
+
+@pytest.mark.parametrize("relative", [0.01, 0.1, 0.3])
+def test_an_interval_is_off_where_v_is_not_quadratic(relative):
+    """V = (e^x - 1)^2 / relative^2: known in closed form on both sides, and y, that it does not touch, is not."""
+    off = bent(linear_in_damping(relative), np.zeros(2), np.array([relative**2, 5e-5]))
+    reach = 1.959964 * relative
+    sides = [abs(1 - np.expm1(t) / t / (np.expm1(0.1 * t) / (0.1 * t))) for t in (-reach, reach)]
+    np.testing.assert_allclose(off, [max(sides), 0.0], rtol=1e-6, atol=1e-6)
+
+
+def test_what_is_correlated_with_a_roughly_known_parameter_is_off_too():
+    problem = linear_in_damping(0.3, seen=0.1)
+    off = bent(problem, np.zeros(2), np.diag(np.linalg.inv(problem.evaluate(np.zeros(2)).hessian / 2)))
+    assert np.all(off > 0.1)
+
+
+def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself():
+    """r is linear in d: exactly d +- 1.96 std, which no interval symmetric in log d is."""
+    (profile,) = profiles(linear_in_damping(0.3), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
+    np.testing.assert_allclose(np.exp(profile.interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=0.01)
 
 
 @pytest.mark.parametrize("kind", ["parametric", "residual"])

@@ -67,11 +67,14 @@ def test_positive_quantities_are_logarithmic_the_others_linear():
 def test_fixed_tied_and_known_beforehand():
     """A fixed start is the value, a tie follows, a prior is kept."""
     chosen = parameters(
-        k_1=ParameterSpec(prior=PriorSpec(1.1e5, 0.05)),
+        k_1=ParameterSpec(prior=PriorSpec(mean=1.1e5, std=0.05)),
         k_1x=ParameterSpec(tie=TieSpec("k_1", 2.0)),
         d_1=ParameterSpec(start=50.0, fixed=True),
+        m_link=ParameterSpec(start=9.0, prior=PriorSpec(std=0.02)),
     )
-    assert chosen.free_names == ("k_1",)
+    assert chosen.free_names == ("k_1", "m_link")
+    assert chosen["m_link"].value == 9.0
+    assert chosen["m_link"].prior.mean == ROBOT.parameters()["m_link"][0]  # without a mean, the robot's number
     assert chosen["d_1"].value == 50
     assert chosen["k_1"].prior.std == 0.05
     assert chosen.as_dict()["k_1x"] == pytest.approx(2e5)
@@ -86,7 +89,7 @@ def test_fixed_tied_and_known_beforehand():
         ({"k_1": ParameterSpec(bounds=(1.0, 2.0))}, "outside its bounds"),
         ({"k_1": ParameterSpec(bounds=(2e5, 1e5))}, "not below"),
         ({"k_1": ParameterSpec(tie=TieSpec("k_9"))}, "tied to k_9, which is not a parameter"),
-        ({"k_1": ParameterSpec(prior=PriorSpec(-1.0, 0.1))}, "mean -1 .*must be positive"),
+        ({"k_1": ParameterSpec(prior=PriorSpec(mean=-1.0, std=0.1))}, "mean -1 .*must be positive"),
         ({"k_1": ParameterSpec(fixed=True)}, "nothing is left to identify"),
     ],
 )

@@ -215,7 +215,7 @@ def test_a_prior_decides_what_the_data_do_not():
     """The same damping, known beforehand to 20 %."""
     robot = pendulum().with_parameters({"d_1": 1e-6})
     (response,) = measure(robot, [(0.0,)], np.random.default_rng(1))
-    known = ParameterSpec(prior=PriorSpec(1e-6, 0.2))
+    known = ParameterSpec(prior=PriorSpec(mean=1e-6, std=0.2))
     result = identify([response], robot, FitSpec(parameters={"k_1": ParameterSpec(), "d_1": known}, starts=2))
     assert result.std["d_1"] == pytest.approx(0.2e-6, rel=0.1)
 

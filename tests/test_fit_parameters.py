@@ -30,12 +30,12 @@ def bench(viscous=1e-3, d=0.05, k=100.0) -> Robot:
     return Robot("bench", (lower, upper), gravity=(0.0, 0.0, 0.0))
 
 
-def measure(robot: Robot, name: str, rng: np.random.Generator) -> FrequencyResponse:
+def measure(robot: Robot, name: str, rng: np.random.Generator, relative: float = 0.01) -> FrequencyResponse:
     model = serial(robot)
     configuration = Configuration(name, (0.0, 0.3))
     linear = Linearisation.of(model).at(configuration, model.theta, robot.motor_locations, "acceleration")
     exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
-    std = 0.01 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max()
+    std = relative * (np.abs(exact.G) + 0.01 * np.abs(exact.G).max())
     noise = std / np.sqrt(2) * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape))
     return replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf))
 
@@ -220,6 +220,22 @@ def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
             assert np.isnan(result.profile95[i]).all()
     with pytest.raises(StudyError, match=r"fit.profile: k_9 is no free parameter; did you mean"):
         identify(data[:1], bench(), replace(spec, profile=("k_9",), bootstrap=0))
+
+
+def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
+    """A damper that the data hardly see: an interval that is not symmetric in the logarithm, with a word."""
+    noisy = [measure(bench(), name, np.random.default_rng(0), relative=0.4) for name in ("c1", "c2")]
+    spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
+    result = identify(noisy, bench(), spec, seed=1)
+    names = result.parameters.free_names
+    profiled = [name for name, row in zip(names, result.profile95, strict=True) if not np.isnan(row).any()]
+    assert {name for name in names if result.std[name] > 0.15 * result.values[name]} <= set(profiled)
+    assert {"fm_1", "fm_2"} <= set(profiled)
+    assert any(f"{', '.join(profiled)}: known too roughly" in warning for warning in result.warnings)
+    assert not len(identify(noisy, bench(), replace(spec, profile=()), seed=1).profile95)
+    well = identify(data, bench(), spec, seed=1)
+    springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]
+    assert not len(well.profile95) or np.isnan(well.profile95[springs]).all()
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "sqp"])

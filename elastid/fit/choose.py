@@ -12,7 +12,7 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from elastid.errors import StudyError
-from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
 from elastid.parameters import Parameter, ParameterSet, Prior
@@ -106,7 +106,7 @@ def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Paramete
     if not start > 0:
         raise StudyError(f"{where}: the start is {start:g}; it must be positive")
     lower, upper = (float(b) for b in ratio.bounds) if ratio.bounds is not None else (start / REACH, start * REACH)
-    prior = None if ratio.prior is None else Prior(float(ratio.prior.mean), ratio.prior.std)
+    prior = _prior(ratio.prior, start)
     try:
         return Parameter(name, start, "1", lower, upper, log=True, prior=prior, ratio=True)
     except ValueError as error:
@@ -173,7 +173,7 @@ def _parameter(name: str, value: float, unit: str, wish: ParameterSpec, log: boo
             f"{where}: it is found as a factor of its start, and the start is {start:g} {unit}; "
             f"give a positive one, for example {{start: 1 {unit}}}"
         )
-    prior = None if wish.prior is None else Prior(float(wish.prior.mean), wish.prior.std)
+    prior = _prior(wish.prior, value)
     if prior is not None and log and not prior.mean > 0:
         raise StudyError(f"{where}.prior: the mean {prior.mean:g} {unit} must be positive")
     lower, upper = _bounds(name, start, wish, log)
@@ -181,6 +181,11 @@ def _parameter(name: str, value: float, unit: str, wish: ParameterSpec, log: boo
         return Parameter(name, start, unit, lower, upper, log, prior=prior)
     except ValueError as error:
         raise StudyError(f"fit.parameters: {error}") from None
+
+
+def _prior(prior: PriorSpec | None, known: float) -> Prior | None:
+    """About its mean, or about the number that is known without it."""
+    return None if prior is None else Prior(known if prior.mean is None else float(prior.mean), prior.std)
 
 
 def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[float, float]:

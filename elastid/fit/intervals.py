@@ -12,13 +12,19 @@ from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.fit.assembly import Settled
 from elastid.fit.bootstrap import bootstrap
+from elastid.fit.problem import LeastSquares
 from elastid.fit.profile import profiles
+from elastid.fit.quadratic import bent
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
 from elastid.names import did_you_mean
 from elastid.parallel import Progress
 from elastid.parameters import ParameterSet
 
+# An interval whose end is off by more than this part of it, V not being quadratic, is found by profile likelihood, of
+# at most so many parameters: each costs some twenty fits.
+BENT = 0.1
+MOST = 6
 # Repetitions that may fail before the word is said.
 FAILED = 0.05
 
@@ -28,11 +34,14 @@ def further_intervals(
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
     x, words = settled.end.x, list(result.warnings)
-    if spec.profile:
+    problem, variance = settled.fit.problem, np.diag(result.covariance)
+    if spec.profile == "auto":
+        names, left = bent_names(problem, x, variance)
+        words += _bent_words(names, left)
+    else:
         names = profiled_names(spec.profile, result.parameters)
-        found = profiles(settled.fit.problem, x, np.diag(result.covariance), names, jobs, progress)
-        rows = {profile.name: profile.interval for profile in found}
-        ends = np.array([rows.get(name, (np.nan, np.nan)) for name in result.parameters.free_names])
+    if names:
+        ends = profile_ends(problem, x, variance, names, jobs, progress)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
         draws = bootstrap(settled.fit, settled.weights, x, spec.bootstrap, spec.bootstrap_kind, seed, jobs, progress)
@@ -40,8 +49,35 @@ def further_intervals(
         if np.mean(~good) > FAILED:
             words.append(f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out")
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
-        result = replace(result, bootstrap95=_natural(result.parameters, ends), warnings=tuple(words))
-    return result
+        result = replace(result, bootstrap95=_natural(result.parameters, ends))
+    return replace(result, warnings=tuple(words))
+
+
+def profile_ends(
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], jobs: int, progress: Progress
+) -> FloatArray:
+    """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
+    rows = {profile.name: profile.interval for profile in profiles(problem, x, variance, names, jobs, progress)}
+    return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
+
+
+def bent_names(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parameters over whose interval V is not quadratic: the worst MOST of them in their order, and the others."""
+    off, free = bent(problem, x, variance), problem.parameters.free_names
+    worst = sorted(np.flatnonzero(off > BENT), key=lambda i: -off[i])
+    chosen, left = sorted(worst[:MOST]), sorted(worst[MOST:])
+    return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
+
+
+def _bent_words(names: Sequence[str], left: Sequence[str]) -> tuple[str, ...]:
+    if not names:
+        return ()
+    words = (
+        f"{', '.join(names)}: known too roughly for an interval that is symmetric (in the logarithm, of a positive "
+        "parameter); the interval is by profile likelihood"
+    )
+    more = f"; so are {', '.join(left)}, whose interval is symmetric all the same: name them in fit.profile"
+    return (words + (more if left else ""),)
 
 
 def profiled_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:

@@ -43,7 +43,7 @@ class FitResult:
     where the residuals say more and for the declared model error (`certainty` says how); infinite variances where no
     data reach.  cost: V.  cost_expected: the V that the measured noise alone would leave.  singular_values: of the
     Jacobian with columns scaled to unit length, largest first.  starts: sorted by V.
-    profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows if not asked for.
+    profile95, bootstrap95 (n_x, 2): intervals by other ways in SI, NaN for parameters without, no rows where none has.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): what informs which parameter (`informed`).
     """
 
@@ -105,11 +105,16 @@ class FitResult:
             for p, xi, s in zip(self.parameters.free, self.x, std_x, strict=True)
         }
 
-    def interval(self, name: str, sigmas: float = 1.959964) -> tuple[float, float]:
-        """The 95 % interval of a free parameter in SI: symmetric in x, so positive for a logarithmic one."""
+    def interval(self, name: str) -> tuple[float, float]:
+        """The 95 % interval of a free parameter in SI: by profile likelihood where that was found, else symmetric in x.
+
+        Symmetric in x is positive for a logarithmic one.
+        """
         i = self.parameters.free_names.index(name)
+        if len(self.profile95) and not np.isnan(self.profile95[i]).any():
+            return float(self.profile95[i, 0]), float(self.profile95[i, 1])
         parameter = self.parameters.free[i]
-        reach = sigmas * float(np.sqrt(self.covariance[i, i]))
+        reach = 1.959964 * float(np.sqrt(self.covariance[i, i]))
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)

@@ -27,10 +27,18 @@ def _check_band(band_hz: tuple[float, float] | None) -> None:
 
 @section
 class PriorSpec:
-    """Normal distribution known beforehand: mean with unit, std relative (0.1 = 10 %) for a positive parameter."""
+    """Normal distribution known beforehand: std relative (0.1 = 10 %) for a positive parameter, else in SI.
 
-    mean: Quantity
+    mean: with unit; default the robot's number, as for masses that a drawing gives within a few percent.
+    """
+
     std: float
+    mean: Quantity | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a distribution without width."""
+        if not 0 < self.std < math.inf:
+            raise ValueError(f"std is {self.std:g}; it must be positive, or fix the parameter (fixed: true)")
 
 
 @section
@@ -166,8 +174,9 @@ class FitSpec:
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
     line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
     band_hz: lines used.  mask: what is left out.
-    profile: names or patterns of parameters whose interval is found by profile likelihood too.  bootstrap: repetitions
-    of the fit on data drawn anew, commonly 200; bootstrap_kind: from the measured covariance or from the residuals.
+    profile: names or patterns of parameters whose interval is found by profile likelihood; `auto`: of those that are
+    known too roughly for a symmetric one, [] of none.  bootstrap: repetitions of the fit on data drawn anew, commonly
+    200; bootstrap_kind: from the measured covariance or from the residuals.
     """
 
     criterion: Literal["complex", "log"] = "complex"
@@ -181,7 +190,7 @@ class FitSpec:
     band_hz: tuple[Frequency, Frequency] | None = None
     mask: tuple[MaskSpec, ...] = ()
     weights: WeightSpec = WeightSpec()
-    profile: tuple[str, ...] = ()
+    profile: Literal["auto"] | tuple[str, ...] = "auto"
     bootstrap: int = 0
     bootstrap_kind: Literal["parametric", "residual"] = "parametric"
 

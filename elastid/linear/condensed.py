@@ -45,6 +45,15 @@ class Leaves:
         other = np.setdiff1d(np.arange(len(acts)), chosen)
         return cls(chosen, other, np.searchsorted(other, acts[chosen].argmax(axis=1) if leaf else chosen))
 
+    def products(
+        self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
+    ) -> ComplexArray:
+        """B^T Z^-1 Y (F, m, n_d) of real B (n, m), Y (n, n_d); other arguments as `solve`."""
+        X = np.ascontiguousarray(self.solve(M, D, K, omega, B).swapaxes(1, 2))
+        F, m, n = X.shape
+        products: ComplexArray = (X.reshape(F * m, n) @ Y.astype(complex)).reshape(F, m, Y.shape[1])
+        return products
+
     def solve(self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray) -> ComplexArray:
         """X (F, n, m) of Z = K + j omega D - omega^2 M and real B (n, m); LinAlgError where Z is singular."""
         if not self.leaf.size:

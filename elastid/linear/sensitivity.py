@@ -127,35 +127,40 @@ class Columns:
         )
 
     @cached_property
-    def _factors(self) -> tuple[ComplexArray, ComplexArray]:
-        """y of the bases of rank one, E = y y^T, as columns (n, n_1); the others side by side (n, n_2 n)."""
+    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Signs (n_1,) and y of the bases of rank one, +-E = y y^T, as columns (n, n_1); the others side by side."""
         n, roots = self.kernel.model.n, [_root(E) for E in self.pieces.E]
-        y = np.array([root for root in roots if root is not None], complex).reshape(-1, n).T
+        sign = np.array([root[0] for root in roots if root is not None])
+        y = np.array([root[1] for root in roots if root is not None]).reshape(-1, n).T
         others = self.pieces.E[y.shape[1] :]
-        return y, others.transpose(1, 0, 2).reshape(n, -1).astype(complex)
+        return sign, y, others.transpose(1, 0, 2).reshape(n, -1)
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
-        y, wide = self._factors
-        n_1, n_b = y.shape[1], len(self.pieces.E)
-        places, n_u = self.kernel.output_columns, self.kernel.model.B.shape[1]
-        for block, s, X, gain, response in self.kernel.solutions(theta):
-            F, n, m = X.shape
+        sign, y, wide = self._factors
+        n_1, n_2, n_u = y.shape[1], len(self.pieces.E) - y.shape[1], self.kernel.model.B.shape[1]
+        places = self.kernel.output_columns
+        for block, s, gain, response, YX in self.kernel.products(theta, np.hstack([y, wide, *self._whole_solution])):
+            F, m = YX.shape[:2]
             G = response[:, rows, columns]
-            XT = np.ascontiguousarray(X.transpose(0, 2, 1)).reshape(F * m, n)
-            YX = (XT @ y).reshape(F, m, n_1)
-            whole = np.empty((F, len(rows), n_b - n_1 + len(self.kernel.factors)), complex)
-            if n_b > n_1:
-                n_2 = n_b - n_1
-                EX = (XT @ wide).reshape(F, m * n_2, n)
-                full = (EX @ (gain[:, None, None] * X[:, :, :n_u])).reshape(F, -1)
+            whole = np.empty((F, len(rows), n_2 + len(self.kernel.factors)), complex)
+            if n_2:
+                n = self.kernel.model.n
+                EX = YX[:, :, n_1 : n_1 + n_2 * n].reshape(F, m * n_2, n)
+                X = YX[:, :n_u, n_1 + n_2 * n :].swapaxes(1, 2)
+                full = (EX @ (gain[:, None, None] * X)).reshape(F, -1)
                 place = (places[rows][:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]
                 whole[:, :, :n_2] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
-            for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_b - n_1):
+            for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_2):
                 whole[:, :, i] = -slope[:, None] * G
-            of_inputs = gain[:, None, None] * YX[:, :n_u]
-            yield Sensitivity(block, s, G, YX[:, places], of_inputs, whole, rows, columns)
+            of_outputs, of_inputs = sign * YX[:, places, :n_1], gain[:, None, None] * YX[:, :n_u, :n_1]
+            yield Sensitivity(block, s, G, of_outputs, of_inputs, whole, rows, columns)
+
+    @property
+    def _whole_solution(self) -> tuple[FloatArray, ...]:
+        """Directions that ask for X itself, where a base is of a higher rank."""
+        return (np.eye(self.kernel.model.n),) if self._factors[2].size else ()
 
 
 def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
@@ -170,11 +175,10 @@ def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
     return len(bases) - 1, sigma
 
 
-def _root(E: FloatArray) -> ComplexArray | None:
-    """y of E = y y^T, imaginary where E is negative; None for a higher rank."""
+def _root(E: FloatArray) -> tuple[float, FloatArray] | None:
+    """Sign and y of E = +-y y^T; None for a higher rank."""
     values, vectors = np.linalg.eigh(E)
     largest = int(np.argmax(np.abs(values)))
     if np.sum(np.abs(values) > SAME * abs(values[largest])) > 1:
         return None
-    root: ComplexArray = vectors[:, largest] * np.emath.sqrt(values[largest])
-    return root
+    return float(np.sign(values[largest])), vectors[:, largest] * np.sqrt(abs(values[largest]))

@@ -18,17 +18,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.linear.condensed import Leaves
+from elastid.linear.elimination import Elimination, is_compiled
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
 # Lines worked on at a time: their matrices stay in the cache.
-BLOCK = 100
+BLOCK = 200
 # Eigenvalues of a slope below this part of its largest are rounding.
 RANK_TOLERANCE = 1e-12
 
@@ -56,7 +58,7 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> F
 
 @dataclass(frozen=True)
 class Terms:
-    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (rows of Y), each (P_g, n_t).
+    """dZ of the parameters with the same number n_t of terms: power, sigma, direction (columns of Y), each (P_g, n_t).
 
     members (P_g,): their places among the wanted parameters.
     """
@@ -65,6 +67,20 @@ class Terms:
     power: IntArray
     sigma: FloatArray
     direction: IntArray
+
+
+class Products(NamedTuple):
+    """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
+
+    YX (F, m, n_d), right sides b: the columns of B first, then others, of which `Kernel.output_columns` tells the one
+    of each output.
+    """
+
+    block: slice
+    s: ComplexArray
+    gain: ComplexArray
+    G: ComplexArray
+    YX: ComplexArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,22 +103,20 @@ class Kernel:
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        return np.concatenate([self._response(s, X, theta) for _, s, X in self._solutions(theta)])
+        return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
         n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
         G = np.empty((self.freq_hz.size, n_y, n_u), complex)
         dG = np.zeros((len(self.wanted), *G.shape), complex)
-        (_, columns, tilted, tilts), (Y, groups) = self._right_sides, self._directions_and_terms
-        for block, s, X in self._solutions(theta):
-            G[block] = self._response(s, X, theta)
+        Y, groups = self._directions_and_terms
+        for block, s, gain, G_block, YX in self.products(theta, Y):
+            G[block] = G_block
             for place, slope in self.factor_slopes(theta, s):
-                dG[place, block] = slope[:, None, None] * G[block]
-            YX = _times(Y, X)
-            left, right = YX[:, :, columns], YX[:, :, :n_u]
-            left[:, :, tilted] += YX[:, :, tilts] / s[:, None] ** 2
-            gain = _gain(self.model, theta, s)
+                dG[place, block] = slope[:, None, None] * G_block
+            by_direction = np.ascontiguousarray(YX.transpose(2, 0, 1))
+            left, right = by_direction[:, :, self.output_columns], by_direction[:, :, :n_u]
             powers = -np.stack([gain, gain * s, gain * s**2])
             for terms in groups:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
@@ -129,46 +143,39 @@ class Kernel:
 
     @cached_property
     def output_columns(self) -> IntArray:
-        """For each output the column of X in `solutions` that belongs to its direction, tilt included."""
+        """For each output the right side in `Products.YX` that belongs to its direction, tilt included."""
         right, columns, tilted, _ = self._right_sides
         places = columns.copy()
         places[tilted] = right.shape[1] + np.arange(len(tilted))
         return places
 
-    def solutions(
-        self, theta: FloatArray
-    ) -> Iterator[tuple[slice, ComplexArray, ComplexArray, ComplexArray, ComplexArray]]:
-        """Block by block: the lines, s = j omega (F,), X = Z^-1 [B, extra] (F, n, m), the gain c (F,), and G."""
-        _, columns, tilted, tilts = self._right_sides
-        for block, s, X in self._solutions(theta):
-            G = self._response(s, X, theta)
-            if tilted.size:
-                X = np.concatenate([X, X[:, :, columns[tilted]] + X[:, :, tilts] / s[:, None, None] ** 2], axis=2)
-            yield block, s, X, _gain(self.model, theta, s), G
-
-    def _response(self, s: ComplexArray, X: ComplexArray, theta: FloatArray) -> ComplexArray:
-        gain, moved = _gain(self.model, theta, s)[:, None, None], X[:, :, : self.model.B.shape[1]]
-        G: ComplexArray = gain * (self.model.C @ moved)
-        tilted = self._right_sides[2]
-        if tilted.size:
-            G[:, tilted] += (gain / s[:, None, None] ** 2) * (self.model.tilt[tilted] @ moved)
-        return G
-
-    def _solutions(self, theta: FloatArray) -> Iterator[tuple[slice, ComplexArray, ComplexArray]]:
-        """Block by block: the lines, s = j omega (F,), and X = Z^-1 [B, extra] (F, n, n_u + n_extra)."""
+    def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
+        """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
+        right, columns, tilted, tilts = self._right_sides
+        n_d, n_y, n_u = Y.shape[1], len(columns), self.model.B.shape[1]
+        asked = np.hstack([Y, self.model.C.T, self.model.tilt[tilted].T])
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
             s: ComplexArray = (1j * omega).astype(complex)
-            yield block, s, self._leaves.solve(M, D, K, omega, self._right_sides[0])
+            found = self._solver.products(M, D, K, omega, right, asked)
+            gain = _gain(self.model, theta, s)
+            moved, YX = found[:, :n_u, n_d:], found[:, :, :n_d]
+            G = gain[:, None, None] * moved[:, :, :n_y]
+            if tilted.size:
+                over = 1 / s[:, None, None] ** 2
+                G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:]
+                YX = np.concatenate([YX, YX[:, columns[tilted]] + over * YX[:, tilts]], axis=1)
+            yield Products(block, s, gain, G.swapaxes(1, 2), YX)
 
     @cached_property
-    def _leaves(self) -> Leaves:
-        """Coordinates condensed before the others are solved for, whatever theta."""
+    def _solver(self) -> Leaves | Elimination:
+        """Of Z X = B at any theta: what of Z is never zero is known."""
         n = self.model.n
         matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
-        return Leaves.of(np.any(matrices != 0, axis=0))
+        coupled = np.any(matrices != 0, axis=0)
+        return Elimination.of(coupled) if is_compiled() else Leaves.of(coupled)
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
@@ -204,7 +211,7 @@ class Kernel:
 
     @cached_property
     def _directions_and_terms(self) -> tuple[FloatArray, tuple[Terms, ...]]:
-        """Y (n_d, n) of all terms, each direction once, and the wanted parameters in groups of as many terms."""
+        """Y (n, n_d) of all terms, each direction once, and the wanted parameters in groups of as many terms."""
         found: dict[int, list[tuple[int, float]]] = {}
         directions: list[FloatArray] = []
         for place, name in enumerate(self.wanted):
@@ -218,7 +225,7 @@ class Kernel:
         _, first, same = np.unique(np.round(stacked, 12), axis=0, return_index=True, return_inverse=True)
         ends = np.cumsum([len(parts) for parts in found.values()])
         rows = dict(zip(found, np.split(same.reshape(-1), ends[:-1]), strict=False))
-        return stacked[first], tuple(_grouped(found, rows))
+        return stacked[first].T, tuple(_grouped(found, rows))
 
 
 def _gain(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
@@ -232,14 +239,6 @@ def _gain(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArra
 
 def _number(model: LinearModel, theta: FloatArray, name: str) -> float:
     return float(theta[model.parameters.index(name)])
-
-
-def _times(Y: FloatArray, X: ComplexArray) -> ComplexArray:
-    """Y X_f (n_d, F, m) of real Y (n_d, n) and X (F, n, m), as one real matrix product."""
-    F, n, m = X.shape
-    flat = np.ascontiguousarray(X.transpose(1, 0, 2)).reshape(n, F * m)
-    product: ComplexArray = (Y @ flat.view(float)).view(complex).reshape(-1, F, m)
-    return product
 
 
 def _grouped(found: Mapping[int, list[tuple[int, float]]], rows: Mapping[int, IntArray]) -> Iterator[Terms]:

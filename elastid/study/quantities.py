@@ -57,7 +57,9 @@ def _parameter(spec: ParameterSpec, pattern: str, table: Table, found: list[Prob
         return spec
     start = None if spec.start is None else number(spec.start, "start")
     bounds = None if spec.bounds is None else (number(spec.bounds[0], "bounds", 0), number(spec.bounds[1], "bounds", 1))
-    prior = None if spec.prior is None else replace(spec.prior, mean=number(spec.prior.mean, "prior", "mean"))
+    prior = spec.prior
+    if prior is not None and prior.mean is not None:
+        prior = replace(prior, mean=number(prior.mean, "prior", "mean"))
     if spec.tie is not None and (spec.tie.to not in table or spec.tie.to in names):
         found.append(
             Problem((*path, "tie", "to"), f"cannot be tied to '{spec.tie.to}'; {did_you_mean(spec.tie.to, table)}")

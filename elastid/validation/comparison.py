@@ -139,7 +139,8 @@ def refit(responses: Sequence[FrequencyResponse], task: Task) -> Refit:
     """Fit a variant without some configurations and hold it against them."""
     kept, out = _divided(responses, task.left_out)
     variant = task.variant
-    spec = replace(variant.fit, mask=_masks(variant.fit.mask, [r.configuration.name for r in kept]))
+    masks = _masks(variant.fit.mask, [r.configuration.name for r in kept])
+    spec = replace(variant.fit, mask=masks, profile=(), bootstrap=0)  # no interval is asked for
     try:
         result = identify(kept, variant.robot, spec, model=variant.model, seed=task.seed)
         modelled = predict(result, variant.robot, out, variant.model)
