@@ -307,7 +307,7 @@ def _references(study: Study) -> Iterator[Problem]:
 
 def _profiled(study: Study) -> Iterator[Problem]:
     """Parameters whose profile is asked for are identified."""
-    if not study.fit.profile:
+    if isinstance(study.fit.profile, str):
         return
     try:
         free = choose(study.fit, study.robot, list(study.experiment.configurations)).free_names
