@@ -11,7 +11,7 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.choose import choose
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
-from elastid.fit.solvers import solve
+from elastid.fit.solvers import Method, solve
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response
@@ -395,3 +395,16 @@ def test_a_noisy_response_is_no_model_error() -> None:
     noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
     noisy = replace(response, G=response.G + noise, noise=replace(response.noise, variance=std**2))
     assert identify([noisy], pendulum(), FitSpec(starts=2)).status != "model_error"
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "sqp"])
+def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_off(solver: Method) -> None:
+    """Gauss-Newton would step over decades there, to bounds from which nothing leads back."""
+    responses = measure(arm(), rng=np.random.default_rng(3))
+    hits, ends = 0, []
+    for seed in range(3):
+        result = identify(responses, started_elsewhere(arm(), 3.0, seed), FitSpec(starts=5, solver=solver), seed=seed)
+        hits += result.hits
+        ends.append(result.cost)
+    assert hits >= 9
+    np.testing.assert_allclose(ends, ends[0], rtol=1e-6)
