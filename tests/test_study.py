@@ -101,6 +101,8 @@ WRONG = [
     ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]", "no configuration is called 'c'"),
     ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
     ("  starts: 2", "  mask: [{input: motor 2}]", "fit.mask[0].input", "did you mean 'motor 1'?"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, fixed: true}", "fit.parameters.k_1", "fixed would not count"),
     ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),
     ("  starts: 2", "  weights: {factors: [{factor: 2, output: motor1}]}", "fit.weights.factors[0].output", "did you"),
     (
@@ -422,3 +424,8 @@ def _errors_if_any(study: Path) -> list[str]:
     except StudyError as refusal:
         return str(refusal).splitlines()
     return []
+
+
+def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
+    with pytest.raises(StudyError, match=r"cannot be read \(Is a directory\); name the study in it, such as"):
+        load(tiny.parent)
