@@ -198,6 +198,19 @@ def test_a_configuration_of_another_robot_is_named(data):
     assert any(w.startswith("configuration c6: its residuals are") and "same robot" in w for w in result.warnings)
 
 
+@pytest.mark.parametrize("foreign", [("c4",), ("c4", "c5")])
+def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, foreign):
+    """They draw the fit so far that no residual stands out; without them the others agree."""
+    rng = np.random.default_rng(4)
+    other = bench(k=20.0, d=0.3, viscous=5e-3)
+    result = identify([*data, *(measure(other, name, rng) for name in foreign)], bench(), FitSpec(starts=3))
+    said = f"without configuration {' and '.join(foreign)} the model fits the others far better"
+    assert any(
+        word.startswith(said) or f"configuration {foreign[0]}: its residuals" in word for word in result.warnings
+    )
+    assert not any("far better" in word for word in identify(data, bench(), FitSpec(starts=3)).warnings)
+
+
 def test_a_bound_that_holds_most_starts_is_named(data):
     """The friction starts beside a bound that the optimum is far from; starts that end elsewhere tell."""
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)

@@ -23,7 +23,7 @@ from elastid.fit.explained import apart_words, explained
 from elastid.fit.findings import at_bound, findings, status_and_message
 from elastid.fit.inputs import alike_words, check_responses
 from elastid.fit.intervals import further_intervals
-from elastid.fit.misread import frequency_words, misread_words
+from elastid.fit.misread import foreign_words, frequency_words, misread_words
 from elastid.fit.multistart import multistart, spread
 from elastid.fit.physical import border_words, possible
 from elastid.fit.result import FitResult, Start
@@ -159,6 +159,7 @@ def _result(
     misread = misread_words(fit, end.x, end.cost) if suspect else ()
     status, message = status_and_message(result, end, sure.unreached, share, noise_is_known, bool(misread))
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
+    apart = apart or (foreign_words(fit, end.x) if suspect and not misread else ())
     found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
     return replace(
         result, status=status, message=message, warnings=(*misread, *frequency_words(result), *apart, *notes, *found)

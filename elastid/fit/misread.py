@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -29,6 +30,8 @@ FAR_BETTER_SCALED = 0.2
 LINES = 40
 ITERATIONS = 60
 ROUNDS = 3
+# Up to so many configurations, two of them are left out at once.
+FEW = 6
 # A scale nearer to one than this factor may be an inertia that is not quite known.
 SCALED = 1.7
 # Stiffnesses that came out (2 pi)^2 times what was expected, within this factor all together, are of a wrong frequency.
@@ -62,6 +65,27 @@ def misread_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...
     words = [one for one, V in costs[kind].items() if min(least, FAR_BETTER * here) >= V]
     whole = min(_costs((one for one in _KINDS[kind](fit) if one.words in words), x).values())
     return (_sentence(words, f"(V = {whole:.4g} instead of {cost:.4g})"),)
+
+
+def foreign_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
+    """A word about one configuration, or two of a few, without which the model explains the others far better."""
+    thin, Q = _thinned(fit), len(fit.parts)
+    for size in range(1, 3 if Q <= FEW else 2):
+        found: dict[tuple[int, ...], float] = {}
+        for left_out in combinations(range(Q), size) if Q - size >= 2 else ():
+            rest = replace(thin, parts=tuple(part for i, part in enumerate(thin.parts) if i not in left_out))
+            here, V = rest.evaluate(x).cost, min(_solved(rest, start)[0] for start in (x, fit.parameters.x))
+            if FAR_BETTER * here >= V:
+                found[left_out] = V / here
+        if found:
+            best = min(found, key=lambda one: found[one])
+            names = " and ".join(fit.parts[i].configuration for i in best)
+            return (
+                f"without configuration {names} the model fits the others far better (V of these falls to "
+                f"{100 * found[best]:.2g} %): are they of the same robot, with the same load, at the angles that they "
+                "claim?",
+            )
+    return ()
 
 
 def frequency_words(result: FitResult) -> tuple[str, ...]:
