@@ -19,7 +19,7 @@ covariance).
 
 Model wing: `model` (equations of motion in CasADi: `formulation` chooses `serial` or, for robots with loops, one of
 `parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear` (equilibrium, linearisation, frequency
-response and its derivatives, modes).
+response and its derivatives, modes and which springs hold their energy).
 
 Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).
 

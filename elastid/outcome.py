@@ -14,11 +14,17 @@ from elastid.fit.choose import choose
 from elastid.fit.propagation import response_deviation, uncertain_modes
 from elastid.fit.result import FitResult, Start
 from elastid.friction.placed import frictions
-from elastid.linear.linear_model import DELAY
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes, shapes_of_all
+from elastid.linear.strain_energy import strain_energy
+from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.report.content import ModeRow
+from elastid.model.stick_figure import stick_figure
+from elastid.report.mode_drawing import mode_drawing
+from elastid.report.mode_row import ModeRow
+from elastid.report.mode_words import load_name, spring_names
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
 from elastid.study import Study
@@ -43,17 +49,33 @@ def truth(study: Study) -> dict[str, float] | None:
 
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
-    """Natural frequencies and damping of the fitted model with its motors free, configuration by configuration."""
+    """The modes of the fitted model with its motors free, configuration by configuration."""
     linearisation = Linearisation.of(formulate(study.robot, study.model))
-    rows = []
-    for model in linearised(linearisation, responses, result.parameters, result.x):
-        name = model.configuration.name
-        found = modes(model, result.theta_of(name))
-        sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
-        shapes = shapes_of_all(model, found.shapes)
-        coordinates = linearisation.model.coordinates
-        rows.append(ModeRow(name, found.freq_hz, found.zeta, sure.freq_std, sure.zeta_std, coordinates, shapes))
-    return tuple(rows)
+    models = linearised(linearisation, responses, result.parameters, result.x)
+    return tuple(_mode_row(linearisation.model, model, result) for model in models)
+
+
+def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
+    """Frequencies and damping, who moves, where the energy is, and the robot's sticks."""
+    robot, configuration = elastic.robot, model.configuration
+    theta = result.theta_of(configuration.name)
+    found = modes(model, theta)
+    sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
+    shapes, point = shapes_of_all(model, found.shapes), equilibrium(elastic, theta[:-1], configuration)
+    energy = strain_energy(elastic, theta[:-1], point, shapes)
+    names, n_l = spring_names(robot), len(robot.joints)
+    return ModeRow(
+        configuration.name,
+        found.freq_hz,
+        found.zeta,
+        sure.freq_std,
+        sure.zeta_std,
+        elastic.coordinates,
+        shapes,
+        stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
+        energy=np.vstack([energy.share, energy.load]),
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
+    )
 
 
 def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:

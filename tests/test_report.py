@@ -3,7 +3,6 @@
 import io
 import math
 import re
-import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -592,28 +591,7 @@ def test_fewer_colors_are_the_same_picture():
     assert np.sqrt(np.mean((before - after) ** 2)) < 3
 
 
-# In a real browser. Without background traffic: a page that opens offline must not wait for anything.
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-
-
-@pytest.fixture
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as engine:
-        chromium = engine.chromium.launch(executable_path=CHROMIUM, args=QUIET)
-        yield chromium
-        chromium.close()
-
-
+# In a real browser.
 @pytest.fixture
 def opened(browser, tmp_path):
     """The page of two configurations of a two-axis robot, and what its console said or it asked the network for."""

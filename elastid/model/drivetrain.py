@@ -104,12 +104,26 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
     return rows
 
 
+def series_torques(robot: Robot, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
+    """x_s^T K_a (1, n_q), by name k_... or km_..., of springs in series: the torque that each bears is this times q."""
+    rows: dict[str, ca.SX] = {}
+    for box in gearboxes(robot.driven, robot.gears):
+        if box.is_in_series:
+            torques = ca.DM(box.X).T @ _series_stiffness(box, theta) @ ca.DM(gear_deflections(robot)[list(box.gears)])
+            rows |= dict(zip(box.springs, ca.vertsplit(torques), strict=True))
+    return rows
+
+
+def _series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
+    """K_a (n_g, n_g) of a gearbox, compliances added."""
+    X = ca.DM(box.X)
+    return ca.inv(sum((1 / theta[name] * X[:, s] @ X[:, s].T for s, name in enumerate(box.springs)), start=ca.SX(0)))
+
+
 def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
     """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), as the module says."""
-    X, to_q = ca.DM(box.X), ca.DM(delta)
-    k, d = ([theta[letter + name[1:]] for name in box.springs] for letter in "kd")
-    slowness = [d_s / k_s**2 for k_s, d_s in zip(k, d, strict=True)]
-    K_a = ca.inv(sum((1 / k_s * X[:, s] @ X[:, s].T for s, k_s in enumerate(k)), start=ca.SX(0)))
+    X, to_q, K_a = ca.DM(box.X), ca.DM(delta), _series_stiffness(box, theta)
+    slowness = [theta[f"d{name[1:]}"] / theta[name] ** 2 for name in box.springs]
     losses = sum((each * X[:, s] @ X[:, s].T for s, each in enumerate(slowness)), start=ca.SX(0))
     return to_q.T @ K_a @ to_q, to_q.T @ (K_a @ losses @ K_a) @ to_q
 

@@ -51,7 +51,9 @@ class ElasticModel:
         frame_velocity(q) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
         frame_gravity(q) -> g (3 n_f,): gravity in the axes of each named frame
         constraint_jacobian(q, theta) -> Phi (n_c, n_q)     potential(q, theta) -> V
+        strain(q, theta) -> tangent stiffness c (n_s,) and rows b (n_s, n_q) of what each spring gives by, b dq
 
+    springs: the names k_... of the parameters of these n_s springs (`strain`).
     independent: None where the constraints are kept with their multipliers, else (minimal formulation) the coordinates
     to be kept, () for a choice by rank.
 
@@ -76,6 +78,8 @@ class ElasticModel:
     frame_gravity: ca.Function
     potential: ca.Function
     constraint_jacobian: ca.Function
+    springs: tuple[str, ...]
+    strain: ca.Function
     independent: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:

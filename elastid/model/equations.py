@@ -34,6 +34,7 @@ from elastid.model.multibody import (
 )
 from elastid.model.rotors import rotors
 from elastid.model.springs import nonlinear_springs
+from elastid.model.strain import Strain, strains_of_joints
 from elastid.robot import Robot
 
 
@@ -44,7 +45,7 @@ class Equations:
     M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
     D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies + 6 n_f, n_q): J v stacks
     the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each named
-    frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).
+    frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).  strains: of every spring.
     """
 
     coordinates: tuple[str, ...]
@@ -59,6 +60,7 @@ class Equations:
     J: ca.SX
     gravity: ca.SX
     B: FloatArray
+    strains: tuple[Strain, ...]
 
 
 def coordinates_of(robot: Robot) -> tuple[str, ...]:
@@ -107,6 +109,7 @@ def open_chain(robot: Robot) -> Equations:
         J=J,
         gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),
+        strains=strains_of_joints(robot, q, named),
     )
 
 
@@ -131,6 +134,12 @@ def with_coordinates(of: Equations, names: Sequence[str]) -> Equations:
         J=ca.horzcat(of.J, ca.SX(of.J.size1(), more)),
         B=np.vstack([of.B, np.zeros((more, of.B.shape[1]))]),
     )
+
+
+def with_strains(of: Equations, *strains: Strain) -> Equations:
+    """The same with the strains of further springs, or others in the place of those of the same springs."""
+    by_spring = {strain.spring: strain for strain in (*of.strains, *strains)}
+    return replace(of, strains=tuple(by_spring.values()))
 
 
 def with_energies(of: Equations, V: ca.SX, D: ca.SX) -> Equations:
@@ -163,7 +172,16 @@ def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | No
         angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J[:turning, :]}),
         frame_velocity=_function("frame_velocity", {"q": q}, {"J": of.J[turning:, :]}),
         frame_gravity=_function("frame_gravity", {"q": q}, {"g": of.gravity}),
+        springs=tuple(strain.spring for strain in of.strains),
+        strain=_function("strain", {"q": q, "theta": theta}, _strain(of)),
     )
+
+
+def _strain(of: Equations) -> dict[str, ca.SX]:
+    """c (n_s,) and b (n_s, n_q) of all springs."""
+    stiffness = ca.vertcat(ca.SX(0, 1), *(strain.stiffness for strain in of.strains))
+    deflection = ca.vertcat(ca.SX(0, 1), *(strain.deflection for strain in of.strains))
+    return {"c": stiffness, "b": ca.jacobian(deflection, of.q)}
 
 
 def _function(name: str, arguments: dict[str, ca.SX], value: dict[str, ca.SX]) -> ca.Function:

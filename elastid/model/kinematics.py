@@ -15,9 +15,10 @@ import numpy as np
 
 from elastid.arrays import BoolArray, FloatArray
 from elastid.errors import StudyError
+from elastid.model.knots import Knot, knots
 from elastid.model.multibody import Attachment, Tree, tree
 from elastid.model.parallel_linkage.assembly import followed, rates
-from elastid.robot import BASE, TOOL, Robot
+from elastid.robot import TOOL, Robot
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,9 @@ def frame_poses(robot: Robot, q: FloatArray, frame: str) -> Poses:
     """Forward kinematics of a named frame or body at positions q (Q, n_l) of all joints; StudyError without such."""
     layout = tree(robot)
     seat = _seat(robot, layout, frame)
-    R, p = _frames(layout, np.asarray(q, dtype=float))
+    R, p = frames(layout, np.asarray(q, dtype=float))
     turned = R[seat.frame] if seat.frame >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    return Poses(_placed(R, p, seat, np.zeros(3)) if R else np.tile(seat.p, (len(q), 1)), turned @ seat.R)
+    return Poses(placed(R, p, seat.frame, seat.p, len(q)), turned @ seat.R)
 
 
 def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
@@ -59,11 +60,8 @@ def frame_jacobians(robot: Robot, q: FloatArray, frame: str) -> FloatArray:
     """
     layout = tree(robot)
     seat = _seat(robot, layout, frame)
-    R, p = _frames(layout, np.asarray(q, dtype=float))
-    J = np.zeros((len(q), 6, len(layout.frames)))
-    if seat.frame >= 0:
-        _fill(J, layout, R, p, seat.frame, _placed(R, p, seat, np.zeros(3)))
-    return J
+    R, p = frames(layout, np.asarray(q, dtype=float))
+    return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, seat.p, len(q)))
 
 
 def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
@@ -75,16 +73,18 @@ def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
     return seats[name]
 
 
-def _fill(
-    J: FloatArray, layout: Tree, R: list[FloatArray], p: list[FloatArray], carrier: int, point: FloatArray
-) -> None:
-    """Put into J (Q, 6, n_l) what each joint below the carrying frame does to a point (Q, 3)."""
+def point_jacobians(
+    layout: Tree, R: list[FloatArray], p: list[FloatArray], carrier: int, point: FloatArray
+) -> FloatArray:
+    """J (Q, 6, n_l): what each joint below the carrying frame (-1: the base) does to a point (Q, 3)."""
+    J = np.zeros((len(point), 6, len(layout.frames)))
     for i in _chain(layout, carrier):
         axis = R[i][:, :, layout.frames[i].axis]
         if layout.frames[i].slides:
             J[:, :3, i] = axis
         else:
             J[:, :3, i], J[:, 3:, i] = np.cross(axis, point - p[i]), axis
+    return J
 
 
 def skeleton(
@@ -95,40 +95,22 @@ def skeleton(
     further: body name to points in the body's own axes.
     """
     layout = tree(robot)
-    R, p = _frames(layout, link_angles(robot, angles))
-    names, links, moves = ["base"], [], [False]
-    points = [np.zeros((len(angles), 3))]
-    origin = {BASE: 0}
-    tool = 0
+    R, p = frames(layout, link_angles(robot, angles))
+    found = knots(robot, layout, further or {})
+    return Skeleton(
+        np.stack([placed(R, p, knot.frame, knot.local, len(angles)) for knot in found], axis=1),
+        tuple(knot.name for knot in found),
+        tuple((knot.behind, i) for i, knot in enumerate(found) if knot.behind >= 0),
+        np.array([_moves(layout, knot) for knot in found]),
+        max(i for i, knot in enumerate(found) if knot.kind == "center of mass"),
+    )
 
-    def add(name: str, at: FloatArray, mobile: bool, linked_to: int) -> int:
-        names.append(name)
-        points.append(at)
-        moves.append(mobile)
-        links.append((linked_to, len(names) - 1))
-        return len(names) - 1
 
-    for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
-        # A body's joints start from one origin, which only what is below the first of them moves, or its sliding.
-        if body.joints:
-            first = seat.frame - len(body.joints) + 1
-            mobile = layout.frames[first].parent >= 0 or layout.frames[first].slides
-            origin[body.name] = add(f"joint {body.joints[0].name}", p[first], mobile, origin[body.parent])
-        if not body.joints or any(body.mounting.xyz):
-            above = origin.get(body.name, origin[body.parent])
-            origin[body.name] = add(f"body {body.name}", _placed(R, p, seat, np.zeros(3)), seat.frame >= 0, above)
-        tool = add(
-            f"center of mass of {body.name}",
-            _placed(R, p, seat, np.array(body.center_of_mass)),
-            seat.frame >= 0,
-            origin[body.name],
-        )
-        for i, point in enumerate((further or {}).get(body.name, ()), start=1):
-            at = _placed(R, p, seat, np.array(point))
-            add(f"point {i} of {body.name}", at, seat.frame >= 0, origin[body.name])
-    for frame, seat in zip(robot.frames, layout.named, strict=True):
-        add(f"frame {frame.name}", _placed(R, p, seat, np.zeros(3)), seat.frame >= 0, origin[frame.body])
-    return Skeleton(np.stack(points, axis=1), tuple(names), tuple(links), np.array(moves), tool)
+def _moves(layout: Tree, knot: Knot) -> bool:
+    """Of a joint's own origin: only what is below the joint, or its sliding."""
+    if knot.kind == "joint":
+        return layout.frames[knot.frame].parent >= 0 or layout.frames[knot.frame].slides
+    return knot.frame >= 0
 
 
 def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -140,12 +122,10 @@ def tool_jacobian(robot: Robot, angles: FloatArray) -> FloatArray:
     if any(frame.name == TOOL for frame in robot.frames):
         return frame_jacobians(robot, q, TOOL) @ rates(robot, q)
     layout = tree(robot)
-    R, p = _frames(layout, q)
+    R, p = frames(layout, q)
     seat = layout.attachments[len(robot.bodies) - 1]
-    J = np.zeros((len(angles), 6, len(robot.joints)))
-    if seat.frame >= 0:
-        _fill(J, layout, R, p, seat.frame, _placed(R, p, seat, np.array(robot.bodies[-1].center_of_mass)))
-    return J @ rates(robot, q)
+    local = seat.p + seat.R @ np.array(robot.bodies[-1].center_of_mass)
+    return point_jacobians(layout, R, p, seat.frame, placed(R, p, seat.frame, local, len(q))) @ rates(robot, q)
 
 
 def link_angles(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -153,7 +133,7 @@ def link_angles(robot: Robot, angles: FloatArray) -> FloatArray:
     return followed(robot, angles)
 
 
-def _frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
+def frames(layout: Tree, q: FloatArray) -> tuple[list[FloatArray], list[FloatArray]]:
     """Rotation (Q, 3, 3) and origin (Q, 3) of each joint's frame in the base frame."""
     R: list[FloatArray] = []
     p: list[FloatArray] = []
@@ -178,13 +158,12 @@ def _turn(k: int, angle: FloatArray) -> FloatArray:
     return turn
 
 
-def _placed(R: list[FloatArray], p: list[FloatArray], seat: Attachment, point: FloatArray) -> FloatArray:
-    """A point (3,) in a body's axes in the base frame (Q, 3)."""
-    local = seat.p + seat.R @ point
-    if seat.frame < 0:
-        return np.broadcast_to(local, (len(p[0]), 3)).copy()
-    placed: FloatArray = p[seat.frame] + R[seat.frame] @ local
-    return placed
+def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArray, count: int) -> FloatArray:
+    """A point (3,) in a frame's axes (-1: the base's) in the base frame (Q, 3), Q = count postures."""
+    if frame < 0:
+        return np.tile(local, (count, 1))
+    at: FloatArray = p[frame] + R[frame] @ local
+    return at
 
 
 def _chain(layout: Tree, frame: int) -> set[int]:

@@ -1,4 +1,4 @@
-"""The report on paper: one PDF with the verdict, the warnings and the parameters in front of all figures."""
+"""The report on paper: one PDF with verdict, warnings, parameters and modes in front of all figures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from matplotlib.figure import Figure
 
 from elastid.report import style
 from elastid.report.content import ReportContent
-from elastid.report.numbers import digits, interval_of, number
+from elastid.report.mode_row import ModeRow
+from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
 
 # A4 in inches; letters a line and lines a page of a fixed-width font of style.NORMAL points.
@@ -22,7 +23,7 @@ LETTERS, LINES = 96, 68
 
 
 def front_pages(content: ReportContent) -> Iterator[Figure]:
-    """Title, verdict, warnings and the table of parameters, as many pages as they take."""
+    """Title, verdict, warnings and the tables of parameters and modes, as many pages as they take."""
     lines = list(_text(content))
     for start in range(0, len(lines), LINES):
         figure = Figure(figsize=PAPER)
@@ -64,6 +65,18 @@ def _text(content: ReportContent) -> Iterator[str]:
     yield ""
     rows = parameter_rows(content.result, content.truth)
     yield from _columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
+    rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
+    modes = [line for row in content.modes for line in _modes(row)]
+    if modes:
+        yield ""
+        unit = "Hz" if rate_is_known else "× the rate"
+        yield from _columns([("configuration", "mode", unit, "damping", "energy in"), *modes])
+
+
+def _modes(row: ModeRow) -> Iterator[tuple[str, ...]]:
+    for i, (f, f_std, zeta, zeta_std, carried, _) in enumerate(row.modes):
+        name = row.configuration if i == 0 else ""
+        yield name, str(i + 1), number(f, digits(f, f_std)), percent(zeta, digits(zeta, zeta_std)), carried
 
 
 def _row(row: ParameterRow) -> tuple[str, ...]:
@@ -75,8 +88,9 @@ def _row(row: ParameterRow) -> tuple[str, ...]:
 
 def _columns(table: list[tuple[str, ...]]) -> Iterator[str]:
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+    last = " " * min(sum(widths[:-1]) + 2 * len(widths[:-1]), LETTERS // 2)
     for row in table:
-        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        yield from _wrapped("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)), last)
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from elastid.arrays import FloatArray
 from elastid.experiment.design.forecast import Forecast
-from elastid.model.kinematics import skeleton
+from elastid.model.kinematics import link_angles
+from elastid.model.stick_figure import Kind, stick_figure
 from elastid.record import Configuration
 from elastid.report import style
 from elastid.robot import Robot
@@ -18,6 +19,11 @@ from elastid.robot import Robot
 BANDS = 60
 # Stick figures side by side.
 ACROSS = 4
+LOOKS: dict[Kind, tuple[str, float]] = {
+    "arm": (style.MEASURED, 3.0),
+    "mass": (style.FITTED, 1.5),
+    "strut": (style.NOISE, 2.0),
+}
 
 
 def information(forecast: Forecast) -> Figure:
@@ -66,11 +72,12 @@ def _numbers(axes: object, values: FloatArray) -> None:
 
 def postures(robot: Robot, configurations: Sequence[Configuration], words: Sequence[str]) -> Figure:
     """The robot as a stick figure in each configuration, all to one scale; words below each name."""
-    drawn = skeleton(robot, np.stack([configuration.angles for configuration in configurations]))
+    angles = np.stack([configuration.angles for configuration in configurations])
+    drawn = [stick_figure(robot, q) for q in link_angles(robot, angles)]
     up = int(np.argmax(np.abs(robot.gravity))) if any(robot.gravity) else 2
     order = [(up + 1) % 3, (up + 2) % 3, up]
     down = -np.sign(robot.gravity[up]) or 1.0
-    stand = drawn.points[:, :, order] * [1, 1, down]
+    stand = np.stack([figure.points for figure in drawn])[:, :, order] * [1, 1, down]
     # All to one scale, the base in the middle.
     side = max(float(np.abs(stand[:, :, :2]).max()), 0.5 * float(np.abs(stand[:, :, 2]).max()), 1e-6)
     bottom, top = min(0.0, float(stand[:, :, 2].min())), max(float(stand[:, :, 2].max()), 1e-6)
@@ -80,13 +87,11 @@ def postures(robot: Robot, configurations: Sequence[Configuration], words: Seque
     for i, (configuration, word) in enumerate(zip(configurations, words, strict=True)):
         axes = figure.add_subplot(rows, across, i + 1, projection="3d")
         points = stand[i]
-        for a, b in drawn.links:
-            is_arm = not drawn.names[b].startswith("center")
-            look = {"color": style.MEASURED, "lw": 3} if is_arm else {"color": style.FITTED, "lw": 1.5}
-            axes.plot(*points[[a, b]].T, **look, solid_capstyle="round")
+        for a, b, kind in drawn[i].links:
+            color, width = LOOKS[kind]
+            axes.plot(*points[[a, b]].T, color=color, lw=width, solid_capstyle="round")
             axes.plot(*points[[a, b], :2].T, [bottom, bottom], color=style.WEAK, lw=1)
-        joints = [k for k, name in enumerate(drawn.names) if name.startswith("joint")]
-        axes.plot(*points[joints].T, ls="none", marker="o", ms=4, color=style.TRUTH)
+        axes.plot(*points[list(drawn[i].joints)].T, ls="none", marker="o", ms=4, color=style.TRUTH)
         axes.set(xlim=(-side, side), ylim=(-side, side), zlim=(bottom, top))
         axes.set_box_aspect((2 * side, 2 * side, top - bottom), zoom=1.1)
         axes.tick_params(labelsize=5, pad=-3)
@@ -95,5 +100,5 @@ def postures(robot: Robot, configurations: Sequence[Configuration], words: Seque
     figure.subplots_adjust(
         left=0.02, right=0.98, top=1 - 0.65 / (2.7 * rows + 0.3), bottom=0.03, wspace=0.1, hspace=0.25
     )
-    style.titled(figure, "Configurations (m; orange: to the centres of mass)")
+    style.titled(figure, "Configurations (m; orange: to a centre of mass, green: rods and struts)")
     return figure

@@ -1,4 +1,4 @@
-"""The interactive FRF matrix of the page: its data as JSON, its scripts, and the policy that lets only these run.
+"""The interactive FRF matrix of the page: its data as JSON, and its scripts.
 
 Values are whole hundredths of a dB and tenths of a degree in 16 bits, so that 20 configurations of six axes stay a few
 megabytes; -32768 is what is not finite.
@@ -7,17 +7,15 @@ megabytes; -32768 is what is not finite.
 from __future__ import annotations
 
 import base64
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.report import style
+from elastid.report.embedding import asset, embedded
 from elastid.report.frf_figures import configuration_title
 from elastid.response import FrequencyResponse
 from elastid.validation.noise import smoothed_std
@@ -28,17 +26,11 @@ _NOTHING = -32768
 
 @dataclass(frozen=True)
 class Explorer:
-    """data: JSON that may stand in a script element.  scripts: texts, in order.  style: CSS.  policy: script-src."""
+    """data: JSON that may stand in a script element.  scripts: texts, in order.  style: CSS."""
 
     data: str
     scripts: tuple[str, ...]
     style: str
-
-    @property
-    def policy(self) -> str:
-        """The hashes of the scripts, as a content security policy names them."""
-        digests = (base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() for s in self.scripts)
-        return " ".join(f"'sha256-{digest}'" for digest in digests)
 
 
 def explorer(
@@ -56,14 +48,8 @@ def explorer(
             for (measured, modelled), std in zip(pairs, model_std or (None,) * len(pairs), strict=True)
         ],
     }
-    assets = files("elastid") / "report"
-    scripts = (
-        (assets / "uplot" / "uPlot.iife.min.js").read_text(encoding="utf-8").strip(),
-        (assets / "explorer.js").read_text(encoding="utf-8").strip(),
-    )
-    # Within a script element `<` could end it.
-    data = json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
-    return Explorer(data, scripts, (assets / "uplot" / "uPlot.min.css").read_text(encoding="utf-8").strip())
+    scripts = asset("uplot", "uPlot.iife.min.js"), asset("explorer.js")
+    return Explorer(embedded(content), scripts, asset("uplot", "uPlot.min.css"))
 
 
 def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:

@@ -18,6 +18,8 @@ from elastid.report.forest import forest
 from elastid.report.frf_figures import configuration_title, frf_magnitude, frf_phase
 from elastid.report.limit_figures import peaks_against_limits, time_signals
 from elastid.report.mode_figures import mode_shapes
+from elastid.report.mode_row import ModeRow
+from elastid.report.mode_sketches import mode_sketches
 from elastid.report.parameter_rows import parameter_rows
 from elastid.report.quality_figures import coherence, levels
 from elastid.report.singular_figures import singular_values
@@ -80,12 +82,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
                 replayed(replays[configuration], replay_title(replays[configuration])),
             )
         if configuration in modes:
-            yield Drawing(
-                f"{name}-modes",
-                f"{CONFIGURATION}{configuration}",
-                f"{configuration}: who moves in each mode of the identified model, motors free.",
-                mode_shapes(modes[configuration], title, measured.rate_is_known),
-            )
+            yield _modes(name, modes[configuration], title, measured.rate_is_known)
         yield from _quality(name, measured, title)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         yield Drawing(
@@ -107,6 +104,19 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     yield from _limits(content)
     if content.plan is not None:
         yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
+
+
+def _modes(name: str, row: ModeRow, title: str, rate_is_known: bool) -> Drawing:
+    """As sketches of the robot; as bars where it has no extent, or nothing of it is seen to move."""
+    section = f"{CONFIGURATION}{row.configuration}"
+    if row.drawing is None:
+        caption = f"{row.configuration}: who moves in each mode of the identified model, motors free."
+        return Drawing(f"{name}-modes", section, caption, mode_shapes(row, title, rate_is_known))
+    caption = (
+        f"{row.configuration}: the modes of the identified model, motors free. Grey: at rest; blue and orange: the two "
+        "ends of the swing, enlarged to one size; motors, behind their gears, are not drawn."
+    )
+    return Drawing(f"{name}-modes", section, caption, mode_sketches(row, row.drawing, title, rate_is_known))
 
 
 def _quality(name: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:

@@ -17,8 +17,10 @@ from PIL import Image
 
 from elastid.report.booklet import booklet
 from elastid.report.content import ReportContent
+from elastid.report.embedding import script_policy
 from elastid.report.explorer import explorer
 from elastid.report.figures import CONFIGURATION, drawings
+from elastid.report.mode_viewer import mode_viewer
 from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import parameter_rows
 
@@ -106,6 +108,11 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     )
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
     free = set(content.result.parameters.free_names)
+    rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
+    left_out = [agreement.configuration for agreement in content.validation.left_out]
+    frf = explorer(content.frf, left_out, content.model_std) if content.frf else None
+    modes = mode_viewer(content.modes, rate_is_known)
+    scripts = [*(frf.scripts if frf else ()), *([modes.script] if modes else ())]
     return environment.get_template("template.html.j2").render(
         content=content,
         result=content.result,
@@ -113,10 +120,11 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
         figures=figures,
-        explorer=explorer(content.frf, [a.configuration for a in content.validation.left_out], content.model_std)
-        if content.frf
-        else None,
-        rate_is_known=all(measured.rate_is_known for measured, _ in content.frf),
+        explorer=frf,
+        mode_viewer=modes,
+        scripts=scripts,
+        policy=script_policy(scripts),
+        rate_is_known=rate_is_known,
     )
 
 

@@ -21,12 +21,13 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import StudyError
 from elastid.model.drivetrain import motor_coordinates
-from elastid.model.equations import Equations, by_name, with_energies
+from elastid.model.equations import Equations, by_name, with_energies, with_strains
 from elastid.model.multibody import tree
 from elastid.model.parallel_linkage.assembly import assembled
 from elastid.model.parallel_linkage.geometry import Closure, branches, joints_within
 from elastid.model.parallel_linkage.rods import elastic
 from elastid.model.spec import Variant
+from elastid.model.strain import Strain
 from elastid.robot import Loop, Robot
 
 # Variants in which rods do not stretch and nothing bends inside a loop.
@@ -103,6 +104,9 @@ def series_stiffness(robot: Robot, of: Equations, found: Sequence[Closure], cons
         across[motor[joint]], across[lever] = 1, -1
         deflection = ca.dot(across, of.q)
         of = with_energies(of, (k_eff - k) * deflection**2 / 2, (d_eff - d) * ca.sparsify(across @ across.T))
+        # Both bear the torque k_eff times the deflection.
+        parts = {f"k_{joint}": k, f"k_{name}": k_rod}
+        of = with_strains(of, *(Strain(spring, k_eff**2 / part, deflection) for spring, part in parts.items()))
     return of
 
 

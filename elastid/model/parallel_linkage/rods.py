@@ -14,8 +14,9 @@ from dataclasses import replace
 
 import casadi as ca
 
-from elastid.model.equations import Equations, by_name, with_coordinates, with_energies
+from elastid.model.equations import Equations, by_name, with_coordinates, with_energies, with_strains
 from elastid.model.parallel_linkage.geometry import Closure, rod_row
+from elastid.model.strain import Strain
 from elastid.robot import Robot
 
 
@@ -59,6 +60,7 @@ def cut(robot: Robot, of: Equations, found: Sequence[Closure]) -> Equations:
         s = ca.norm_2(closure.gap) - rod.length
         y = ca.gradient(s, of.q)
         of = with_energies(of, theta[f"k_{name}"] * s**2 / 2, theta[f"d_{name}"] * y @ y.T)
+        of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], s))
     return of
 
 
@@ -77,5 +79,6 @@ def stretching(robot: Robot, of: Equations, found: Sequence[Closure]) -> tuple[E
         y = ca.DM(len(of.coordinates), 1)
         y[i] = 1
         of = with_energies(of, theta[f"k_{name}"] * of.q[i] ** 2 / 2, theta[f"d_{name}"] * ca.sparsify(y @ y.T))
+        of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], of.q[i]))
         rows.append(rod_row(closure, rod.length + of.q[i]))
     return of, rows
