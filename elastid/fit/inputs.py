@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from elastid.robot import Robot
 
 # rad or m: angles nearer to each other are one posture.
 SAME_ANGLE = 2e-5
+# Two responses with more than this share of their lines in common are one measurement.
+ALIKE = 0.5
 
 
 def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
@@ -70,6 +73,23 @@ def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[Fre
         one, other = responses[i], responses[j]
         if (one.inputs, one.outputs) == (other.inputs, other.outputs):
             yield one, other
+
+
+def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:
+    """A word about every two configurations that hold the very same numbers, which two measurements never do."""
+    words = []
+    for one, other in combinations(responses, 2):
+        if (one.inputs, one.outputs) != (other.inputs, other.outputs):
+            continue
+        _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, assume_unique=True, return_indices=True)
+        same = int(np.all((one.G[here] == other.G[there]) & (one.G[here] != 0), axis=(1, 2)).sum())
+        if same > ALIKE * min(one.n_lines, other.n_lines):
+            words.append(
+                f"configurations {one.configuration.name} and {other.configuration.name} hold the very same numbers at "
+                f"{same} of {min(one.n_lines, other.n_lines)} lines: one measurement counts twice, which makes the "
+                "intervals too narrow, or a file is given for the wrong configuration; leave one of them out"
+            )
+    return tuple(words)
 
 
 def _check_robot(response: FrequencyResponse, robot: Robot) -> None:

@@ -99,6 +99,12 @@ class ParameterSpec:
         """Refuse what cannot be together."""
         if self.per is not None and (self.fixed or self.tie is not None):
             raise ValueError("per is for a parameter that is identified, neither fixed nor tied")
+        beside = [name for name in ("start", "bounds", "prior") if getattr(self, name) is not None]
+        if self.tie is not None and (beside or self.fixed):
+            raise ValueError(
+                f"a tied parameter follows {self.tie.to}: {' and '.join(beside) or 'fixed'} would not count; leave the "
+                "tie or the rest out"
+            )
 
 
 @section

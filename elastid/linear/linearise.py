@@ -18,7 +18,7 @@ and slope, Z^T B and C Z. Nothing beyond this line knows that there were any.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -52,6 +52,15 @@ class Linearisation:
     def follows(self) -> bool:
         """Whether the derivatives follow the operating point, which moves with the parameters."""
         return self.following is not None
+
+    def is_affine_in(self, names: Collection[str]) -> bool:
+        """Whether M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
+        model = self.model
+        theta = [ca.SX.sym(name) for name in model.parameters]
+        q, lambda_ = ca.SX.sym("q", model.n_q), ca.SX.sym("lambda", model.n_c)
+        triangles = self.matrices(q, lambda_, ca.vertcat(*theta))[0]
+        moved = [symbol for name, symbol in zip(model.parameters, theta, strict=True) if name in names]
+        return not moved or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*moved), 2))
 
     @classmethod
     def of(cls, model: ElasticModel) -> Linearisation:

@@ -18,11 +18,16 @@ from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
 from elastid.fit.choose import choose, named_geometry
 from elastid.fit.groups import OF
+from elastid.fit.spec import FactorSpec, MaskSpec
 from elastid.names import did_you_mean
+from elastid.robot import Joint
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
 from elastid.study.yaml_source import KeyPath
+
+# Without limits, angles in rad and positions in m beyond which a unit was forgotten: two turns, and a long rail.
+_FARTHEST = {False: 4 * math.pi, True: 50.0}
 
 
 def check(study: Study, base: Path) -> Iterator[Problem]:
@@ -247,6 +252,9 @@ def _configurations(study: Study) -> Iterator[Problem]:
                 yield Problem((*path, i), wrong)
                 continue
             low, high = joint.limits.angle
+            if math.isinf(high - low) and abs(angle) > _FARTHEST[joint.slides]:
+                yield Problem((*path, i), _too_far(joint, angle))
+                continue
             if not low <= angle - swing <= angle + swing <= high:
                 reach = f" with the carrier's {swing:.4g} {joint.unit} to either side" if swing else ""
                 yield Problem(
@@ -254,6 +262,15 @@ def _configurations(study: Study) -> Iterator[Problem]:
                     f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, "
                     f"{high:.4g}] {joint.unit}",
                 )
+
+
+def _too_far(joint: Joint, angle: float) -> str:
+    other = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
+    far = f"{angle:g} m" if joint.slides else f"{angle:g} rad, {abs(angle) / (2 * math.pi):.2g} turns,"
+    return (
+        f"joint {joint.name} at {far} is farther than robots go; a number without a unit is in {joint.unit}: write "
+        f"'{other}' if that is meant, or give the joint its limits"
+    )
 
 
 def _units_of_motors(study: Study) -> Iterator[Problem]:
@@ -295,8 +312,11 @@ def _references(study: Study) -> Iterator[Problem]:
     for i, output in enumerate(outputs):
         if study.experiment.simulated is not None:
             yield from _place(study, ("experiment", "simulated", "outputs", i), output)
-    for i, mask in enumerate(study.fit.mask):
-        path: KeyPath = ("fit", "mask", i)
+    asked: list[tuple[KeyPath, MaskSpec | FactorSpec]] = [
+        *((("fit", "mask", i), mask) for i, mask in enumerate(study.fit.mask)),
+        *((("fit", "weights", "factors", i), factor) for i, factor in enumerate(study.fit.weights.factors)),
+    ]
+    for path, mask in asked:
         for j, name in enumerate(mask.configurations):
             if name not in masked:
                 yield _unknown((*path, "configurations", j), "configuration", name, masked)
@@ -304,6 +324,20 @@ def _references(study: Study) -> Iterator[Problem]:
             yield _unknown((*path, "output"), "output", mask.output, outputs)
         if mask.input and mask.input not in inputs:
             yield _unknown((*path, "input"), "input", mask.input, inputs)
+    yield from _profiled(study)
+
+
+def _profiled(study: Study) -> Iterator[Problem]:
+    """Parameters whose profile is asked for are identified."""
+    if isinstance(study.fit.profile, str):
+        return
+    try:
+        free = choose(study.fit, study.robot, list(study.experiment.configurations)).free_names
+    except StudyError:
+        return  # told where the parameters are checked
+    for i, pattern in enumerate(study.fit.profile):
+        if not any(fnmatchcase(name, pattern) for name in free):
+            yield _unknown(("fit", "profile", i), "identified parameter", pattern, list(free))
 
 
 def _groups(study: Study, configurations: list[str]) -> Iterator[Problem]:
