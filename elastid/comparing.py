@@ -15,7 +15,7 @@ from functools import partial
 
 from elastid import stages
 from elastid.errors import StudyError
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
@@ -123,7 +123,7 @@ def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
     stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
     reasons: dict[ModelVariant, bool] = {
         "rigid_loop": stretches or bends,
-        "constant_stiffness": stretches,
+        "constant_stiffness": stretches and not named_geometry(study.fit.parameters, robot),
         "series_stiffness": stretches,
         "bending_outside": bends,
         "lumped_rod": any(rod.mass > 0 or rod.inertia > 0 for rod in rods),

@@ -39,7 +39,8 @@ def truth(study: Study) -> dict[str, float] | None:
     simulated = study.experiment.simulated
     if simulated is None:
         return None
-    numbers = {name: value for name, (value, _) in study.robot.parameters().items()} | {DELAY: 0.0}
+    robot = study.robot
+    numbers = {name: value for name, (value, _) in robot.parameters(robot.geometry).items()} | {DELAY: 0.0}
     # Dry friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
     rough = {law.place for law in frictions(study.robot)}
@@ -51,15 +52,16 @@ def truth(study: Study) -> dict[str, float] | None:
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
     """The modes of the fitted model with its motors free, configuration by configuration."""
-    linearisation = Linearisation.of(formulate(study.robot, study.model))
+    linearisation = Linearisation.of(formulate(study.robot, study.model, result.parameters.names))
     models = linearised(linearisation, responses, result.parameters, result.x)
     return tuple(_mode_row(linearisation.model, model, result) for model in models)
 
 
 def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
     """Frequencies and damping, who moves, where the energy is, and the robot's sticks."""
-    robot, configuration = elastic.robot, model.configuration
+    configuration = model.configuration
     theta = result.theta_of(configuration.name)
+    robot = elastic.robot_at(theta[:-1])
     found = modes(model, theta)
     sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
     shapes, point = shapes_of_all(model, found.shapes), equilibrium(elastic, theta[:-1], configuration)
@@ -81,7 +83,8 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
 
 def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:
     """Standard deviation (F, n_y, n_u) of the fitted model beside each response, by that of its parameters."""
-    models = linearised(Linearisation.of(formulate(study.robot, study.model)), responses, result.parameters, result.x)
+    equations = formulate(study.robot, study.model, result.parameters.names)
+    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
     return tuple(
         response_deviation(model, response.freq_hz, result.parameters, result.x, result.covariance)[1]
         for model, response in zip(models, responses, strict=True)

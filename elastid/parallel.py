@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -15,6 +16,7 @@ from contextvars import ContextVar
 from functools import partial
 from importlib.util import find_spec
 from multiprocessing import get_context, parent_process
+from pathlib import Path
 from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
 from typing import Any, TypeAlias, TypeVar
@@ -107,14 +109,28 @@ def _processes(count: int, function: Callable[[Item], Value]) -> Iterator[Submit
     pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker, initargs=(work,))
     try:
         yield lambda item: pool.submit(_work, item)
-    except BrokenProcessPool as error:
-        raise ElastidError("a worker process died, perhaps for lack of memory; try again with fewer --jobs") from error
+    except (BrokenProcessPool, BrokenPipeError) as error:
+        raise ElastidError(
+            "a script that works in several processes is read by each of them: put what it does under "
+            "if __name__ == '__main__':, or take jobs=1"
+            if _main_is_unguarded()
+            else "a worker process died, perhaps for lack of memory; try again with fewer --jobs"
+        ) from error
     except BaseException:
         for process in list((pool._processes or {}).values()):
             process.terminate()
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _main_is_unguarded() -> bool:
+    """Whether the script that runs would begin anew in every worker."""
+    file = getattr(sys.modules.get("__main__"), "__file__", None)
+    try:
+        return file is not None and "__main__" not in Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 @contextmanager

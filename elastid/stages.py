@@ -226,15 +226,22 @@ def validate(run: Run) -> None:
 
 
 def export(run: Run, target: str) -> tuple[Path, ...]:
-    """export/<target>/: the identified model for another tool; StudyError where there is no current fit."""
-    from elastid.export.identified import identified
+    """export/<target>/: the identified model for another tool; StudyError where there is no current fit.
+
+    Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
+    """
+    from elastid.export.identified import by_robot
     from elastid.export.targets import TARGETS
 
     run.require("validate")  # reads what an export reads
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     folder = run.folder / "export" / target
     shutil.rmtree(folder, ignore_errors=True)
-    paths = TARGETS[target](folder, identified(run.study.name, run.study.robot, result, responses, run.study.model))
+    models = by_robot(run.study.name, run.study.robot, result, responses, run.study.model)
+    if any(models):
+        each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
+        run.console.say(f"export: a model for each of {', '.join(each)}, which have parameters of their own")
+    paths = tuple(path for label, model in models.items() for path in TARGETS[target](folder / label, model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit is not to be trusted ({result.status.replace('_', ' ')}): {result.message}")
     for path in paths:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from elastid.experiment.design.forecast import Forecast
-from elastid.report.numbers import digits, number
+from elastid.report.numbers import digits, interval_of, number
 from elastid.report.parameter_rows import ParameterRow
 
 
@@ -45,7 +45,7 @@ def _line(row: ParameterRow, simulated: bool) -> list[str]:
     kept = digits(row.estimate, row.std)
     relative = 100 * row.std / abs(row.estimate) if row.estimate else math.inf
     std = f"{number(relative, 2)} %" if math.isfinite(relative) else number(row.std, 2)
-    interval = " to ".join(number(end, kept) for end in row.interval)
+    interval = " to ".join(interval_of(row.interval, kept))
     line = [row.name, row.unit, number(row.estimate, kept), std, interval + " (at bound)" * row.at_bound]
     if simulated:
         line.insert(2, number(row.truth))

@@ -75,7 +75,8 @@ def _replays(
         run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
         return
     study = run.study
-    linearisation, names = Linearisation.of(formulate(study.robot, study.model)), read_configurations(path)
+    equations, names = formulate(study.robot, study.model, result.parameters.names), read_configurations(path)
+    linearisation = Linearisation.of(equations)
     todo = [response for response in responses if response.configuration.name in names]
     for done, response in enumerate(todo):
         progress(done, len(todo))

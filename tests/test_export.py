@@ -29,7 +29,7 @@ from elastid.linear.statespace import state_space
 from elastid.linear.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
-from elastid.robot import Anchor, CoilSpring, Compensator, Robot
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Motor, Placement, Robot, Spring
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[1]
@@ -54,9 +54,24 @@ def result_of(robot: Robot) -> FitResult:
     )
 
 
-@pytest.fixture(params=ROBOTS)
+def scara() -> Robot:
+    """Two turning axes, an elastic tilt of the first, and a screw that slides; products of inertia."""
+    axes = (
+        Joint("1", "z", Spring(2e5, 150.0), Motor(1.2e-3, 100, 1e-3)),
+        Joint("1x", "x", Spring(4e5, 100.0)),
+        Joint("2", "z", Spring(8e4, 60.0), Motor(8e-4, 80, 8e-4)),
+        Joint("3", "z", Spring(3e6, 900.0), Motor(2e-4, 600.0, 1e-4), motion="translation"),
+    )
+    inertia = (0.2, 0.6, 0.7, 0.02, 0.01, 0.0)
+    first = Body("a", "base", Placement((0, 0, 0.5)), axes[:2], 20, (0.2, 0.01, 0.03), inertia)
+    second = Body("b", "a", Placement((0.4, 0, 0.05)), axes[2:3], 12, (0.15, 0, 0.06), (0.1, 0.25, 0.3))
+    quill = Body("quill", "b", Placement((0.35, 0, 0)), axes[3:], 4, (0.02, 0, -0.1), (0.03, 0.03, 0.005))
+    return Robot("scara", (first, second, quill), gravity=(0.0, 0.0, -9.81))
+
+
+@pytest.fixture(params=[*ROBOTS, "scara"])
 def model(request: pytest.FixtureRequest) -> Identified:
-    robot = load_robot(ROBOTS[request.param])
+    robot = load_robot(ROBOTS[request.param]) if request.param in ROBOTS else scara()
     n_u, result = len(robot.driven), result_of(robot)
     responses = []
     for name, angles in (("one", np.linspace(0.3, -0.4, n_u)), ("two", np.linspace(-0.5, 0.6, n_u))):

@@ -1,5 +1,6 @@
 """From frequency responses of a robot in several configurations to its elastic parameters."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from elastid.fit.assembly import Assembly
 from elastid.fit.choose import choose
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
-from elastid.fit.solvers import solve
+from elastid.fit.solvers import Method, solve
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response
@@ -300,11 +301,78 @@ def test_input_and_output_of_the_only_motor_are_named_together() -> None:
 
 
 def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
-    """Torques in the wrong unit: nothing is explained, but by no sign either."""
+    """Torques in the wrong unit: nothing is explained, and not by a sign but by a factor."""
     result = fitted(times=20.0)
     assert result.status == "model_error"
-    assert result.message.startswith("the model does not describe the robot: it explains ")
-    assert not any("other sign" in warning for warning in result.warnings)
+    assert result.warnings[0].startswith("the responses fit far better with channels scaled (V falls to ")
+    factors = [float(one) for one in re.findall(r"u at motor \d times ([\d.]+)", result.warnings[0])]
+    np.testing.assert_allclose(factors, [20, 20], rtol=0.1)
+
+
+def read_as(response: FrequencyResponse, conjugate: bool, factor: complex, power: int) -> FrequencyResponse:
+    """As a file would hold it that means something else by its numbers; noise and all."""
+    times = factor * (2j * np.pi * response.freq_hz[:, None, None]) ** power
+    total = Covariance(response.total.variance * np.abs(times) ** 2, response.total.dof)
+    return replace(response, G=times * (response.G.conj() if conjugate else response.G), total=total)
+
+
+@pytest.mark.parametrize("noise", ["known", "unknown"])
+@pytest.mark.parametrize(
+    ("conjugate", "factor", "power", "says"),
+    [
+        (True, 1, 0, "with all phases turned round"),
+        (True, 1j, 0, "with real and imaginary parts exchanged"),
+        (False, 1, -1, "differentiated once more in time"),
+        (False, 1, -2, "differentiated twice more in time"),
+        (False, 1, 1, "differentiated once less in time"),
+    ],
+)
+def test_what_was_written_otherwise_is_named(
+    conjugate: bool, factor: complex, power: int, says: str, noise: str
+) -> None:
+    """Phases, parts and quantities that a file and its study mean differently: no such fit passes for one."""
+    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(6), outputs=("motor 1", "joint 1"))
+    response = read_as(response, conjugate, factor, power)
+    response = response if noise == "known" else replace(response, total=None)
+    result = identify([response], started_elsewhere(pendulum(), 2.0), FitSpec(starts=3), seed=3)
+    assert result.status == "model_error"
+    assert result.warnings[0].startswith(f"the responses fit far better {says} (V = ")
+    assert "another reading of them far more" in result.message
+
+
+def test_a_robot_that_is_known_only_roughly_is_no_misreading(noisy) -> None:
+    """The inertia of a motor 40 % off: told as what the model lacks, not as a mistake of the file."""
+    robot = arm().with_parameters({"Jm_1": 1.4 * 2.5e-3})
+    result = identify(noisy, robot, FitSpec(starts=3, weights=WeightSpec(floor=0.0)), seed=2)
+    assert result.model_error > 5
+    assert not any("fit far better" in word or "fits far better" in word for word in result.warnings)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(2 * np.pi, "rad/s"), (1 / (2 * np.pi), "Hz")])
+def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor: float, unit: str) -> None:
+    """No residual shows it: the springs alone come out (2 pi)^2 too stiff, or too soft."""
+    (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(7), outputs=("motor 1", "joint 1"))
+    response = replace(response, freq_hz=factor * response.freq_hz)
+    result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0), seed=1)
+    assert result.model_error < 2
+    assert f"are the frequencies of the responses in {unit}" in result.warnings[0]
+
+
+def test_springs_that_start_far_off_are_no_wrong_unit(noisy) -> None:
+    far = arm().with_parameters({"k_1": 3e5 / 40, "k_2": 1.8e5 / 2, "k_1x": 4e5 * 3, "k_2z": 1e5})
+    result = identify(noisy, far, FitSpec(starts=6), seed=1)
+    assert not any("are the frequencies" in word for word in result.warnings)
+
+
+def test_one_measurement_under_two_names_is_named(noisy) -> None:
+    """A file given twice counts twice: to the fit it is as good as two measurements that agree perfectly."""
+    again = replace(noisy[0], configuration=Configuration("again", noisy[0].configuration.angles))
+    result = identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
+    assert "configurations c1 and again hold the very same numbers at 60 of 60 lines" in result.warnings[0]
+    apart = measure(arm(), rng=np.random.default_rng(12))[0]
+    repeated = replace(apart, configuration=again.configuration)
+    result = identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
+    assert not any("the very same numbers" in word for word in result.warnings)
 
 
 def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:
@@ -327,3 +395,16 @@ def test_a_noisy_response_is_no_model_error() -> None:
     noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
     noisy = replace(response, G=response.G + noise, noise=replace(response.noise, variance=std**2))
     assert identify([noisy], pendulum(), FitSpec(starts=2)).status != "model_error"
+
+
+@pytest.mark.parametrize("solver", ["ipopt", "sqp"])
+def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_off(solver: Method) -> None:
+    """Gauss-Newton would step over decades there, to bounds from which nothing leads back."""
+    responses = measure(arm(), rng=np.random.default_rng(3))
+    hits, ends = 0, []
+    for seed in range(3):
+        result = identify(responses, started_elsewhere(arm(), 3.0, seed), FitSpec(starts=5, solver=solver), seed=seed)
+        hits += result.hits
+        ends.append(result.cost)
+    assert hits >= 9
+    np.testing.assert_allclose(ends, ends[0], rtol=1e-6)

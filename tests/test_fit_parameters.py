@@ -198,6 +198,19 @@ def test_a_configuration_of_another_robot_is_named(data):
     assert any(w.startswith("configuration c6: its residuals are") and "same robot" in w for w in result.warnings)
 
 
+@pytest.mark.parametrize("foreign", [("c4",), ("c4", "c5")])
+def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, foreign):
+    """They draw the fit so far that no residual stands out; without them the others agree."""
+    rng = np.random.default_rng(4)
+    other = bench(k=20.0, d=0.3, viscous=5e-3)
+    result = identify([*data, *(measure(other, name, rng) for name in foreign)], bench(), FitSpec(starts=3))
+    said = f"without configuration {' and '.join(foreign)} the model fits the others far better"
+    assert any(
+        word.startswith(said) or f"configuration {foreign[0]}: its residuals" in word for word in result.warnings
+    )
+    assert not any("far better" in word for word in identify(data, bench(), FitSpec(starts=3)).warnings)
+
+
 def test_a_bound_that_holds_most_starts_is_named(data):
     """The friction starts beside a bound that the optimum is far from; starts that end elsewhere tell."""
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)
@@ -224,7 +237,8 @@ def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
 
 def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     """A damper that the data hardly see: an interval that is not symmetric in the logarithm, with a word."""
-    noisy = [measure(bench(), name, np.random.default_rng(0), relative=0.4) for name in ("c1", "c2")]
+    rng = np.random.default_rng(0)
+    noisy = [measure(bench(), name, rng, relative=0.4) for name in ("c1", "c2")]
     spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
     result = identify(noisy, bench(), spec, seed=1)
     names = result.parameters.free_names
@@ -312,3 +326,43 @@ def test_an_inertia_stays_one_that_a_body_can_have():
     result = identify([of_body(sheet, np.random.default_rng(1))], bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), spec)
     assert 0.044 < result.values["I_arm_zz"] < 0.045
     assert any("body arm: the data want an inertia that no body can have" in w for w in result.warnings)
+
+
+def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
+    """M depends on m c^2: far starts, and those that no body could have, end at the truth all the same."""
+    free = ("m_arm", "c_arm_x", "I_arm_xx", "I_arm_yy", "I_arm_zz", "k_1", "k_x")
+    truth = bodied(inertia=(0.02, 0.03, 0.04, 0.0, 0.0, 0.0))
+    start = replace(truth, bodies=(replace(truth.bodies[0], mass=3.0, center_of_mass=(0.09, 0.03, 0.02)),))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in free}, starts=6, weights=WeightSpec(floor=0.0))
+    for seed in range(3):
+        result = identify([of_body(truth, np.random.default_rng(seed))], start, spec, seed=seed)
+        x = np.array([p.to_x(truth.parameters()[p.name][0]) for p in result.parameters.free])
+        assert result.status == "converged"
+        assert result.hits >= 5
+        assert np.all(np.abs(result.x - x) < 4 * np.sqrt(np.diag(result.covariance)))
+
+
+def test_a_plate_is_no_start_that_leads_nowhere():
+    """The largest moment of a plate is the sum of the others, which is the very border of what a body can have."""
+    plate, names = bodied((0.02, 0.03, 0.05, 0.0, 0.0, 0.0)), ("I_arm_xx", "I_arm_yy", "I_arm_zz")
+    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, starts=4)
+    result = identify([of_body(bodied((0.022, 0.03, 0.042, 0.0, 0.0, 0.0)), np.random.default_rng(2))], plate, spec)
+    assert result.status == "converged"
+    assert result.hits == 4
+    assert result.values["I_arm_zz"] == pytest.approx(0.042, rel=0.02)
+
+
+def test_a_start_that_no_body_can_have_is_named():
+    spec = FitSpec(parameters={"I_arm_zz": ParameterSpec(start=0.2)}, starts=2)
+    with pytest.raises(StudyError, match=r"body arm an inertia that no body can have.*correct the start"):
+        identify([of_body(bodied(), np.random.default_rng(3))], bodied(), spec)
+
+
+def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
+    sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
+    response = of_body(sheet, np.random.default_rng(1))
+    both = [replace(response, configuration=Configuration(name, (0.0,))) for name in ("c1", "c2")]
+    free = {"I_arm_zz": ParameterSpec(start=0.03, per="configuration"), "k_1": ParameterSpec()}
+    result = identify(both, bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), FitSpec(parameters=free, starts=2))
+    assert 0.044 < result.values["I_arm_zz@c1"] < 0.045
+    assert 0.044 < result.values["I_arm_zz@c2"] < 0.045

@@ -164,6 +164,7 @@ def test_starts_spread_evenly_within_their_factor_and_bounds():
             Parameter("d", 1.0, "N*m*s/rad", 0.5, 1e4, log=True),
             Parameter("delay", 0.0, "s", 0.0, 1e-2),
             Parameter("c", 0.3, "m"),
+            Parameter("d_rod", 1.0, "N*s/m", 0.5, 1e4, log=True),
         )
     )
     x = spread(parameters, 41, 3.0, seed=5)
@@ -176,6 +177,7 @@ def test_starts_spread_evenly_within_their_factor_and_bounds():
     assert 6 < np.exp(x[:, 1].max()) < 9
     assert 0 == x[:, 2].min() < x[:, 2].max() < 1e-3
     assert np.all(x[:, 3] == 0.3)
+    assert 6 < np.exp(x[:, 4].max()) < 9
     np.testing.assert_array_equal(x, spread(parameters, 41, 3.0, seed=5))
     assert not np.array_equal(x, spread(parameters, 41, 3.0, seed=6))
 

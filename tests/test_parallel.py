@@ -1,5 +1,8 @@
 """Work in processes: what is to be done travels once to each, what it is done with every time."""
 
+import subprocess
+import sys
+from pathlib import Path
 from pickle import PicklingError
 
 import pytest
@@ -28,3 +31,15 @@ def test_the_work_is_packed_once_for_all_items():
 def test_work_that_does_not_pickle_is_told_at_once():
     with pytest.raises((AttributeError, PicklingError), match="pickle"):
         ordered(lambda item: item, [1, 2], 2)
+
+
+def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tmp_path: Path):
+    """The workers read the script again, and would start workers of their own."""
+    script = tmp_path / "script.py"
+    work = "print(ordered(abs, [-1, -2], 2))\n"
+    script.write_text(f"from elastid.parallel import ordered\n{work}")
+    run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
+    assert run.returncode != 0
+    assert "ElastidError: a script that works in several processes is read by each of them: put what it" in run.stderr
+    script.write_text(f"from elastid.parallel import ordered\nif __name__ == '__main__':\n    {work}")
+    assert subprocess.run([sys.executable, str(script)], capture_output=True, text=True).stdout == "[1, 2]\n"

@@ -101,6 +101,16 @@ WRONG = [
     ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]", "no configuration is called 'c'"),
     ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
     ("  starts: 2", "  mask: [{input: motor 2}]", "fit.mask[0].input", "did you mean 'motor 1'?"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, fixed: true}", "fit.parameters.k_1", "fixed would not count"),
+    ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),
+    ("  starts: 2", "  weights: {factors: [{factor: 2, output: motor1}]}", "fit.weights.factors[0].output", "did you"),
+    (
+        "  starts: 2",
+        "  weights: {factors: [{factor: 2, configurations: [a, aa]}]}",
+        "fit.weights.factors[0].configurations[1]",
+        "did you mean 'a'?",
+    ),
     ("    noise:", "    outputs: [joint 3]\n    noise:", "experiment.simulated.outputs[0]", "not a place on robot"),
     (
         "    noise:",
@@ -384,3 +394,38 @@ def test_the_schema_is_json_with_units_and_closed_sections() -> None:
     assert "in N*m/rad" in spring["description"]
     assert document["$defs"]["Joint"]["properties"]["name"]["type"] == ["string", "number"]
     assert {"type": ["string", "number"]} in document["properties"]["robot"]["anyOf"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "given", "says"),
+    [
+        ("", "28.6", "joint 1 at 28.6 rad, 4.6 turns, is farther than robots go"),
+        ("motion: translation", "150", "write '150 mm' if that is meant, or give the joint its limits"),
+    ],
+)
+def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_unit(
+    tiny: Path, motion: str, given: str, says: str
+) -> None:
+    """Degrees taken for rad, millimetres for m; a joint that really goes there says so by its limits."""
+    limits = "        limits: {angle: [-90 deg, 90 deg]}\n"
+    edited(tiny, limits, f"        {motion}\n" if motion else "", "robot.yml")
+    if motion:
+        edited(tiny, "60 N*m/rad", "60", "study.yml")
+    edited(tiny, "a: [0]", f"a: [{given}]")
+    (error,) = [line for line in errors(tiny) if "experiment.configurations.a[0]" in line]
+    assert says in error
+    edited(tiny, "        motor:", "        limits: {angle: [-200, 200]}\n        motor:", "robot.yml")
+    assert not any("farther than robots go" in line for line in _errors_if_any(tiny))
+
+
+def _errors_if_any(study: Path) -> list[str]:
+    try:
+        load(study)
+    except StudyError as refusal:
+        return str(refusal).splitlines()
+    return []
+
+
+def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
+    with pytest.raises(StudyError, match=r"cannot be read \(Is a directory\); name the study in it, such as"):
+        load(tiny.parent)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from elastid.errors import StudyError
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
-from elastid.validation.frequency import agreement, validate
+from elastid.validation.frequency import agreement, are_white, validate
 from elastid.validation.noise import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality
 from elastid.validation.resonances import antiresonances, matched, resonances
 
@@ -189,6 +189,25 @@ def test_a_delay_that_the_model_lacks_colours_the_residual():
     assert np.all(delayed.autocorrelation > delayed.autocorrelation_bound)
     assert not delayed.is_white
     assert agreement(measured, response(G)).is_white
+
+
+def test_a_true_model_is_not_called_coloured_however_many_configurations_there_are():
+    """Outputs that share their noise are beyond the bound together: 150 times 20 configurations, one alarm in 100."""
+    rng, f = np.random.default_rng(8), np.arange(1.0, 41.0)
+    G, std = np.full((40, 3, 3), 1.0 + 0.5j), np.full((40, 3, 3), 0.1)
+    root = np.linalg.cholesky(0.1 * np.eye(3) + 0.9)
+
+    def judged(model):
+        noise = 0.1 * root @ circular(rng, G.shape)
+        return agreement(response(G + noise, std, freq_hz=f), response(model, freq_hz=f))
+
+    of_one = [judged(G) for _ in range(300)]
+    sets = [[of_one[i] for i in rng.integers(0, 300, 20)] for _ in range(150)]
+    assert np.mean([not are_white(one) for one in sets]) < 0.05
+    assert np.mean([not one.is_white for one in of_one]) < 0.07
+    # Of any five, one with a delay that the model lacks is enough to tell.
+    late = judged(G * np.exp(-2j * np.pi * f * 2e-3)[:, None, None])
+    assert not are_white([*of_one[:4], late])
 
 
 def test_an_element_that_the_model_decouples_has_a_finite_error():

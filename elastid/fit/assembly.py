@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -61,7 +61,8 @@ class Assembly:
         weights = tuple(weigh(response, spec) for response in responses)
         if spec.weights.normalise:
             weights = normalised(weights, responses)
-        return cls(tuple(responses), weights, Linearisation.of(formulate(robot, model)), parameters, spec)
+        equations = formulate(robot, model, parameters.names)
+        return cls(tuple(responses), weights, Linearisation.of(equations), parameters, spec)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -75,9 +76,15 @@ class Assembly:
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
         return replace(fit, shapes=shapes(self.parameters, self.linearisation.model.robot))
 
+    @cached_property
+    def bends(self) -> bool:
+        """Whether a linearisation holds near its point only: springs are nonlinear, or masses and their places free."""
+        moved = {name for response in self.responses for name in self.parameters.moved(response.configuration.name)}
+        return self.linearisation.follows or not self.linearisation.is_affine_in(moved)
+
     def searched(self, fit: ElasticFit, criterion: Criterion) -> LeastSquares:
-        """What the search solves: the fit as it is linearised, or anew wherever it gets to if springs are nonlinear."""
-        if not self.linearisation.follows:
+        """What the search solves: the fit as it is linearised, or anew wherever it gets to if that bends."""
+        if not self.bends:
             return fit.problem
         return MovingFit(partial(self.at, criterion=criterion), fit).problem
 

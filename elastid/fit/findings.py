@@ -36,24 +36,38 @@ def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
     return near
 
 
-def status_and_message(result: FitResult, end: Start, unreached: BoolArray, explained: float) -> tuple[Status, str]:
+def status_and_message(
+    result: FitResult,
+    end: Start,
+    unreached: BoolArray,
+    explained: float,
+    noise_is_known: bool = True,
+    misread: bool = False,
+) -> tuple[Status, str]:
     """How the fit ended: the worst that is true of it, and a sentence with the numbers.
 
-    explained: the share of the measured responses that the model explains.
+    explained: the share of the measured responses, known noise aside, that the model explains.  misread: whether it
+    would explain them far better if they were read another way.
     """
     free = result.parameters.free_names
     fit = (
         f"V = {result.cost:.5g} for {result.dof} degrees of freedom; {result.hits} of {len(result.starts)} starts "
         f"reached it; the residuals are {result.model_error:.3g} times what the noise explains"
     )
+    share = f"{100 * max(explained, 0.0):.0f} %"
+    if misread:
+        return "model_error", (
+            f"the model does not describe the responses as they were read: it explains {share} of them, and another "
+            f"reading of them far more (see the first warning); {fit}"
+        )
+    if explained < EXPLAINED and (result.model_error > MODEL_ERROR or not noise_is_known):
+        far = "" if end.converged else f" (and the fit did not converge: {end.message})"
+        return "model_error", (
+            f"the model does not describe the robot: it explains {share} of the measured response{far}; check signs, "
+            f"units and places of the channels, gear ratios, bounds, and what is known of the robot; {fit}"
+        )
     if not end.converged:
         return "not_converged", f"not converged ({end.message}); {fit}"
-    if explained < EXPLAINED and result.model_error > MODEL_ERROR:
-        share = f"{100 * max(explained, 0.0):.0f} %"
-        return "model_error", (
-            f"the model does not describe the robot: it explains {share} of the measured response; check signs, units "
-            f"and places of the channels, gear ratios, bounds, and what is known of the robot; {fit}"
-        )
     if unreached.any():
         names = _listed(free, unreached)
         return "ill_conditioned", f"the data do not determine a combination of {names}; {fit}"
@@ -149,7 +163,13 @@ def _weakest(result: FitResult) -> list[str]:
 
 def _search(result: FitResult) -> list[str]:
     sentences = []
-    if result.hits == 1 < len(result.starts):
+    lost = sum(not math.isfinite(start.cost) for start in result.starts)
+    if lost:
+        sentences.append(
+            f"{lost} of {len(result.starts)} starts led nowhere, the first one so: "
+            f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}"
+        )
+    if result.hits == 1 < len(result.starts) - lost:
         second = result.starts[1].cost
         sentences.append(
             f"only 1 of {len(result.starts)} starts reached the best cost (V = {result.starts[0].cost:.5g}, the next "

@@ -8,7 +8,7 @@ and solved again until nothing moves. Where springs are nonlinear the search its
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Mapping, MutableMapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,16 +16,20 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.errors import DataError, FitError
-from elastid.fit.assembly import Assembly, linearised, settle, widening
+from elastid.fit import geometry
+from elastid.fit.assembly import Assembly, Settled, linearised, settle, widening
+from elastid.fit.between import is_in_error
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
+from elastid.fit.disagreement import disagreement
 from elastid.fit.elastic import ElasticFit
-from elastid.fit.explained import apart_words, explained, sign_words
+from elastid.fit.explained import apart_words, explained
 from elastid.fit.findings import at_bound, findings, status_and_message
-from elastid.fit.inputs import check_responses
+from elastid.fit.inputs import alike_words, check_responses, posture_words
 from elastid.fit.intervals import further_intervals
+from elastid.fit.misread import foreign_words, frequency_words, misread_words
 from elastid.fit.multistart import Interrupted, multistart, spread
-from elastid.fit.physical import border_words
+from elastid.fit.physical import border_words, possible
 from elastid.fit.result import FitResult, Start
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import check_masks
@@ -40,8 +44,10 @@ from elastid.robot import Robot
 
 # A parameter whose effect is this small beside the strongest one's has none; rounding leaves about 1e-16.
 NO_EFFECT = 1e-9
-# Residuals so many times what the noise explains make one look for a channel with a wrong sign.
+# Residuals so many times what the noise explains make one look for channels that were misread.
 FAR_BEYOND_NOISE = 10.0
+# So does a model that explains less than this share of responses whose noise is unknown.
+FAIRLY_EXPLAINED = 0.9
 
 
 def identify(
@@ -67,6 +73,7 @@ def identify(
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
     check_masks(responses, spec)
+    geometry.refuse(parameters, robot, {r.configuration.name: r.configuration.angles for r in responses})
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
@@ -77,12 +84,12 @@ def identify(
             f"{fit.n_residuals} real numbers are left to fit {len(parameters.free)} parameters; fix some, or use more "
             "lines"
         )
-    refuse_without_effect(fit)
+    refuse_without_effect(fit, robot)
     first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
     criterion = "log" if first is not fit else spec.criterion
     stages = [assembly.searched(stage, criterion) for stage in (*widening(first, spec.continuation), first)]
     stages += [assembly.searched(fit, spec.criterion)] if first is not fit else []
-    starts = spread(parameters, spec.starts, spec.start_factor, seed)
+    starts = possible(spread(parameters, spec.starts, spec.start_factor, seed), fit.shapes, parameters)
     finished = {} if finished is None else finished
     ranked, hits = multistart(stages, starts, jobs, progress, spec.solver, finished)
     try:
@@ -101,11 +108,12 @@ def _concluded(
     finished: MutableMapping[str, Any],
 ) -> FitResult:
     """What is made of the best start: settled, with its certainty and the intervals that the study asks for."""
-    spec = assembly.spec
+    spec, responses = assembly.spec, assembly.responses
     settled = settle(assembly, ranked[0], spec.criterion)
-    sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
-    words = assembly.spring_words(settled.end.x)
-    result = _result(settled.fit, settled.end, sure, ranked, hits, (*assembly.notes, *settled.notes, *words))
+    sure = certainty(settled.fit, responses, settled.weights, settled.end.x)
+    twice = alike_words(responses) or posture_words(responses, assembly.parameters, spec.robots)
+    notes = (*twice, *assembly.notes, *settled.notes, *assembly.spring_words(settled.end.x))
+    result = _result(settled, sure, ranked, hits, notes, spec.robots)
     return further_intervals(result, settled, spec, seed, jobs, progress, finished)
 
 
@@ -113,7 +121,8 @@ def predict(
     result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse], model: ModelSpec = EXACT
 ) -> tuple[FrequencyResponse, ...]:
     """The fitted model's response for each of `responses`: its lines, inputs, outputs and configuration."""
-    models = linearised(Linearisation.of(formulate(robot, model)), responses, result.parameters, result.x)
+    equations = formulate(robot, model, result.parameters.names)
+    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
     return tuple(
         replace(
             to_response(linear, result.theta_of(linear.configuration.name), response.freq_hz),
@@ -123,7 +132,7 @@ def predict(
     )
 
 
-def refuse_without_effect(fit: ElasticFit) -> None:
+def refuse_without_effect(fit: ElasticFit, robot: Robot) -> None:
     """FitError that names the free parameters which reach none of the responses that count."""
     x = fit.parameters.x
     information = np.diag(replace(fit, shapes=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
@@ -131,9 +140,12 @@ def refuse_without_effect(fit: ElasticFit) -> None:
     silent_ones = effect <= NO_EFFECT * effect.max()
     if silent_ones.any():
         names = ", ".join(name for name, none in zip(fit.parameters.free_names, silent_ones, strict=True) if none)
+        places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
+        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start"
         raise FitError(
             f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
             f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
+            + (hint if places else "")
         )
 
 
@@ -145,8 +157,14 @@ def _span(parameters: ParameterSet) -> FloatArray:
 
 
 def _result(
-    fit: ElasticFit, end: Start, sure: Certainty, ranked: tuple[Start, ...], hits: int, notes: tuple[str, ...]
+    settled: Settled,
+    sure: Certainty,
+    ranked: tuple[Start, ...],
+    hits: int,
+    notes: tuple[str, ...],
+    robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
+    fit, end = settled.fit, settled.end
     dof = fit.problem.dof
     # Without any noise (a simulation) there is nothing to compare with but the weights.
     expected = sure.expected_cost if sure.expected_cost > 1e-12 * dof else dof
@@ -169,9 +187,16 @@ def _result(
         informing_hz=sure.informed.band_hz,
         weakest=sure.informed.weakest,
     )
-    share = explained(fit, end.x, result.cost_expected)
-    status, message = status_and_message(result, end, sure.unreached, share)
-    signs = sign_words(fit, end.x, end.cost) if result.model_error > FAR_BEYOND_NOISE else ()
+    # Where no noise was measured, the residuals are the only measure of it, and no excuse for themselves.
+    noise_is_known = any(weights.noise is not None for weights in settled.weights)
+    share = explained(fit, end.x, result.cost_expected if noise_is_known else 0.0)
+    suspect = result.model_error > FAR_BEYOND_NOISE if noise_is_known else share < FAIRLY_EXPLAINED
+    misread = misread_words(fit, end.x, end.cost) if suspect else ()
+    status, message = status_and_message(result, end, sure.unreached, share, noise_is_known, bool(misread))
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
-    found = (*border_words(fit.shapes, fit.parameters.expand(end.x)), *findings(result, sure.unreached))
-    return replace(result, status=status, message=message, warnings=(*signs, *apart, *notes, *found))
+    if not apart and not misread and is_in_error(result.cost, result.cost_expected, dof):
+        apart = disagreement(fit, end.x, end.cost, result.cost_expected, robots)
+    apart = apart or (foreign_words(fit, end.x) if suspect and not misread else ())
+    found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
+    words = (*misread, *frequency_words(result), *apart, *notes, *found)
+    return replace(result, parameters=fit.parameters.with_means(end.x), status=status, message=message, warnings=words)

@@ -22,6 +22,7 @@ from elastid.parameters import Parameter, ParameterSet
 
 # Dampings and frictions are known worse than stiffnesses and inertias: their starts spread over factor^2.
 SPREAD_OF_DAMPING = 2.0
+DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
 # A linear parameter's starts spread over this share of its bounds to either side.
 SPREAD_OF_LINEAR = 0.1
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
@@ -48,7 +49,7 @@ def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> F
 
 def _reach(parameter: Parameter, factor: float) -> float:
     if parameter.log:
-        return math.log(factor) * (SPREAD_OF_DAMPING if parameter.unit == "N*m*s/rad" else 1.0)
+        return math.log(factor) * (SPREAD_OF_DAMPING if parameter.unit in DAMPING_UNITS else 1.0)
     span = parameter.upper - parameter.lower
     return SPREAD_OF_LINEAR * span if math.isfinite(span) else 0.0
 

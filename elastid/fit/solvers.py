@@ -7,6 +7,7 @@ r"""IPOPT or SQP with a Gauss-Newton Hessian for any LeastSquares problem; it kn
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -32,6 +33,12 @@ FINE = 1e-3
 ROUGH = 0.1
 # The same where it counts as converged, whatever made it stop.
 CONVERGED = 1e-2
+
+# The SQP changes a logarithmic parameter by this factor at most, a linear one by this share of its bounds, in so many
+# steps, before it looks farther.
+BOX = 2.0
+BOX_OF_LINEAR = 0.2
+STEPS_IN_BOX = 2
 
 _STOPPED = "User_Requested_Stop"
 _OPTIONS: dict[str, Any] = {
@@ -145,15 +152,32 @@ def _ipopt(
 def _sqp(
     evaluator: _Evaluator, callbacks: _Callbacks, tolerance: float, max_iterations: int
 ) -> tuple[FloatArray, str, int]:
+    """Box after box about where the one before ended: a step of Gauss-Newton over decades is believed by nobody."""
     options = _SQP_OPTIONS | {"jac_fg": callbacks.gradient, "hess_lag": callbacks.hessian}
-    options |= {"iteration_callback": callbacks.stop, "max_iter": max_iterations}
+    options |= {"iteration_callback": callbacks.stop, "max_iter": min(STEPS_IN_BOX, max_iterations)}
     options |= {"tol_du": 1e-3 * tolerance * evaluator.weight}
-    return _answer(evaluator, ca.nlpsol("fit", "sqpmethod", callbacks.objective, options))
-
-
-def _answer(evaluator: _Evaluator, solver: ca.Function) -> tuple[FloatArray, str, int]:
+    solver = ca.nlpsol("fit", "sqpmethod", callbacks.objective, options)
     lower, upper = (evaluator.to_z(bound) for bound in evaluator.problem.parameters.x_bounds)
-    answer = solver(x0=evaluator.to_z(evaluator.x0), lbx=lower, ubx=upper)
+    z, used, reach = evaluator.to_z(evaluator.x0), 0, evaluator.reach
+    while True:
+        box = np.maximum(lower, z - reach), np.minimum(upper, z + reach)
+        ended, status, steps = _answer(evaluator, solver, z, box)
+        used += max(steps, 1)
+        ended = np.clip(ended, lower, upper)
+        moved, z = bool(np.any(ended != z)), ended
+        if evaluator.error is not None or status == _STOPPED or used >= max_iterations or not moved:
+            return z, status, used
+
+
+def _answer(
+    evaluator: _Evaluator,
+    solver: ca.Function,
+    z: FloatArray | None = None,
+    bounds: tuple[FloatArray, FloatArray] | None = None,
+) -> tuple[FloatArray, str, int]:
+    """From z or the start, within the parameters' bounds or narrower ones: z, the status and the iterations."""
+    lower, upper = bounds or tuple(evaluator.to_z(bound) for bound in evaluator.problem.parameters.x_bounds)
+    answer = solver(x0=evaluator.to_z(evaluator.x0) if z is None else z, lbx=lower, ubx=upper)
     stats = solver.stats()
     return np.asarray(answer["x"]).ravel(), str(stats["return_status"]), int(stats["iter_count"])
 
@@ -194,6 +218,14 @@ class _Evaluator:
         self.weight = 1.0 / max(1, problem.n_residuals)
         self.error: BaseException | None = None
         self._cache: tuple[bytes, Evaluation] | None = None
+
+    @property
+    def reach(self) -> FloatArray:
+        """How far the SQP's steps go at once (n_x,), in z."""
+        log = np.array([parameter.log for parameter in self.problem.parameters.free])
+        bounded = np.isfinite(np.subtract(*self.problem.parameters.x_bounds))
+        far = np.where(log, math.log(BOX) / self.scale, np.where(bounded, BOX_OF_LINEAR, np.inf))
+        return np.asarray(far, dtype=np.float64)
 
     def to_x(self, z: FloatArray) -> FloatArray:
         x: FloatArray = self.origin + self.scale * z

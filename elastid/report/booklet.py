@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from elastid.report import style
 from elastid.report.content import ReportContent
 from elastid.report.mode_row import ModeRow
-from elastid.report.numbers import digits, number, percent
+from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
 
 # A4 in inches; letters a line and lines a page of a fixed-width font of style.NORMAL points.
@@ -81,7 +81,7 @@ def _modes(row: ModeRow) -> Iterator[tuple[str, ...]]:
 
 def _row(row: ParameterRow) -> tuple[str, ...]:
     places = digits(row.estimate, row.std)
-    interval = f"{number(row.interval[0], places)} … {number(row.interval[1], places)}"
+    interval = " … ".join(interval_of(row.interval, places))
     bound_hit = "at its bound" if row.at_bound else ""
     return row.name, row.unit, number(row.estimate, places), number(row.std, 2), interval, bound_hit
 

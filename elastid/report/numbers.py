@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+# An interval whose ends are farther apart than this factor says nothing.
+HOPELESS = 1e12
+
 
 def number(value: float | None, digits: int = 4) -> str:
     """So many significant digits, without an exponent where it can be avoided; a dash for what is not known.
@@ -32,6 +35,18 @@ def digits(value: float, std: float) -> int:
     if not (math.isfinite(std) and std > 0 and math.isfinite(value) and value != 0):
         return 4
     return min(max(_exponent(value) - _exponent(std) + 2, 2), 8)
+
+
+def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
+    """Both ends; of a positive number that the data hardly speak of, zero and infinity rather than astronomy.
+
+    >>> interval_of((0.8, 1.2), 2), interval_of((1e-128, 1e142)), interval_of((-3.0, 2e9), 2)
+    (('0.80', '1.2'), ('0', '∞'), ('-3.0', '2.0e+09'))
+    """
+    low, high = ends
+    if low > 0 and high > HOPELESS * low:
+        return "0", "∞"
+    return number(low, digits), number(high, digits)
 
 
 def percent(value: float | None, digits: int = 2) -> str:

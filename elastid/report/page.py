@@ -21,7 +21,7 @@ from elastid.report.embedding import script_policy
 from elastid.report.explorer import explorer
 from elastid.report.figures import CONFIGURATION, drawings
 from elastid.report.mode_viewer import mode_viewer
-from elastid.report.numbers import digits, number, percent
+from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import parameter_rows
 
 Format: TypeAlias = Literal["png", "pdf"]
@@ -106,7 +106,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "digits": digits, "percent": percent}
+    environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.left_out]

@@ -192,6 +192,7 @@ def read_validation(path: Path) -> Validation:
 def _write_agreement(group: Any, agreement: Agreement) -> None:
     group.attrs["left_out"] = agreement.left_out
     group.attrs["inside_expected"] = agreement.inside_expected
+    group.attrs["coloured_std"] = agreement.coloured_std
     elements = [scale(group, "output", agreement.outputs, "output"), scale(group, "input", agreement.inputs, "input")]
     for name, what in _ELEMENT_VARIABLES.items():
         variable(group, name, getattr(agreement, name), elements, what, _ELEMENT_UNITS.get(name, ""))
@@ -216,6 +217,7 @@ def _read_agreement(group: Any, name: str) -> Agreement:
         outputs=texts(group, "output"),
         inputs=texts(group, "input"),
         inside_expected=known["inside_expected"],
+        coloured_std=known.get("coloured_std", math.nan),
         peaks=tuple(Peak(*row) for row in zip(*columns, strict=True)),
         **{field: group[field][:] for field in (*_ELEMENT_VARIABLES, *_LAG_VARIABLES)},
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,18 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.carrier_lines import refusal
 from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
+from elastid.fit.groups import OF
+from elastid.fit.spec import FactorSpec, MaskSpec
 from elastid.names import did_you_mean
+from elastid.robot import Joint
 from elastid.study.design_checks import check_design, chosen_names
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
 from elastid.study.yaml_source import KeyPath
+
+# Without limits, angles in rad and positions in m beyond which a unit was forgotten: two turns, and a long rail.
+_FARTHEST = {False: 4 * math.pi, True: 50.0}
 
 
 def check(study: Study, base: Path) -> Iterator[Problem]:
@@ -33,6 +40,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_design(study, base)
     yield from _references(study)
     yield from _hardware(study)
+    yield from _geometry(study)
     if study.experiment.recorded is not None:
         yield from _files(study.experiment.recorded, study, base)
         yield from _channels(study.experiment.recorded.channels, study)
@@ -151,6 +159,25 @@ def _hardware(study: Study) -> Iterator[Problem]:
                 yield Problem((*path, "warming", "temperature"), str(error))
 
 
+def _geometry(study: Study) -> Iterator[Problem]:
+    """Coordinates that are to be identified start where the robot can stand, and keep the ends of springs apart."""
+    if not named_geometry(study.fit.parameters, study.robot):
+        return
+    from elastid.fit.geometry import refusals  # brings CasADi, which few checks need
+
+    configurations = study.experiment.configurations
+    if any(len(angles) != len(study.robot.driven) for angles in configurations.values()):
+        return  # said elsewhere
+    try:
+        parameters = choose(study.fit, study.robot, tuple(configurations))
+    except StudyError:
+        return  # said elsewhere
+    for name, message in refusals(parameters, study.robot, configurations):
+        keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
+        yield Problem(("fit", "parameters", *keys[-1:]), message)
+        return
+
+
 def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
     """Signals that are drawn once can be realised once; Hadamard matrices are not there for every robot."""
     if study.experiment.realisations > 1 and not excitation.is_new_in_every_realisation:
@@ -225,6 +252,9 @@ def _configurations(study: Study) -> Iterator[Problem]:
                 yield Problem((*path, i), wrong)
                 continue
             low, high = joint.limits.angle
+            if math.isinf(high - low) and abs(angle) > _FARTHEST[joint.slides]:
+                yield Problem((*path, i), _too_far(joint, angle))
+                continue
             if not low <= angle - swing <= angle + swing <= high:
                 reach = f" with the carrier's {swing:.4g} {joint.unit} to either side" if swing else ""
                 yield Problem(
@@ -232,6 +262,15 @@ def _configurations(study: Study) -> Iterator[Problem]:
                     f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, "
                     f"{high:.4g}] {joint.unit}",
                 )
+
+
+def _too_far(joint: Joint, angle: float) -> str:
+    other = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
+    far = f"{angle:g} m" if joint.slides else f"{angle:g} rad, {abs(angle) / (2 * math.pi):.2g} turns,"
+    return (
+        f"joint {joint.name} at {far} is farther than robots go; a number without a unit is in {joint.unit}: write "
+        f"'{other}' if that is meant, or give the joint its limits"
+    )
 
 
 def _units_of_motors(study: Study) -> Iterator[Problem]:
@@ -268,12 +307,16 @@ def _references(study: Study) -> Iterator[Problem]:
     if configurations and study.design is None and set(left_out) >= set(configurations):
         yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")
     masked = configurations + chosen_names(study)
+    yield from _groups(study, masked)
     inputs, outputs = _inputs(study), _outputs(study)
     for i, output in enumerate(outputs):
         if study.experiment.simulated is not None:
             yield from _place(study, ("experiment", "simulated", "outputs", i), output)
-    for i, mask in enumerate(study.fit.mask):
-        path: KeyPath = ("fit", "mask", i)
+    asked: list[tuple[KeyPath, MaskSpec | FactorSpec]] = [
+        *((("fit", "mask", i), mask) for i, mask in enumerate(study.fit.mask)),
+        *((("fit", "weights", "factors", i), factor) for i, factor in enumerate(study.fit.weights.factors)),
+    ]
+    for path, mask in asked:
         for j, name in enumerate(mask.configurations):
             if name not in masked:
                 yield _unknown((*path, "configurations", j), "configuration", name, masked)
@@ -281,6 +324,49 @@ def _references(study: Study) -> Iterator[Problem]:
             yield _unknown((*path, "output"), "output", mask.output, outputs)
         if mask.input and mask.input not in inputs:
             yield _unknown((*path, "input"), "input", mask.input, inputs)
+    yield from _profiled(study)
+
+
+def _profiled(study: Study) -> Iterator[Problem]:
+    """Parameters whose profile is asked for are identified."""
+    if isinstance(study.fit.profile, str):
+        return
+    try:
+        free = choose(study.fit, study.robot, list(study.experiment.configurations)).free_names
+    except StudyError:
+        return  # told where the parameters are checked
+    for i, pattern in enumerate(study.fit.profile):
+        if not any(fnmatchcase(name, pattern) for name in free):
+            yield _unknown(("fit", "profile", i), "identified parameter", pattern, list(free))
+
+
+def _groups(study: Study, configurations: list[str]) -> Iterator[Problem]:
+    """Robots and other groups hold configurations that there are; where robots are named, each is of one."""
+    given: list[tuple[KeyPath, Sequence[str]]] = [
+        (("fit", "robots", robot), names) for robot, names in study.fit.robots.items()
+    ]
+    for key, wish in study.fit.parameters.items():
+        per = wish.per if isinstance(wish.per, dict) else {}
+        given += [(("fit", "parameters", key, "per", group), names) for group, names in per.items()]
+        base, _, one = key.partition(OF)
+        each = any(
+            p.per == "configuration" for k, p in study.fit.parameters.items() if fnmatchcase(k, base) or k == base
+        )
+        if one and each and not any(fnmatchcase(name, one) for name in configurations):
+            yield _unknown(("fit", "parameters", key), "configuration", one, configurations)
+    for path, names in given:
+        try:
+            check_file_name(str(path[-1]))
+        except ValueError as error:
+            yield Problem(path, str(error), at_key=True)
+        for i, name in enumerate(names):
+            if name not in configurations:
+                yield _unknown((*path, i), "configuration", name, configurations)
+    measured = {name for names in study.fit.robots.values() for name in names}
+    missing = [name for name in study.experiment.configurations if name not in measured]
+    if study.fit.robots and missing:
+        problem = f"configuration {', '.join(missing)} is of none of these robots; name it at the one that it is of"
+        yield Problem(("fit", "robots"), problem, at_key=True)
 
 
 def _inputs(study: Study) -> list[str]:

@@ -63,7 +63,8 @@ def read_source(path: Path, name: str, rank: int = 0) -> Source:
     except FileNotFoundError:
         raise StudyError(f"{name}: no such file") from None
     except OSError as error:
-        raise StudyError(f"{name}: cannot be read ({error.strerror})") from None
+        folder = f"; name the study in it, such as {name}/study.yml" if path.is_dir() else ""
+        raise StudyError(f"{name}: cannot be read ({error.strerror}){folder}") from None
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -18,7 +18,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import weigh
 from elastid.response import FrequencyResponse
-from elastid.validation.frequency import Agreement
+from elastid.validation.frequency import Agreement, are_white
 
 # A cost this far from the expected one, relative, beyond its own scatter needs a reason.
 TOLERANCE = 0.1
@@ -102,7 +102,8 @@ def cost_words(
         )
     margin = TOLERANCE + 3 * math.sqrt(2 / max(result.dof, 1))
     if abs(ratio - 1) <= margin:
-        coloured = [a.configuration for a in agreements if a.configuration in names and not a.is_white]
+        fitted = [a for a in agreements if a.configuration in names]
+        coloured = [] if are_white(fitted) else [a.configuration for a in fitted if not a.is_white]
         though = f", though the residuals of {', '.join(coloured)} hang together along frequency" if coloured else ""
         return f"{beside}: these data show nothing that the model lacks{though}."
     if ratio < 1:
@@ -121,7 +122,7 @@ def cost_words(
 
 def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
     """What kind of residuals these are, and so what is the matter."""
-    if not all(agreement.is_white for agreement in agreements):
+    if not are_white(agreements):
         return (
             "They hang together along frequency, so the model lacks something that these data show, such as a mode, or "
             "a number that was taken as known"

@@ -19,7 +19,15 @@ from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen
 from elastid.errors import StudyError
 from elastid.response import FrequencyResponse
 from elastid.validation.folds import Fold, carries_over
-from elastid.validation.noise import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality, sigma_of
+from elastid.validation.noise import (
+    NORMAL_BELOW,
+    above_2sigma,
+    autocorrelation,
+    coloured_by_chance,
+    inside_expected,
+    normality,
+    sigma_of,
+)
 from elastid.validation.replay import Replay
 from elastid.validation.resonances import PROMINENCE_DB, antiresonances, matched, resonances
 
@@ -32,6 +40,9 @@ _ARRAYS = (
     "rms_sigma",
     "normality",
 )
+
+# Standard deviations that chance exceeds once in a hundred times.
+CHANCE = 2.326
 
 Kind: TypeAlias = Literal["resonance", "antiresonance"]
 FINDERS: dict[Kind, Callable[..., FloatArray]] = {"resonance": resonances, "antiresonance": antiresonances}
@@ -62,6 +73,7 @@ class Agreement:
     given its degrees of freedom.  autocorrelation, autocorrelation_bound (3, n_y, n_u): of E / sigma at lags
     of 1 to 3 lines, and what a white residual stays below with 95 % probability.  rms_sigma: of E / sigma, 1 for a
     true model.  normality: Anderson and Darling's statistic of E / sigma, below NORMAL_BELOW for 95 % of normal ones.
+    coloured_std: by how much `coloured` scatters where the residuals are white.
     NaN where nothing can be said.
     """
 
@@ -79,6 +91,7 @@ class Agreement:
     rms_sigma: FloatArray
     normality: FloatArray
     peaks: tuple[Peak, ...]
+    coloured_std: float = math.nan
 
     def __post_init__(self) -> None:
         """Freeze the arrays."""
@@ -124,13 +137,24 @@ class Agreement:
     @property
     def is_white(self) -> bool:
         """Whether no more autocorrelations are beyond their bound than chance allows once in a hundred times."""
-        n = int(np.isfinite(self.autocorrelation).sum())
-        return n == 0 or n * self.coloured <= 0.05 * n + 2.326 * math.sqrt(0.05 * 0.95 * n)
+        return are_white([self])
 
     def worst(self, kind: Kind) -> Peak | None:
         """The resonance or antiresonance whose modelled frequency is furthest off; None where none could be matched."""
         found = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
         return max(found, key=lambda peak: abs(peak.error_percent), default=None)
+
+
+def are_white(agreements: Sequence[Agreement]) -> bool:
+    """The same of several configurations together: chance gets one in a hundred, however many they are."""
+    tests = np.array([np.isfinite(one.autocorrelation).sum() for one in agreements], dtype=float)
+    share = np.array([one.coloured for one in agreements])
+    std = np.array([one.coloured_std for one in agreements])
+    some = tests > 0
+    independent = np.sqrt(0.05 * 0.95 / np.maximum(tests, 1))
+    scatter = tests * np.where(np.isfinite(std), np.maximum(std, independent), independent)
+    beyond = float(np.sum(tests[some] * (share[some] - 0.05)))
+    return beyond <= CHANCE * float(np.sqrt(np.sum(scatter[some] ** 2)))
 
 
 @dataclass(frozen=True)
@@ -207,6 +231,7 @@ def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
         rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
         normality=normality(e, dof),
         peaks=_peaks(measured, modelled, sigma),
+        coloured_std=coloured_by_chance(e),
     )
 
 
@@ -289,7 +314,7 @@ def _noise_clause(agreements: Sequence[Agreement]) -> str:
     expected = np.mean([a.inside_expected for a in agreements])
     if not np.isfinite(inside):
         return ""
-    white = all(a.is_white for a in agreements)
+    white = are_white(agreements)
     meaning = "no more than the noise" if inside >= expected - 0.05 and white else "more than the noise explains"
     share = f"{100 * inside:.0f} % of the lines lie within 2 sigma ({100 * expected:.0f} % expected)"
     return f"; {share}{'' if white else ' and the residuals are coloured'}, {meaning}"

@@ -14,6 +14,8 @@ from elastid.response import Covariance, FrequencyResponse
 LAGS = (1, 2, 3)
 # The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
 NORMAL_BELOW = 0.752
+# Random phases drawn for what chance does to the autocorrelations.
+TURNS = 400
 # Fewer numbers tell nothing about the shape of their distribution.
 _ENOUGH = 16
 
@@ -66,6 +68,27 @@ def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
     r = np.stack([np.abs((e[:-lag].conj() * e[lag:]).sum(axis=0)) for lag in LAGS]) / total
     variance = np.stack([(power[:-lag] * power[lag:]).sum(axis=0) for lag in LAGS]) / total**2
     return r, np.sqrt(-math.log(0.05) * variance)
+
+
+def coloured_by_chance(e: ComplexArray) -> float:
+    """Standard deviation of the share of autocorrelations beyond their bound, of white residuals like e (F, n_y, n_u).
+
+    Elements that err together, as all outputs of one experiment do, are beyond it together. So every line is turned by
+    a random phase, the same for all elements: that leaves magnitudes and correlations between elements as they are,
+    and nothing along frequency.
+    """
+    power = np.abs(e) ** 2
+    some = np.any(power > 0, axis=0)
+    if not some.any():
+        return math.nan
+    rng = np.random.default_rng(0)
+    turns = np.exp(2j * np.pi * rng.random((TURNS, len(e))))
+    beyond = np.zeros(TURNS)
+    for lag in LAGS:
+        product = (e[:-lag].conj() * e[lag:])[:, some]
+        bound = np.sqrt(-math.log(0.05) * np.sum(np.abs(product) ** 2, axis=0))
+        beyond += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) > bound, axis=1)
+    return float(beyond.std() / (len(LAGS) * some.sum()))
 
 
 def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:

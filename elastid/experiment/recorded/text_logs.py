@@ -89,6 +89,8 @@ def open_text(path: Path, text: TextFormatSpec) -> TextLog:
     first = text.header_lines
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
+    if not any(line.strip() for line in lines):
+        raise DataError(f"{path}: the file is empty; write it again, or name another one")
     if first >= len(numbers):
         raise DataError(
             f"{path}: no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
