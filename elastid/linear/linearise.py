@@ -64,8 +64,8 @@ class Linearisation:
         return not moved or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*moved), 2))
 
     @classmethod
-    def of(cls, model: ElasticModel) -> Linearisation:
-        """Differentiate a model."""
+    def of(cls, model: ElasticModel, follows: bool = False) -> Linearisation:
+        """Differentiate a model; follows: the operating point, too, even where all springs are linear."""
         q, theta = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
         lambda_ = ca.SX.sym("lambda", model.n_c)
         rows, columns = np.tril_indices(model.n_q)
@@ -74,7 +74,7 @@ class Linearisation:
         triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
         slopes = ca.jacobian(ca.vec(triangles), theta)
         shift = None
-        if _moves_with_parameters(model):
+        if _moves_with_parameters(model) or (follows and model.n_c == 0):
             free = free_coordinates(model).tolist()
             to_q = ca.jacobian(ca.vec(triangles), q)[:, free]
             to_theta = ca.jacobian(model.potential_gradient(q, theta)[free], theta)
