@@ -25,8 +25,8 @@ Together: `fit` (weights, residuals, solver, multistart, certainty), `validation
 
 The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance`, `planning`, `imported` and `stages`
 (file to value to file, what is current), `validating` (what the stage of that name does), `comparing` (models on
-the same responses), `searching` (where the elasticity sits), `outcome` (summary.json), `console`, `overview`,
-`inspection`, `scaffold`, `tables` (what people see) and `cli`.
+the same responses), `searching` (where the elasticity sits), `outcome` (summary.json, validation.json), `console`,
+`overview`, `inspection`, `scaffold`, `tables` (what people see) and `cli`.
 
 The names below are those that a notebook needs; they are loaded when they are first used.
 """

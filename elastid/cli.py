@@ -210,7 +210,7 @@ def fit(study: Path, **options: Any) -> None:
 @_study
 @_stage_options
 def validate(study: Path, **options: Any) -> None:
-    """Judge the fit on left-out configurations and by its residuals: validation.h5."""
+    """Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json."""
     _only("validate", study, options)
 
 
@@ -247,15 +247,15 @@ def export(study: Path, target: str, **options: Any) -> None:
 
 @cli.command()
 @click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
-@click.option("--search", is_flag=True, help="Search for the elastic joints that the responses ask for.")
+@click.option("--search", is_flag=True, help="Search for what gives way: gears, joints and rods.")
 @_stage_options
 def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
     """Rank models on the responses of the first study by what they predict where they were not fitted: compare.json.
 
     The models are those of the study's section `compare` (by default the robot without motor coupling, and without each
     elastic joint that is not driven), and those of further studies. With --search they are those that a search meets
-    which begins with the driven joints alone and frees or stiffens one further elastic joint at a time, as long as the
-    left-out error falls by more than its standard error and the information criterion with it.
+    which begins with the gears of the driven joints alone and frees or stiffens one gear, further elastic joint or rod
+    at a time: what is free must lower the left-out error by more than its standard error, and the criterion with it.
     """
     if search and len(studies) > 1:
         raise click.UsageError(f"--search takes one study, and there are {len(studies)}; leave it out, or the others")

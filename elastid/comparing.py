@@ -12,21 +12,20 @@ import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path
 
 from elastid import stages
 from elastid.errors import StudyError
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
-from elastid.parallel import unordered
+from elastid.parallel import in_order, resumed
 from elastid.report.numbers import number
 from elastid.response import FrequencyResponse
 from elastid.robot.variants import further_elastic, stiffened, without_motor_coupling
 from elastid.run import Run
-from elastid.store import read_responses
-from elastid.store.comparison import read_refit, write_comparison, write_refit
+from elastid.store import Finished, read_responses
+from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.comparison import Comparison, Refit, Task, Variant, folds, for_robot, held, ranked, refit
 from elastid.validation.spec import VariantSpec
@@ -124,7 +123,7 @@ def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
     stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
     reasons: dict[ModelVariant, bool] = {
         "rigid_loop": stretches or bends,
-        "constant_stiffness": stretches,
+        "constant_stiffness": stretches and not named_geometry(study.fit.parameters, robot),
         "series_stiffness": stretches,
         "bending_outside": bends,
         "lumped_rod": any(rod.mass > 0 or rod.inertia > 0 for rod in rods),
@@ -149,7 +148,8 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
     if study.model != own.model:
         fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
-    return Variant(spec.name, robot, fit, study.model)
+    # Independent coordinates are a choice for the study's own robot, and without influence on its response.
+    return Variant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
 def _weighed_as(own: Study, other: Study) -> FitSpec:
@@ -165,25 +165,17 @@ def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyR
     names = [response.configuration.name for response in responses]
     parts = ((), *folds(names, run.study.compare.folds))
     tasks = [Task(variant, part, run.study.seed) for variant in models for part in parts]
-    folder = run.folder / PARTIAL
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{_key(task, run)}.json" for task in tasks]
-    done: dict[Path, Refit | None] = {path: read_refit(path) for path in paths}
-    missing = [i for i, path in enumerate(paths) if done[path] is None]
-    if len(missing) < len(tasks):
-        run.console.say(f"compare: going on, {len(tasks) - len(missing)} of {len(tasks)} fits are there")
+    finished, keys = Finished(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
+    there = sum(key in finished for key in keys)
+    if there:
+        run.console.say(f"compare: going on, {there} of {len(tasks)} fits are there")
     with run.console.progress("compare") as progress:
-        todo = [tasks[i] for i in missing]
-        for index, result in unordered(partial(refit, responses), todo, run.jobs, progress):
-            done[paths[missing[index]]] = result
-            write_refit(paths[missing[index]], result)
-    results = [each for path in paths if (each := done[path]) is not None]
+        results = in_order(resumed(partial(refit, responses), tasks, keys, finished, run.jobs, progress))
     n = len(parts)
     return [results[i * n : (i + 1) * n] for i in range(len(models))]
 
 
 def _key(task: Task, run: Run) -> str:
-    """What the result of a fit hangs on."""
-    stamp = run.stamps["estimate"]
-    document = [asdict(task), stamp.inputs, stamp.code]
-    return hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]
+    """Of the result of a fit, with what it hangs on beside the code."""
+    document = [asdict(task), run.stamps["estimate"].inputs]
+    return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"

@@ -1,4 +1,4 @@
-"""What an identification ends with: truth, modes, and summary.json, which keeps its form (schema 1)."""
+"""What an identification ends with: truth, modes, and summary.json and validation.json, both of a fixed form."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from elastid.report.mode_words import load_name, spring_names
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
 from elastid.study import Study
-from elastid.validation.frequency import Agreement
+from elastid.validation.frequency import Agreement, Validation
+from elastid.validation.replay import Replay
 
 CORRELATED = 0.9
 
@@ -38,27 +39,29 @@ def truth(study: Study) -> dict[str, float] | None:
     simulated = study.experiment.simulated
     if simulated is None:
         return None
-    numbers = {name: value for name, (value, _) in study.robot.parameters().items()} | {DELAY: 0.0}
+    robot = study.robot
+    numbers = {name: value for name, (value, _) in robot.parameters(robot.geometry).items()} | {DELAY: 0.0}
     # Dry friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
     rough = {law.place for law in frictions(study.robot)}
     sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
-    rigid = {joint.name for joint in study.robot.driven if not joint.is_flexible}
+    rigid = {joint.name for joint in study.robot.driven if joint not in study.robot.flexible}
     sticking |= {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
 
 
 def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
     """The modes of the fitted model with its motors free, configuration by configuration."""
-    linearisation = Linearisation.of(formulate(study.robot, study.model))
+    linearisation = Linearisation.of(formulate(study.robot, study.model, result.parameters.names))
     models = linearised(linearisation, responses, result.parameters, result.x)
     return tuple(_mode_row(linearisation.model, model, result) for model in models)
 
 
 def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
     """Frequencies and damping, who moves, where the energy is, and the robot's sticks."""
-    robot, configuration = elastic.robot, model.configuration
+    configuration = model.configuration
     theta = result.theta_of(configuration.name)
+    robot = elastic.robot_at(theta[:-1])
     found = modes(model, theta)
     sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
     shapes, point = shapes_of_all(model, found.shapes), equilibrium(elastic, theta[:-1], configuration)
@@ -80,7 +83,8 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
 
 def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:
     """Standard deviation (F, n_y, n_u) of the fitted model beside each response, by that of its parameters."""
-    models = linearised(Linearisation.of(formulate(study.robot, study.model)), responses, result.parameters, result.x)
+    equations = formulate(study.robot, study.model, result.parameters.names)
+    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
     return tuple(
         response_deviation(model, response.freq_hz, result.parameters, result.x, result.covariance)[1]
         for model, response in zip(models, responses, strict=True)
@@ -161,6 +165,58 @@ def interrupted(study: Study, ends: Sequence[Start]) -> dict[str, Any]:
         for p in parameters.free
     }
     return best | {"status": "interrupted", "cost": _number(ends[0].cost), "parameters": rows}
+
+
+def validation_summary(study: Study, validation: Validation) -> dict[str, Any]:
+    """The content of validation.json: what validation.h5 says, but for its curves.
+
+    configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
+    row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
+    the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
+    turn; verdict, cost, replayed and folded: the same in words.
+    """
+    return {
+        "schema": 1,
+        "study": study.name,
+        "verdict": validation.verdict,
+        "cost": validation.cost,
+        "configurations": [
+            {
+                "configuration": agreement.configuration,
+                "left_out": bool(agreement.left_out),
+                "rms_log_db": _number(agreement.overall_rms_log_db),
+                "phase_rms_deg": _number(agreement.overall_phase_rms_deg),
+                "inside_2sigma": _number(agreement.overall_inside_2sigma),
+                "inside_2sigma_expected": _number(agreement.inside_expected),
+            }
+            for agreement in validation.configurations
+        ],
+        "replayed": validation.replayed,
+        "replays": [_replay(replay) for replay in validation.replays],
+        "folded": validation.folded,
+        "folds": [
+            {
+                "configuration": fold.configuration,
+                "misfit": _number(fold.misfit),
+                "rms_log_db": _number(fold.rms_log_db),
+                "phase_rms_deg": _number(fold.phase_rms_deg),
+                "message": fold.message,
+            }
+            for fold in validation.folds
+        ],
+    }
+
+
+def _replay(replay: Replay) -> dict[str, Any]:
+    return {
+        "configuration": replay.configuration,
+        "quantity": replay.quantity,
+        "band_hz": _numbers(replay.band_hz),
+        "records": list(replay.records),
+        "outputs": list(replay.outputs),
+        "fit_percent": [_numbers(row) for row in replay.fit_percent.tolist()],
+        "reachable_percent": [_numbers(row) for row in replay.reachable_percent.tolist()],
+    }
 
 
 def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:

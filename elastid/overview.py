@@ -59,7 +59,10 @@ def _nonlinear(study: Study) -> Iterator[str]:
 
 
 def _unknowns(study: Study) -> Iterator[str]:
-    parameters = choose(study.fit, study.robot)
+    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    robots = [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]
+    if robots:
+        yield f"{_plural(len(robots), 'robot')} of this type: {', '.join(robots)}"
     yield _count(parameters.free, "unknown")
     rows = [("  name", "start", "lower", "upper", "unit")]
     rows += [("  " + p.name, _g(p.value), _g(p.lower), _g(p.upper), p.unit + _prior(p)) for p in parameters.free]

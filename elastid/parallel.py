@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import pickle
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -58,6 +58,31 @@ def unordered(
         for done, future in enumerate(as_completed(futures), start=1):
             yield futures[future], future.result()
             progress(done, len(items))
+
+
+def resumed(
+    function: Callable[[Item], Value],
+    items: Sequence[Item],
+    names: Sequence[str],
+    finished: MutableMapping[str, Value],
+    jobs: int,
+    progress: Progress = silent,
+) -> Iterator[tuple[int, Value]]:
+    """`unordered` of what is not in `finished` under the names of the items, after all that is; the rest goes there.
+
+    So work that was stopped goes on where it was, if `finished` outlives it.
+    """
+    there = [index for index, name in enumerate(names) if name in finished]
+    todo = sorted(set(range(len(items))) - set(there))
+    for index in there:
+        yield index, finished[names[index]]
+
+    def with_those(done: int, total: int) -> None:
+        progress(done + len(there), total + len(there))
+
+    for place, value in unordered(function, [items[index] for index in todo], jobs, with_those):
+        finished[names[todo[place]]] = value
+        yield todo[place], value
 
 
 @contextmanager
@@ -128,8 +153,12 @@ def ordered(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
 ) -> list[Value]:
     """[function(item) for item in items], computed by several processes."""
-    results = dict(unordered(function, items, jobs, progress))
-    return [results[index] for index in range(len(items))]
+    return in_order(unordered(function, items, jobs, progress))
+
+
+def in_order(results: Iterable[tuple[int, Value]]) -> list[Value]:
+    """The values of (index, value), the first index first."""
+    return [value for _, value in sorted(results, key=lambda result: result[0])]
 
 
 # What this process works out of one item after the other, where it is a worker.

@@ -236,10 +236,26 @@ class ParameterSet:
     def with_values(self, values: Mapping[str, float]) -> ParameterSet:
         """The same set starting from other SI values."""
         for name in values:
-            self.index(name)
+            self[name]
         return ParameterSet(
             tuple(replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
         )
+
+    def with_means(self, x: FloatArray) -> ParameterSet:
+        """The same, but what stands only in configurations with one of their own is the mean of these at x (n_x,).
+
+        In the solver's variable: a geometric mean of logarithmic ones. It is for configurations not fitted.
+        """
+        at = self.as_dict(x)
+
+        def of(p: Parameter) -> Parameter:
+            own = [other for other in self.parameters if other.only and other.stands_for == p.name]
+            if p.free or p.tie is not None or p.only or not own:
+                return p
+            mean = sum(p.to_x(at[other.name]) for other in own) / len(own)
+            return replace(p, value=math.exp(mean) if p.log else mean)
+
+        return ParameterSet(tuple(of(p) for p in self.parameters))
 
     def as_dict(self, x: FloatArray | None = None) -> dict[str, float]:
         """Names to SI values, at the start or at x; ratios and stand-ins at the end."""

@@ -14,12 +14,13 @@ from elastid.store import Stamp
 from elastid.study import LoadedStudy, Study
 from elastid.study.design_checks import responses_file
 
-# The sections of a study that each stage reads; what an earlier stage has read comes with its result.
+# The sections of a study that each stage reads, or single keys of one; what an earlier stage has read comes with its
+# result.
 _SECTIONS = {
     "design": ("seed", "robot", "excitation", "experiment", "design", "model"),
     "measure": ("seed", "robot", "excitation", "experiment"),
     "estimate": ("estimator",),
-    "fit": ("name", "seed", "robot", "model", "fit", "validation"),
+    "fit": ("name", "seed", "robot", "model", "fit", "validation.left_out"),
     "validate": ("robot", "model", "validation"),
     "report": ("name", "report"),
 }
@@ -56,7 +57,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     for stage in stages_of(study):
         # What the stages that a study lacks would have read is read by its first one.
         names = dict.fromkeys((*(_SECTIONS["measure"] if stage == first else ()), *_SECTIONS[stage]))
-        document: list[object] = [stage, [sections[name] for name in names]]
+        document: list[object] = [stage, [_read(sections, name) for name in names]]
         # A plan without choice holds nothing that its own sections do not tell; its forecast is no matter to the rig.
         before = () if stage == "measure" and not _is_for_the_fit(study) else upstream(study, stage)
         document += [inputs[name] for name in before]
@@ -77,6 +78,12 @@ def data_files(study: Study) -> tuple[str, ...]:
     files = [path for file in (recorded.files if recorded else ()) for path in (file.path, *file.also)]
     files += [file.path for file in (responses.files if responses else ())]
     return tuple(dict.fromkeys(files))
+
+
+def _read(sections: dict[str, Any], name: str) -> Any:
+    """A section, or one key of it."""
+    section, _, key = name.partition(".")
+    return sections[section][key] if key else sections[section]
 
 
 def _foretold_with(loaded: LoadedStudy, sections: dict[str, Any]) -> list[object]:

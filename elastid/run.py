@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,8 +14,8 @@ from pathlib import Path
 from elastid import __version__
 from elastid.console import Console
 from elastid.errors import StudyError
-from elastid.provenance import stages_of, stamps, upstream
-from elastid.store import Stamp, read_stamp, remove_leftovers
+from elastid.provenance import file_hash, stages_of, stamps, upstream
+from elastid.store import Finished, Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 ARTEFACTS = {
@@ -24,7 +26,8 @@ ARTEFACTS = {
     "validate": "validation.h5",
     "report": "report.html",
 }
-SUMMARY = "summary.json"
+# The machine-readable end of a stage, beside its file.
+SUMMARIES = {"fit": "summary.json", "validate": "validation.json"}
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,17 @@ class Run:
         """The file in which a stage leaves its result."""
         return self.folder / ARTEFACTS[stage]
 
+    def summary(self, stage: str) -> Path:
+        """The file in which programs read how a fit or its validation ended."""
+        return self.folder / SUMMARIES[stage]
+
+    def finished(self, stage: str) -> Finished:
+        """What a stage had finished when it was stopped: of this study, by this code, from the very files it reads."""
+        stamp, files = self.stamps[stage], [file_hash(self.path(name)) for name in upstream(self.study, stage)]
+        folder = self.path(stage).with_suffix(".partial")
+        remove_leftovers(folder)
+        return Finished(folder, hashlib.sha256(json.dumps([stamp.inputs, stamp.code, files]).encode()).hexdigest())
+
     def is_current(self, stage: str) -> bool:
         """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""
         wanted = self.stamps[stage]
@@ -63,7 +77,7 @@ class Run:
         found = read_stamp(self.path(stage))
         if found is None or (found.inputs, found.code) != (wanted.inputs, wanted.code):
             return False
-        return stage != "fit" or (self.folder / SUMMARY).is_file()
+        return stage not in SUMMARIES or self.summary(stage).is_file()
 
     def require(self, stage: str) -> None:
         """Refuse to go on without the results that a stage reads; StudyError says which command makes them."""

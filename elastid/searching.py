@@ -1,7 +1,8 @@
 """compare --search: where the elasticity of a study's robot sits, step by step; file -> value -> file.
 
-The models that the search meets are ranked as those of any comparison, in the same compare.json; an interrupted search
-finds its finished fits again and goes the same way.
+It searches among all that `robot.variants` finds elastic: gears, joints without a motor, rods. The models that it meets
+are ranked as those of any comparison, in the same compare.json; an interrupted search finds its finished fits again and
+goes the same way.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ from dataclasses import replace
 
 from elastid.comparing import finish, refitted, variant
 from elastid.errors import StudyError
+from elastid.model.parallel_linkage.approximations import unseen
 from elastid.report.numbers import number
-from elastid.robot.variants import further_elastic
+from elastid.response import FrequencyResponse
+from elastid.robot.variants import elastic_coordinates
 from elastid.run import Run
 from elastid.store import read_responses
-from elastid.study import LoadedStudy
+from elastid.study import LoadedStudy, Study
 from elastid.validation.comparison import Refit, Row, Variant, ranked
 from elastid.validation.search import Elastic, Trial, found_words, search
 from elastid.validation.spec import VariantSpec
@@ -29,7 +32,7 @@ def search_elasticity(run: Run) -> None:
     """
     run.require("fit")  # reads what a search reads
     with run.logged():
-        coordinates = _coordinates(run.loaded)
+        coordinates, start = _coordinates(run.loaded)
         responses = read_responses(run.path("estimate"))
         names = [response.configuration.name for response in responses]
         if len(names) < 2:
@@ -41,20 +44,19 @@ def search_elasticity(run: Run) -> None:
 
         def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, Row]:
             # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
-            new = [model for model in dict.fromkeys((coordinates, *models)) if model not in met]
-            made = [_model(run.loaded, coordinates, model) for model in new]
-            met.update(zip(new, zip(made, refitted(run, made, responses), strict=True), strict=True))
+            new = [model for model in dict.fromkeys((everything, *models)) if model not in met]
+            met.update(_fitted(run, coordinates, start, new, responses))
             rows = ranked(names, *zip(*met.values(), strict=True)).rows
             by_name = {row.name: row for row in rows}
             return {model: by_name[of.name] for model, (of, _) in met.items()}
 
-        trials = []
-        for trial in search(coordinates, fitted):
+        everything, trials = tuple(coordinates), []
+        for trial in search(everything, fitted, start):
             trials.append(trial)
             if trial.taken:
                 run.console.say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
         comparison = ranked(names, *zip(*met.values(), strict=True))
-        verdict = f"{found_words(coordinates, trials)} {comparison.verdict}"
+        verdict = f"{found_words(everything, trials, start)} {comparison.verdict}"
         run.console.table(trial_table(trials))
         finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
 
@@ -69,24 +71,49 @@ def trial_table(trials: Sequence[Trial]) -> list[list[str]]:
     return rows
 
 
-def _coordinates(loaded: LoadedStudy) -> Elastic:
-    coordinates = further_elastic(loaded.study.robot)
+def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
+    """What can be elastic or rigid, label to name, and the labels of what is elastic to begin with: the gears."""
+    robot, unknown = loaded.study.robot, unseen(loaded.study.robot, loaded.study.model.variant)
+    coordinates = [each for each in elastic_coordinates(robot) if f"k_{each.name}" not in unknown]
     if not coordinates:
         raise StudyError(
-            f"{loaded.path}: every elastic joint of robot {loaded.study.robot.name} is driven, so there is nothing to "
-            "search among; give it joints with a spring and no motor wherever it may give way"
+            f"{loaded.path}: nothing of robot {robot.name} is elastic, so there is nothing to search among; give "
+            "springs to gears, to joints without a motor, and stiffness to rods wherever it may give way"
         )
-    return coordinates
+    start = tuple(each.label for each in coordinates if each.kind == "gear")
+    return {each.label: each.name for each in coordinates}, start
 
 
-def _model(loaded: LoadedStudy, coordinates: Elastic, elastic: Elastic) -> Variant:
-    """The study's model with these of its coordinates elastic."""
-    rigid = tuple(name for name in coordinates if name not in elastic)
-    name = f"{', '.join(elastic)} elastic" if elastic else "driven joints alone"
-    try:
-        return variant(loaded, VariantSpec(name if rigid else loaded.study.name, rigid=rigid))
-    except StudyError as error:
-        raise StudyError(f"search: {name}: {error}") from None
+def _fitted(
+    run: Run,
+    coordinates: Mapping[str, str],
+    start: Elastic,
+    models: Sequence[Elastic],
+    responses: Sequence[FrequencyResponse],
+) -> Mapping[Elastic, tuple[Variant, Sequence[Refit]]]:
+    """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
+    made: dict[Elastic, Variant] = {}
+    cannot: dict[Elastic, tuple[Variant, Sequence[Refit]]] = {}
+    for model in models:
+        name, rigid = _name(run.study, coordinates, start, model), [c for c in coordinates if c not in model]
+        try:
+            made[model] = variant(run.loaded, VariantSpec(name, rigid=tuple(coordinates[label] for label in rigid)))
+        except StudyError as error:
+            if model in (start, tuple(coordinates)):
+                raise StudyError(f"search: {name}: {error}") from None
+            own = Variant(name, run.study.robot, run.study.fit, run.study.model)
+            cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
+    fits = refitted(run, list(made.values()), responses)
+    return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot
+
+
+def _name(study: Study, coordinates: Mapping[str, str], start: Elastic, model: Elastic) -> str:
+    """What is elastic in a model beyond the gears, and which gears are not."""
+    if len(model) == len(coordinates):
+        return study.name
+    further, rigid = [c for c in model if c not in start], [c for c in start if c not in model]
+    words = [f"{', '.join(further)} elastic"] if further else ["driven joints alone"]
+    return ", ".join([*words, *([f"{', '.join(rigid)} rigid"] if rigid else [])])
 
 
 def _move(trial: Trial) -> str:

@@ -27,14 +27,15 @@ from elastid.fit.result import FitResult
 from elastid.frf.estimators import estimate as estimate_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.imported import imported_responses
-from elastid.outcome import failure, interrupted, model_std_of, modes_of, summary, truth
+from elastid.outcome import failure, interrupted, model_std_of, modes_of, summary, truth, validation_summary
 from elastid.parallel import unordered
 from elastid.planning import brief_of
 from elastid.record import Record
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
-from elastid.run import SUMMARY, Run
+from elastid.run import Run
 from elastid.store import (
+    Finished,
     Stamp,
     read_configurations,
     read_fit,
@@ -173,10 +174,16 @@ def _from_records(run: Run) -> list[FrequencyResponse]:
 
 
 def fit(run: Run) -> None:
-    """fit.h5 and summary.json; a fit that found nothing leaves a summary that says why, and raises FitError."""
+    """fit.h5 and summary.json; a fit that found nothing leaves a summary that says why, and raises FitError.
+
+    One that is stopped leaves what it has finished in fit.partial, from where the next goes on.
+    """
     study, left_out = run.study, run.study.validation.left_out
     responses = read_responses(run.path("estimate"))
     fitted = [response for response in responses if response.configuration.name not in left_out]
+    if not run.is_current("validate"):  # of another fit; nobody is to read it beside this one's summary
+        run.summary("validate").unlink(missing_ok=True)
+    finished = _taken_up(run, "fit")
     try:
         with run.console.progress("fit") as progress:
             result = identify(
@@ -187,40 +194,54 @@ def fit(run: Run) -> None:
                 seed=study.seed,
                 jobs=run.jobs,
                 progress=progress,
+                finished=finished,
             )
     except FitError as error:
-        _write_summary(run, failure(study, str(error)))
+        _write_summary(run, "fit", failure(study, str(error)))
+        finished.clear()
         raise
     except Interrupted as stop:
-        _write_summary(run, interrupted(study, stop.ends))
+        _write_summary(run, "fit", interrupted(study, stop.ends))
+        run.console.say(f"fit: stopped, {finished.words or 'no start'} done and kept")
         raise
-    _write_summary(run, _summary(run, result, responses))
+    _write_summary(run, "fit", _summary(run, result, responses))
     write_fit(run.path("fit"), result, run.stamps["fit"])
+    finished.clear()
     _pass_on(run, result.warnings)
     run.console.say(f"fit: {result.message}")
 
 
 def validate(run: Run) -> None:
-    """validation.h5: how far the fitted model carries, on left-out configurations if there are any."""
+    """validation.h5 and validation.json: how far the fitted model carries, on left-out configurations if any."""
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
+    finished = _taken_up(run, "validate")
     with run.console.progress("validate") as progress:
-        validation = validated(run, responses, result, progress)
+        validation = validated(run, responses, result, finished, progress)
+    _write_summary(run, "validate", validation_summary(run.study, validation))
     write_validation(run.path("validate"), validation, run.stamps["validate"])
+    finished.clear()
     for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
         if words:
             run.console.say(f"validate: {words}")
 
 
 def export(run: Run, target: str) -> tuple[Path, ...]:
-    """export/<target>/: the identified model for another tool; StudyError where there is no current fit."""
-    from elastid.export.identified import identified
+    """export/<target>/: the identified model for another tool; StudyError where there is no current fit.
+
+    Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
+    """
+    from elastid.export.identified import by_robot
     from elastid.export.targets import TARGETS
 
     run.require("validate")  # reads what an export reads
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     folder = run.folder / "export" / target
     shutil.rmtree(folder, ignore_errors=True)
-    paths = TARGETS[target](folder, identified(run.study.name, run.study.robot, result, responses, run.study.model))
+    models = by_robot(run.study.name, run.study.robot, result, responses, run.study.model)
+    if any(models):
+        each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
+        run.console.say(f"export: a model for each of {', '.join(each)}, which have parameters of their own")
+    paths = tuple(path for label, model in models.items() for path in TARGETS[target](folder / label, model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit is not to be trusted ({result.status.replace('_', ' ')}): {result.message}")
     for path in paths:
@@ -279,7 +300,7 @@ def _conclude(run: Run) -> None:
     """Show what was found; FitError where it cannot be trusted."""
     result = read_fit(run.path("fit"))
     run.console.table(parameter_table(parameter_rows(result, truth(run.study))))
-    for path in (run.path("report"), run.folder / "figures", run.folder / SUMMARY):
+    for path in (run.path("report"), run.folder / "figures", run.summary("fit")):
         if path.exists():
             run.console.say(str(path))
     if result.status not in TRUSTED:
@@ -340,8 +361,16 @@ def _summary(run: Run, result: FitResult, responses: tuple[FrequencyResponse, ..
     return summary(run.study, result, modes_of(run.study, result, responses), agreements, notes)
 
 
-def _write_summary(run: Run, content: dict[str, Any]) -> None:
-    with text_file(run.folder / SUMMARY) as file:
+def _taken_up(run: Run, stage: str) -> Finished:
+    """What the stage had finished when it was stopped, with a word where there is anything."""
+    finished = run.finished(stage)
+    if finished:
+        run.console.say(f"{stage}: going on from {finished.words}")
+    return finished
+
+
+def _write_summary(run: Run, stage: str, content: dict[str, Any]) -> None:
+    with text_file(run.summary(stage)) as file:
         json.dump(content, file, indent=1, allow_nan=False)
         file.write("\n")
 

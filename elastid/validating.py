@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, MutableMapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -11,25 +11,34 @@ from elastid.fit.identify import predict
 from elastid.fit.result import FitResult
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import formulate
-from elastid.parallel import Progress, unordered
+from elastid.parallel import Progress, in_order, resumed
 from elastid.response import FrequencyResponse
 from elastid.run import Run
 from elastid.store import read_configurations, read_records, read_stamp
-from elastid.validation.comparison import Task, Variant, folds, refit
+from elastid.validation.comparison import Refit, Task, Variant, folds, refit
 from elastid.validation.cost import cost_words
 from elastid.validation.folds import Fold, fold_words, folded
 from elastid.validation.frequency import Validation, validate
 from elastid.validation.replay import Replay, replay, replay_words
 
 
-def validated(run: Run, responses: Sequence[FrequencyResponse], result: FitResult, progress: Progress) -> Validation:
-    """How far the fitted model carries, why its cost is what it is, and the records replayed through it."""
+def validated(
+    run: Run,
+    responses: Sequence[FrequencyResponse],
+    result: FitResult,
+    finished: MutableMapping[str, Refit],
+    progress: Progress,
+) -> Validation:
+    """How far the fitted model carries, why its cost is what it is, and the records replayed through it.
+
+    finished: the fits of an earlier validation that was stopped, and where those of this one are kept.
+    """
     study, left_out = run.study, run.study.validation.left_out
     modelled = predict(result, study.robot, responses, study.model)
     judged = validate(responses, modelled, left_out)
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     replays = tuple(_replays(run, responses, result, progress))
-    left_out_in_turn = _folds(run, [Ghat for Ghat, _ in seen], progress)
+    left_out_in_turn = _folds(run, [Ghat for Ghat, _ in seen], finished, progress)
     return replace(
         judged,
         cost=cost_words(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
@@ -40,7 +49,9 @@ def validated(run: Run, responses: Sequence[FrequencyResponse], result: FitResul
     )
 
 
-def _folds(run: Run, responses: Sequence[FrequencyResponse], progress: Progress) -> tuple[Fold, ...]:
+def _folds(
+    run: Run, responses: Sequence[FrequencyResponse], finished: MutableMapping[str, Refit], progress: Progress
+) -> tuple[Fold, ...]:
     """The fit again without each part of the configurations; none where the study asks for none."""
     study = run.study
     parts = folds([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
@@ -48,8 +59,8 @@ def _folds(run: Run, responses: Sequence[FrequencyResponse], progress: Progress)
         return ()
     own = Variant(study.name, study.robot, study.fit, study.model)
     tasks = [Task(own, part, study.seed) for part in parts]
-    done = sorted(unordered(partial(refit, responses), tasks, run.jobs, progress), key=lambda each: each[0])
-    return folded(parts, [each for _, each in done])
+    names = [f"refit-{i}" for i in range(len(tasks))]
+    return folded(parts, in_order(resumed(partial(refit, responses), tasks, names, finished, run.jobs, progress)))
 
 
 def _replays(
@@ -64,7 +75,8 @@ def _replays(
         run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
         return
     study = run.study
-    linearisation, names = Linearisation.of(formulate(study.robot, study.model)), read_configurations(path)
+    equations, names = formulate(study.robot, study.model, result.parameters.names), read_configurations(path)
+    linearisation = Linearisation.of(equations)
     todo = [response for response in responses if response.configuration.name in names]
     for done, response in enumerate(todo):
         progress(done, len(todo))

@@ -16,7 +16,7 @@ import pytest
 
 from elastid import cli, scaffold, stages
 from elastid.interrupt import insisting
-from elastid.run import ARTEFACTS, Run
+from elastid.run import ARTEFACTS, SUMMARIES, Run
 from elastid.store import read_fit
 
 STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
@@ -161,7 +161,7 @@ def test_a_run_ends_with_the_table_and_writes_nowhere_else(
     assert tree(tiny.parent) == study_folder
     written = tree(here)
     assert all(name.startswith("runs/tiny/") for name in written)
-    assert {f"runs/tiny/{name}" for name in (*ARTEFACTS.values(), "summary.json", "run.log")} <= written.keys()
+    assert {f"runs/tiny/{name}" for name in (*ARTEFACTS.values(), *SUMMARIES.values(), "run.log")} <= written.keys()
     for name in ("plan", "records", "frf", "fit", "validation"):
         assert cli.run_command(["inspect", f"runs/tiny/{name}.h5"]) == 0
         assert f"{name}, written by elastid" in capsys.readouterr().out

@@ -11,13 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elastid import cli, comparing, stages
+from elastid.arrays import FloatArray
 from elastid.comparing import compare, variants
 from elastid.console import Console
 from elastid.errors import StudyError
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response
-from elastid.model.serial import serial
+from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Robot
@@ -76,17 +77,26 @@ def study(tmp_path: Path) -> Path:
     return tmp_path / "study.yml"
 
 
-def measured(study: Path, truth: Robot, *overrides: str, seed: int = 0, jobs: int = 1, folder: str = "run") -> Run:
+def measured(
+    study: Path,
+    truth: Robot,
+    *overrides: str,
+    seed: int = 0,
+    jobs: int = 1,
+    folder: str = "run",
+    freq_hz: FloatArray = FREQ,
+    noise: float = 0.02,
+) -> Run:
     """A run whose frf.h5 holds what `truth` does, with 2 % noise."""
     run = Run(load(study, overrides), study.parent / folder, jobs, Console(-1))
-    rng, model, responses = np.random.default_rng(seed), serial(truth), []
+    rng, model, responses = np.random.default_rng(seed), formulate(truth), []
     linearisation = Linearisation.of(model)
     for name, angles in run.study.experiment.configurations.items():
         linear = linearisation.at(Configuration(name, angles), model.theta, truth.motor_locations, "acceleration")
-        exact = to_response(linear, np.append(model.theta, 0.0), FREQ)
-        std = 0.02 * np.abs(exact.G) + 1e-3 * np.abs(exact.G).max(axis=0)
-        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
-        responses.append(replace(exact, G=exact.G + noise, total=Covariance(std**2, np.inf)))
+        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
+        std = noise * np.abs(exact.G) + 1e-3 * np.abs(exact.G).max(axis=0)
+        drawn = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        responses.append(replace(exact, G=exact.G + drawn, total=Covariance(std**2, np.inf)))
     write_responses(run.path("estimate"), responses, run.stamps["estimate"])
     return run
 

@@ -237,7 +237,8 @@ def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
 
 def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     """A damper that the data hardly see: an interval that is not symmetric in the logarithm, with a word."""
-    noisy = [measure(bench(), name, np.random.default_rng(0), relative=0.4) for name in ("c1", "c2")]
+    rng = np.random.default_rng(0)
+    noisy = [measure(bench(), name, rng, relative=0.4) for name in ("c1", "c2")]
     spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
     result = identify(noisy, bench(), spec, seed=1)
     names = result.parameters.free_names
@@ -359,8 +360,10 @@ def test_a_start_that_no_body_can_have_is_named():
 
 def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
     sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
-    response = of_body(sheet, np.random.default_rng(1))
-    both = [replace(response, configuration=Configuration(name, (0.0,))) for name in ("c1", "c2")]
+    both = [
+        replace(of_body(sheet, np.random.default_rng(seed)), configuration=Configuration(f"c{seed}", (0.0,)))
+        for seed in (1, 2)
+    ]
     free = {"I_arm_zz": ParameterSpec(start=0.03, per="configuration"), "k_1": ParameterSpec()}
     result = identify(both, bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), FitSpec(parameters=free, starts=2))
     assert 0.044 < result.values["I_arm_zz@c1"] < 0.045

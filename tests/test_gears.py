@@ -25,6 +25,7 @@ from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Body, GearCoupling, Joint, Motor, Placement, Robot, Spring
+from elastid.robot.variants import stiffened
 from elastid.run import Run
 from elastid.store import read_records
 from elastid.study import load
@@ -204,14 +205,21 @@ def test_gears_that_cannot_be_are_refused(gears, says):
         replace(wrist(), gears=tuple(gears))
 
 
-def test_a_spring_that_would_turn_a_rigid_gear_is_refused():
-    """Motor 5's shaft gives, joint 6 is coupled to it beyond the shaft, but its own gear is rigid."""
-    robot = wrist()
-    stiff = replace(robot.bodies[2], joints=(replace(robot.bodies[2].joints[0], motor=Motor(J[2], RATIO[2])),))
-    with pytest.raises(
-        ValueError, match="where the spring km_4 gives, joint 6 turns too by the coupling, but its gear"
-    ):
-        replace(robot, bodies=(*robot.bodies[:2], stiff))
+def test_a_rigid_shaft_among_elastic_ones_turns_as_the_gears_want_it():
+    """Motor 6's shaft is rigid: against the motor-side formulation with q_m6 = eta_6 q_a by hand."""
+    robot = stiffened(wrist(), ["6"])
+    assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
+    eta, freq_hz = robot.eta, np.array([3.0, 11.0, 40.0])
+    M = scipy.linalg.block_diag(links_inertia(wrist()), np.diag(J))
+    T = np.vstack([np.eye(5), np.r_[eta[2], 0, 0]])  # q_a, q_m4, q_m5 -> q_a, q_m
+    Z = np.hstack([-eta, np.eye(3)])[:2] @ T
+    K, D = Z.T @ np.diag(K_SHAFT[:2]) @ Z, Z.T @ np.diag(D_SHAFT[:2]) @ Z
+    D += T.T @ np.diag(np.r_[np.zeros(3), np.full(3, 1e-4)]) @ T
+    s = 2j * np.pi * freq_hz[:, None, None]
+    G_m = T[3:] @ (s**2 * np.linalg.inv(s**2 * (T.T @ M @ T) + s * D + K)) @ T[3:].T
+    model = linear(robot)
+    G_a = frequency_response(model, model.theta_ref, freq_hz)
+    np.testing.assert_allclose(eta @ G_a @ eta.T, G_m, rtol=1e-9, atol=1e-9 * np.abs(G_m).max())
 
 
 def test_logs_of_coupled_motors_come_to_the_link_side_together():
@@ -282,6 +290,22 @@ def test_a_coupled_wrist_is_simulated_estimated_and_fitted(tmp_path: Path) -> No
         assert low * 0.995 < truth < high * 1.005
         assert high - low < 0.1 * truth
     assert all(row["rms_log_db"] < 1 for row in found["frf_error"])
+
+
+def test_a_coupled_wrist_with_one_rigid_shaft_is_simulated_and_fitted(tmp_path: Path) -> None:
+    """Motor 6 has no spring; where that of motor 5 gives, joint 6 turns along: rig, fit and replay know it."""
+    (tmp_path / "robot.yml").write_text(ROBOT.replace(", spring: {stiffness: 0.5, damping: 1e-3}", ""))
+    (tmp_path / "study.yml").write_text(STUDY.replace(", km_6: 0.4 N*m/rad", ""))
+    run = Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate", "fit", "validate"):
+        stages.only(run, stage)
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert found["status"] == "converged"
+    low, high = found["parameters"]["km_5"]["interval95"]
+    assert low * 0.995 < 1.1 < high * 1.005
+    assert high - low < 0.1
+    replays = json.loads((tmp_path / "run" / "validation.json").read_text())["replays"]
+    assert all(np.min(replay["fit_percent"]) > 90 for replay in replays)
 
 
 def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -> None:

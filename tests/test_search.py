@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from pathlib import Path
 from unittest.mock import create_autospec
 
@@ -13,7 +14,11 @@ from test_compare import ROBOT, STUDY, measured
 from test_report import report_content
 
 from elastid import cli, comparing, searching
+from elastid.comparing import variants
 from elastid.errors import StudyError
+from elastid.linear.linearise import linearise
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
 from elastid.report.page import html
 from elastid.run import Run
 from elastid.searching import search_elasticity, trial_table
@@ -47,7 +52,13 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path,
     search_elasticity(run)
     content = json.loads((run.folder / "compare.json").read_text())
     trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}
-    assert {key: t["taken"] for key, t in trials.items()} == {(1, "1x"): False, (1, "2x"): True, (2, "1x"): False}
+    assert {key: t["taken"] for key, t in trials.items()} == {
+        (1, "1x"): False,
+        (1, "2x"): True,
+        (2, "1x"): False,
+        (2, "gear 1"): False,
+        (2, "gear 2"): False,
+    }
     freed, spurious = trials[1, "2x"], trials[2, "1x"]
     assert -freed["change"] > freed["standard_error"] > 0
     assert freed["criterion"] < -100
@@ -55,8 +66,10 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path,
     assert freed["after"] == spurious["before"] == pytest.approx(0.9, abs=0.15)
     assert freed["n_free"] + 1 == spurious["n_free"]
     assert spurious["change"] == pytest.approx(0, abs=0.05)
-    assert content["verdict"].startswith("Beyond the driven joints the elasticity sits in 2x; 1x can be rigid")
-    assert {row["name"] for row in content["models"]} == {"two", "driven joints alone", "1x elastic", "2x elastic"}
+    assert content["verdict"].startswith("The elasticity sits in gear 1, gear 2, 2x; 1x can be rigid")
+    names = {"two", "driven joints alone", "1x elastic", "2x elastic"}
+    names |= {"2x elastic, gear 1 rigid", "2x elastic, gear 2 rigid"}
+    assert {row["name"] for row in content["models"]} == names
 
 
 def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
@@ -78,7 +91,7 @@ def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
     with pytest.raises(KeyboardInterrupt):
         search_elasticity(stopped)
     search_elasticity(stopped)
-    assert len(calls) == 4 * 3 + 1
+    assert len(calls) == 6 * 3 + 1
     first, second = ((run.folder / "compare.json").read_bytes() for run in (straight, stopped))
     assert first == second
     comparison = read_comparison(stopped.folder / "compare.json", stopped.stamps["estimate"])
@@ -87,9 +100,74 @@ def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
         ["1", "1x free", "3"],
         ["1", "2x free", "4"],
         ["2", "1x free", "5"],
+        ["2", "gear 1 rigid", "3"],
+        ["2", "gear 2 rigid", "3"],
     ]
     page = html(report_content(comparison=comparison), [])
     assert page.count("2x free</td>") == page.count(">taken</td>") == 1
+
+
+LINKAGE = """\
+name: linkage
+robot: robot.yml
+excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 50], torque_rms: 10}
+experiment:
+  configurations: {a: [0, 0], b: [0.5, -0.1], c: [-0.4, 0.4], d: [0.2, 0.9]}
+  simulated: {}
+fit:
+  starts: 6
+  start_factor: 20
+  parameters: {"k_*": {}, k_2: {bounds: [1e4, 1e11]}, k_b2: {bounds: [1e4, 1e11]}, k_rod: {start: 2e7}, d_rod: {}}
+compare: {folds: 2}
+report: {formats: [png]}
+"""
+
+
+@pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal"), (2, "minimal")])
+def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
+    """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
+
+    Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.
+    """
+    shutil.copy(Path(__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    study = tmp_path / "study.yml"
+    study.write_text(LINKAGE)
+    truth = load(study).study.robot.with_parameters({"k_2": 5e8, "k_b2": 2e9})
+    lines = np.linspace(3, 36, 30)
+    run = measured(study, truth, f"model.formulation={formulation}", seed=seed, freq_hz=lines, noise=0.05)
+    search_elasticity(run)
+    content = json.loads((run.folder / "compare.json").read_text())
+    assert content["verdict"].startswith(
+        "The elasticity sits in gear 3, rod rod; gear 2, b2 can be rigid by these data"
+    )
+    assert [(t["becomes"], *t["coordinates"]) for t in content["search"] if t["taken"]] == [
+        ("free", "rod rod"),
+        ("rigid", "gear 2"),
+    ]
+    for trial in content["search"]:
+        if trial["coordinates"] in (["gear 3"], ["rod rod"]):
+            assert abs(trial["change"]) > 2 * trial["standard_error"]
+            assert abs(trial["criterion"]) > 1000
+        else:
+            assert abs(trial["change"]) < 0.2
+            assert abs(trial["criterion"]) < 10
+    names = {row["name"] for row in content["models"]}
+    assert {"linkage", "driven joints alone", "rod rod elastic", "rod rod elastic, gear 2 rigid"} <= names
+
+
+def test_a_model_with_a_rigid_rod_chooses_its_own_coordinates(tmp_path: Path) -> None:
+    """The independent coordinates of the study are too many for it; parameters of the rod are gone from its fit."""
+    shutil.copy(Path(__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    (tmp_path / "study.yml").write_text(LINKAGE)
+    chosen = "[joint 2, joint b2, joint 3, joint elbow, motor 2, motor 3]"
+    options = f"model={{formulation: minimal, independent: {chosen}}}", "compare.variants=[{name: stiff, rigid: [rod]}]"
+    own, stiff = variants(load(tmp_path / "study.yml", options))
+    assert len(own.model.independent) == 6
+    for each, n in ((own, 6), (stiff, 5)):
+        model = formulate(each.robot, each.model)
+        linear = linearise(model, Configuration("a", (0.1, 0.2)), model.theta, model.inputs, "acceleration")
+        assert linear.M.shape == (n, n)
+    assert set(own.fit.parameters) - set(stiff.fit.parameters) == {"k_rod", "d_rod"}
 
 
 NAMES = ("a", "b", "c", "d", "e")
@@ -156,6 +234,23 @@ def test_evidence_must_come_from_several_configurations_and_be_worth_the_paramet
     assert found(trials) == (("a",) if is_found else ())
 
 
+@given(
+    useful=st.sets(st.sampled_from(NAMES)),
+    start=st.sets(st.sampled_from(NAMES)),
+    gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5),
+)
+def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: set[str], gains: list[float]) -> None:
+    """What is elastic to begin with becomes rigid where it helps nothing, and only after all that helps was freed."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    first = tuple(name for name in NAMES if name in start)
+    trials = list(search(NAMES, world(lambda model: rest - sum(gain[name] for name in model) * ADDED), first))
+    assert set(found(trials, first)) == useful
+    taken = [trial for trial in trials if trial.taken]
+    assert [trial.becomes for trial in taken] == ["free"] * len(useful - start) + ["rigid"] * len(start - useful)
+    assert ("can be rigid" in found_words(NAMES, trials, first)) == (useful != set(NAMES))
+
+
 def test_models_without_a_fit_do_not_lead_the_search() -> None:
     """One that can be fitted is better than one that cannot; where there is none, nothing is claimed."""
     fitted = world(lambda model: ADDED if model == ("a",) else ADDED * math.nan)
@@ -175,11 +270,11 @@ def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
     run = measured(study, load(study).study.robot, "fit.parameters={k_1x: {}, d_2x: {}}", folder="further")
     with pytest.raises(StudyError, match=r"search: driven joints alone: fit\.parameters names only what .*k_1x, d_2x"):
         search_elasticity(run)
-    lines = ROBOT.splitlines(keepends=True)
-    (study.parent / "robot.yml").write_text("".join(line for line in lines if "x, axis: x" not in line))
-    springs = 'fit.parameters={"k_*": {}}'
-    run = measured(study, load(study, (springs,)).study.robot, springs, folder="driven")
-    with pytest.raises(StudyError, match="every elastic joint of robot two axes is driven"):
+    lines = [line for line in ROBOT.splitlines(keepends=True) if "x, axis: x" not in line and "spring:" not in line]
+    (study.parent / "robot.yml").write_text("".join(lines))
+    friction = 'fit.parameters={"fm_*": {}}'
+    run = measured(study, load(study, (friction,)).study.robot, friction, folder="stiff")
+    with pytest.raises(StudyError, match="nothing of robot two axes is elastic, so there is nothing to search among"):
         search_elasticity(run)
 
 

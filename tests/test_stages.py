@@ -66,6 +66,8 @@ def edit(path: Path, old: str, new: str) -> None:
     [
         ([], []),
         (["report.formats=[pdf]"], ["report"]),
+        (["validation.folds=2"], ["validate", "report"]),
+        (["compare.folds=2"], ["report"]),
         (["validation.left_out=[b]"], ["design", "fit", "validate", "report"]),  # the plan's forecast, no measurement
         (["fit.starts=3"], ["fit", "validate", "report"]),
         (["estimator.outlier_sigma=7"], ["estimate", "fit", "validate", "report"]),

@@ -1,5 +1,6 @@
 """The stage validate: records replayed, configurations left out in turn, and the cost explained."""
 
+import json
 import math
 import shutil
 from dataclasses import replace
@@ -11,7 +12,7 @@ import pytest
 from elastid import stages
 from elastid.console import Console
 from elastid.fit.spec import FitSpec
-from elastid.outcome import model_std_of, modes_of
+from elastid.outcome import model_std_of, modes_of, validation_summary
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.run import Run
@@ -56,6 +57,52 @@ def test_configurations_are_left_out_in_turn(finished):
     for fold in found.folds:
         assert fold.rms_log_db == pytest.approx(errors[fold.configuration], rel=0.2)
     assert "do not hang on single configurations" in found.folded
+
+
+def test_validation_json_says_what_validation_h5_holds(finished):
+    """Replay in percent, errors of configurations left out in turn, errors of the fit; every number the same."""
+    found = read_validation(finished / "run" / "validation.h5")
+    told = json.loads((finished / "run" / "validation.json").read_text())
+    assert (told["schema"], told["study"], told["verdict"]) == (1, "tiny", found.verdict)
+    assert [(c["configuration"], c["left_out"]) for c in told["configurations"]] == [("a", False), ("b", False)]
+    summary = json.loads((finished / "run" / "summary.json").read_text())
+    keys = ("configuration", "rms_log_db", "phase_rms_deg", "inside_2sigma")
+    assert [{key: c[key] for key in keys} for c in told["configurations"]] == summary["frf_error"]
+    assert [r["fit_percent"] for r in told["replays"]] == [r.fit_percent.tolist() for r in found.replays]
+    assert [r["records"] for r in told["replays"]] == [list(r.records) for r in found.replays]
+    assert told["replayed"] == found.replayed
+    assert [(f["configuration"], f["rms_log_db"]) for f in told["folds"]] == [
+        (f.configuration, f.rms_log_db) for f in found.folds
+    ]
+    assert told["folded"] == found.folded
+
+
+def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path):
+    """Without its JSON file it is done again; a fit to other data takes the old one away, the same fit keeps it."""
+    folder = Path(shutil.copytree(finished, tmp_path / "copy"))
+    run = run_of(folder / "study.yml", folder / "run", "validation.folds=2")
+    assert run.is_current("validate")
+    told = (folder / "run" / "validation.json").read_bytes()
+    (folder / "run" / "validation.json").unlink()
+    assert not run.is_current("validate")
+    stages.run_all(run)
+    assert (folder / "run" / "validation.json").read_bytes() == told
+    stages.only(run, "fit")
+    assert run.is_current("validate")
+    stages.only(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), "fit")
+    assert not (folder / "run" / "validation.json").exists()
+
+
+def test_what_was_not_done_is_empty_and_what_failed_is_null(finished):
+    """No replay without records, no folds unless asked for; a fold without a fit has no number and a reason."""
+    run = run_of(finished / "study.yml", finished / "run")
+    found = read_validation(finished / "run" / "validation.h5")
+    failed = Fold("a", math.nan, math.nan, math.nan, "no start led anywhere")
+    told = validation_summary(run.study, replace(found, replays=(), replayed="", folds=(failed,)))
+    assert (told["replays"], told["replayed"]) == ([], "")
+    assert told["folds"][0]["misfit"] is None
+    assert told["folds"][0]["message"] == "no start led anywhere"
+    assert json.dumps(told, allow_nan=False)
 
 
 def test_without_its_records_a_study_is_still_validated(finished, tmp_path):

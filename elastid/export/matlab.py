@@ -48,7 +48,7 @@ def write_matlab(folder: Path, model: Identified) -> tuple[Path, ...]:
         "parameters": _structs(
             [
                 {"name": p.name, "value": values[p.name], "std": std.get(p.name, 0.0), "unit": p.unit}
-                for p in model.result.parameters
+                for p in model.parameters
             ]
         ),
     }

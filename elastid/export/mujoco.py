@@ -124,6 +124,7 @@ def _inertial(element: ET.Element, body: Body) -> None:
 
 def _hinges(element: ET.Element, joint: Joint) -> None:
     axis = {"axis": _numbers(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
+    axis |= {"pos": _numbers(joint.point)} if any(joint.point) else {}
     armature, friction = 0.0, 0.0
     if joint.motor is not None:
         armature = joint.motor.ratio**2 * joint.motor.inertia

@@ -39,7 +39,7 @@ def _parameters(model: Identified) -> Iterable[Sequence[Any]]:
     result = model.result
     values, std = result.values, result.std
     yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
-    for p in result.parameters:
+    for p in model.parameters:
         lower, upper = result.interval(p.name) if p.name in std else (values[p.name],) * 2
         yield p.name, p.unit, values[p.name], std.get(p.name, 0.0), lower, upper
 

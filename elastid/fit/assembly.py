@@ -61,7 +61,7 @@ class Assembly:
         weights = tuple(weigh(response, spec) for response in responses)
         if spec.weights.normalise:
             weights = normalised(weights, responses)
-        linearisation = Linearisation.of(formulate(robot, model))
+        linearisation = Linearisation.of(formulate(robot, model, parameters.names))
         moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
         if not linearisation.is_affine_in(moved):
             linearisation = Linearisation.of(linearisation.model, follows=True)

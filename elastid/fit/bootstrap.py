@@ -10,9 +10,9 @@ a random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 19
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -21,9 +21,10 @@ from elastid.errors import FitError
 from elastid.fit.elastic import ElasticFit, Part
 from elastid.fit.evidence import correlation_length
 from elastid.fit.residuals import RESIDUALS
+from elastid.fit.result import Start
 from elastid.fit.solvers import FINE, solve
 from elastid.fit.weights import Weights, vec
-from elastid.parallel import Progress, ordered, silent
+from elastid.parallel import Progress, in_order, resumed, silent
 
 Kind: TypeAlias = Literal["parametric", "residual"]
 
@@ -37,15 +38,20 @@ def bootstrap(
     seed: int = 0,
     jobs: int = 1,
     progress: Progress = silent,
+    finished: MutableMapping[str, Any] | None = None,
 ) -> FloatArray:
     """Estimates (repetitions, n_x) from data drawn anew about the optimum x (n_x,); NaN rows where a fit failed.
 
-    Each repetition has its own random numbers, so that the result does not depend on `jobs`.
+    Each repetition has its own random numbers, so that the result does not depend on `jobs`.  finished: where each is
+    kept as soon as it is done, and taken from where it was done before.
     """
     draws = np.random.SeedSequence(seed).spawn(repetitions)
     source = _parametric if kind == "parametric" else _residual
     sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
-    return np.array(ordered(_Repetition(fit, sources, x), draws, jobs, progress))
+    names = [f"bootstrap-{i}" for i in range(repetitions)]
+    work, finished = _Repetition(fit, sources, x), {} if finished is None else finished
+    ends = in_order(resumed(work, draws, names, finished, jobs, progress))
+    return np.array([end.x if end.converged else np.full(len(x), np.nan) for end in ends])
 
 
 @dataclass(frozen=True)
@@ -54,16 +60,15 @@ class _Repetition:
     sources: tuple[_Source, ...]
     x: FloatArray
 
-    def __call__(self, draw: np.random.SeedSequence) -> FloatArray:
+    def __call__(self, draw: np.random.SeedSequence) -> Start:
         rng = np.random.default_rng(draw)
         parts = tuple(
             replace(part, measured=source.drawn(rng)) for part, source in zip(self.fit.parts, self.sources, strict=True)
         )
         try:
-            end = solve(replace(self.fit, parts=parts).problem, self.x, FINE)
-        except FitError:
-            return np.full(len(self.x), np.nan)
-        return end.x if end.converged else np.full(len(self.x), np.nan)
+            return solve(replace(self.fit, parts=parts).problem, self.x, FINE)
+        except FitError as error:
+            return Start(self.x, self.x, math.inf, 0, False, str(error))
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,19 @@
 """Which parameters are identified: the robot's numbers under the `fit.parameters` of a study.
 
-Stiffness, damping, friction, inertia and mass are logarithmic; centres of mass, products of inertia, a spring's
-quadratic terms, a compensator's length and the delay are linear. What a study does not name keeps the robot's number.
+Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
+geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
+does not name keeps the robot's number.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 
 from elastid.errors import StudyError
+from elastid.fit import groups
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
@@ -29,13 +31,18 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
+    Coordinates and lengths of the geometry are among the parameters as far as the study names them (`named_geometry`).
+    A key with a group behind an @ is about the parameter of that group alone (`groups`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
-    table = robot.parameters() | {DELAY: (0.0, "s")}
-    wanted = _match(spec.parameters, table) if spec.parameters else _default(robot)
+    table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    shared = {key: wish for key, wish in spec.parameters.items() if not groups.is_of_one(key)}
+    wanted = _match(shared, table, robot.geometry) if spec.parameters else _default(robot)
+    grouped = {name: groups.of(name, wish, spec.robots, configurations) for name, wish in wanted.items()}
+    groups.check_keys(spec, wanted)
     linear = _linear_names(robot)
     chosen: list[Parameter] = []
     further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
@@ -44,11 +51,14 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
             chosen.append(Parameter(name, value, unit, log=name not in linear, free=False))
             continue
         parameter = _parameter(name, value, unit, wanted[name], name not in linear)
-        groups = _groups(name, wanted[name].per, configurations)
-        grouped = [configuration for group in groups.values() for configuration in group]
-        everywhere = bool(grouped) and set(grouped) >= set(configurations)
+        own = grouped[name]
+        everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
-        further += [replace(parameter, name=f"{name}@{group}", only=only) for group, only in groups.items()]
+        for group, only in own.items():
+            key = f"{name}@{group}"
+            wish = groups.wish(key, wanted[name], spec.parameters)
+            of_group = _parameter(key, value, unit, wish, name not in linear)
+            further.append(replace(of_group, only=only))
     _check_ratios(spec, chosen)
     chosen += further
     try:
@@ -60,13 +70,25 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     return parameters
 
 
-def _match(given: Mapping[str, ParameterSpec], table: Mapping[str, object]) -> dict[str, ParameterSpec]:
+def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+    """The names of robot.geometry that fit.parameters ask for, by a key or as what another one is tied to.
+
+    A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
+    """
+    asked = [key for key in given if key[:1].isalpha()]
+    asked += [wish.tie.to for wish in given.values() if wish.tie is not None and wish.tie.to in robot.geometry]
+    return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in asked))
+
+
+def _match(
+    given: Mapping[str, ParameterSpec], table: Mapping[str, object], geometry: Iterable[str]
+) -> dict[str, ParameterSpec]:
     """What the study says about each name that it names."""
     matched: dict[str, ParameterSpec] = {}
     for key, wish in given.items():
         names = [name for name in table if fnmatchcase(name, key)]
         if not names:
-            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, list(table))}")
+            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, table, geometry)}")
         matched |= {name: _starred(key, name, wish) for name in names}
     return matched | {key: wish for key, wish in given.items() if key in table}
 
@@ -80,22 +102,6 @@ def _starred(key: str, name: str, wish: ParameterSpec) -> ParameterSpec:
     before, after = key.split("*")
     star = name[len(before) : len(name) - len(after)]
     return replace(wish, tie=replace(wish.tie, to=wish.tie.to.replace("*", star)))
-
-
-def _groups(
-    name: str, per: str | Mapping[str, Sequence[str]] | None, configurations: Sequence[str]
-) -> dict[str, tuple[str, ...]]:
-    """Group to its configurations among those that are fitted."""
-    if per is None or not configurations:
-        return {}
-    if isinstance(per, str):
-        return {configuration: (configuration,) for configuration in configurations}
-    where, taken = f"fit.parameters.{name}.per", [one for group in per.values() for one in group]
-    for one in taken:
-        if taken.count(one) > 1:
-            raise StudyError(f"{where}: configuration {one} is in two groups")
-    found = {group: tuple(one for one in members if one in configurations) for group, members in per.items()}
-    return {group: members for group, members in found.items() if members}
 
 
 def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
@@ -158,6 +164,7 @@ def _linear_names(robot: Robot) -> set[str]:
     names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
     names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
     names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
+    names |= robot.geometry.keys() - {f"l_{loop.name}" for loop in robot.loops}
     return names
 
 
@@ -193,4 +200,4 @@ def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[fl
         return float(wish.bounds[0]), float(wish.bounds[1])
     if log:
         return start / REACH, start * (REACH_OF_FRICTION if name.startswith(("f_", "fm_")) else REACH)
-    return DELAY_BOUNDS if name == DELAY else (-math.inf, math.inf)
+    return DELAY_BOUNDS if name.partition(groups.OF)[0] == DELAY else (-math.inf, math.inf)

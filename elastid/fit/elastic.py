@@ -212,14 +212,7 @@ def matched(model: LinearModel, response: FrequencyResponse) -> LinearModel:
             )
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
-    return replace(
-        model,
-        B=model.B[:, inputs],
-        C=model.C[outputs],
-        T=model.tilt[outputs],
-        inputs=response.inputs,
-        outputs=response.outputs,
-    )
+    return replace(model.reading(outputs), B=model.B[:, inputs], inputs=response.inputs)
 
 
 def _part(
@@ -256,9 +249,9 @@ def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearM
     """The same affine model without slopes of what x does not move: a fraction to carry to other processes."""
     where = model.configuration.name
     theta = parameters.expand(parameters.x, where)
-    M, D, K = model.matrices(theta)
+    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
     slopes = {name: model.slopes[name] for name in parameters.moved(where) if name in model.slopes}
-    return replace(model, theta_ref=theta, M=M, D=D, K=K, slopes=slopes)
+    return replace(model, theta_ref=theta, M=M, D=D, K=K, C=C, T=T, slopes=slopes)
 
 
 def _as_rows(r: ComplexArray, J: ComplexArray) -> tuple[FloatArray, FloatArray]:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 
 import numpy as np
 
 from elastid.errors import DataError, StudyError
+from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
+# rad or m: angles nearer to each other are one posture.
+SAME_ANGLE = 2e-5
 # Two responses with more than this share of their lines in common are one measurement.
 ALIKE = 0.5
 
@@ -18,8 +21,8 @@ ALIKE = 0.5
 def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
     """Refuse responses that cannot be of this robot, or not in one fit.
 
-    Raises DataError for none at all, a configuration given twice, angles for another number of joints, places that
-    the robot does not have, and quantities or sampling rates that differ.
+    Raises DataError for none at all, a configuration given twice or under two names, angles for another number of
+    joints, places that the robot does not have, and quantities or sampling rates that differ.
     """
     if not responses:
         raise DataError("there is no response to fit; measure at least one configuration")
@@ -32,9 +35,44 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
         )
     for response in responses:
         _check_robot(response, robot)
+    for one, other in _same_postures(responses):
+        if np.array_equal(one.freq_hz, other.freq_hz) and np.array_equal(one.G, other.G):
+            raise DataError(
+                f"the responses of {one.configuration.name} and {other.configuration.name} are the same numbers at the "
+                "same angles: one measurement under two names, whose lines would count twice; leave one out"
+            )
     if len({response.rate_is_known for response in responses}) > 1:
         unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
         raise DataError(f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz")
+
+
+def posture_words(
+    responses: Sequence[FrequencyResponse], parameters: ParameterSet, robots: Mapping[str, Sequence[str]]
+) -> tuple[str, ...]:
+    """A word about configurations that are one posture of one robot, with the same parameters, under two names."""
+
+    def group(name: str) -> tuple[object, ...]:
+        own = tuple(p.name for p in parameters if name in p.only)
+        return own, tuple(robot for robot, members in robots.items() if name in members)
+
+    pairs = ((one.configuration.name, other.configuration.name) for one, other in _same_postures(responses))
+    alike = [f"{one} and {other}" for one, other in pairs if group(one) == group(other)]
+    if not alike:
+        return ()
+    return (
+        f"the same posture under two names: {', '.join(alike)}; both count, as is right where it was measured twice; "
+        "leave one out where it was not, and name them in fit.robots where they are of two robots",
+    )
+
+
+def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
+    """Pairs at the same angles and through the same channels."""
+    angles = np.array([response.configuration.angles for response in responses])
+    same = np.all(np.abs(angles[:, None] - angles) < SAME_ANGLE, axis=2)
+    for i, j in np.argwhere(np.triu(same, 1)):
+        one, other = responses[i], responses[j]
+        if (one.inputs, one.outputs) == (other.inputs, other.outputs):
+            yield one, other
 
 
 def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,13 @@ FAILED = 0.05
 
 
 def further_intervals(
-    result: FitResult, settled: Settled, spec: FitSpec, seed: int, jobs: int, progress: Progress
+    result: FitResult,
+    settled: Settled,
+    spec: FitSpec,
+    seed: int,
+    jobs: int,
+    progress: Progress,
+    finished: MutableMapping[str, Any],
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
     x, words = settled.end.x, list(result.warnings)
@@ -41,10 +48,11 @@ def further_intervals(
     else:
         names = profiled_names(spec.profile, result.parameters)
     if names:
-        ends = profile_ends(problem, x, variance, names, jobs, progress)
+        ends = profile_ends(problem, x, variance, names, jobs, progress, finished)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
-        draws = bootstrap(settled.fit, settled.weights, x, spec.bootstrap, spec.bootstrap_kind, seed, jobs, progress)
+        kind, weights = spec.bootstrap_kind, settled.weights
+        draws = bootstrap(settled.fit, weights, x, spec.bootstrap, kind, seed, jobs, progress, finished)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > FAILED:
             words.append(f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out")
@@ -54,10 +62,17 @@ def further_intervals(
 
 
 def profile_ends(
-    problem: LeastSquares, x: FloatArray, variance: FloatArray, names: Sequence[str], jobs: int, progress: Progress
+    problem: LeastSquares,
+    x: FloatArray,
+    variance: FloatArray,
+    names: Sequence[str],
+    jobs: int,
+    progress: Progress,
+    finished: MutableMapping[str, Any] | None = None,
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
-    rows = {profile.name: profile.interval for profile in profiles(problem, x, variance, names, jobs, progress)}
+    found = profiles(problem, x, variance, names, jobs, progress, finished)
+    rows = {profile.name: profile.interval for profile in found}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 
 

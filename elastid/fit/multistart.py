@@ -6,7 +6,7 @@ It knows no robot: problems are solved one after the other, each from where the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ from elastid.errors import FitError
 from elastid.fit.problem import LeastSquares
 from elastid.fit.result import Start
 from elastid.fit.solvers import FINE, ROUGH, Method, solve
-from elastid.parallel import Progress, silent, unordered
+from elastid.parallel import Progress, resumed, silent
 from elastid.parameters import Parameter, ParameterSet
 
 # Dampings and frictions are known worse than stiffnesses and inertias: their starts spread over factor^2.
@@ -55,11 +55,11 @@ def _reach(parameter: Parameter, factor: float) -> float:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in the middle of many starts; ends: of those that were done, best first."""
+    """Ctrl-C in the middle of many starts or after them; ends: of those that led anywhere, best first."""
 
-    def __init__(self, ends: tuple[Start, ...]) -> None:
-        super().__init__(f"interrupted after {len(ends)} starts")
-        self.ends = ends
+    def __init__(self, ends: Iterable[Start]) -> None:
+        self.ends = tuple(sorted((end for end in ends if math.isfinite(end.cost)), key=lambda end: end.cost))
+        super().__init__(f"interrupted after {len(self.ends)} starts")
 
 
 def multistart(
@@ -68,21 +68,28 @@ def multistart(
     jobs: int = 1,
     progress: Progress = silent,
     method: Method = "ipopt",
+    finished: MutableMapping[str, Any] | None = None,
 ) -> tuple[tuple[Start, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
 
     Every start is solved roughly; then those go on that can still reach the best one, and the others end where they
     are, with a word. The same for any number of jobs; with several, the problems must pickle.
+    finished: where each solve is kept as soon as it is done, and taken from where it was done before.
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
+    finished = {} if finished is None else finished
     begin = _Begin(tuple(problems), method)
-    rough = _kept(begin, list(starts), jobs, progress)
+    rough = _kept(begin, {f"start-{i}": x for i, x in enumerate(starts)}, finished, jobs, progress)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
         raise FitError(f"none of the {len(rough)} starts led anywhere; the first one ended so: {rough[0].message}")
     reach = best + _deviation(best, problems[-1])
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
-    polished = _kept(_Polish(problems[-1], method), [rough[i] for i in hopeful], jobs, silent)
+    polish = _Polish(problems[-1], method)
+    try:
+        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, finished, jobs, silent)
+    except Interrupted:
+        raise Interrupted(rough) from None
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
     ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
     best = ranked[0].cost
@@ -106,15 +113,20 @@ def _stopped(end: Start) -> Start:
     return replace(end, message=f"stopped early, far above the best cost; {end.message}")
 
 
-def _kept(function: Callable[[Any], Start], items: Sequence[Any], jobs: int, progress: Progress) -> list[Start]:
+def _kept(
+    function: Callable[[Any], Start],
+    items: Mapping[str, Any],
+    finished: MutableMapping[str, Any],
+    jobs: int,
+    progress: Progress,
+) -> list[Start]:
     """function of each item in order; on Ctrl-C what is done is kept in the exception."""
     ends: dict[int, Start] = {}
     try:
-        for index, end in unordered(function, items, jobs, progress):
+        for index, end in resumed(function, list(items.values()), list(items), finished, jobs, progress):
             ends[index] = end
     except KeyboardInterrupt:
-        done = (end for _, end in sorted(ends.items()) if math.isfinite(end.cost))
-        raise Interrupted(tuple(sorted(done, key=lambda end: end.cost))) from None
+        raise Interrupted(tuple(ends.values())) from None
     return [ends[i] for i in range(len(items))]
 
 

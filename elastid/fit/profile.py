@@ -11,8 +11,9 @@ over what the stated variance knows beyond the curvature of V: correlated elemen
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from elastid.arrays import FloatArray
 from elastid.errors import FitError
 from elastid.fit.problem import Evaluation, LeastSquares
 from elastid.fit.solvers import FINE, solve
-from elastid.parallel import Progress, ordered, silent
+from elastid.parallel import Progress, in_order, resumed, silent
 from elastid.parameters import ParameterSet
 
 QUANTILE = 1.959964
@@ -49,12 +50,17 @@ def profiles(
     names: Sequence[str],
     jobs: int = 1,
     progress: Progress = silent,
+    finished: MutableMapping[str, Any] | None = None,
 ) -> tuple[Profile, ...]:
-    """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it."""
+    """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it.
+
+    finished: where each is kept as soon as it is done, and taken from where it was done before.
+    """
     curvature = np.diag(np.linalg.pinv(problem.evaluate(x).hessian / 2, hermitian=True))
     free = problem.parameters.free_names
     work = _Work(problem, x, np.where(np.isfinite(variance), variance, curvature), curvature)
-    return tuple(ordered(work, [free.index(name) for name in names], jobs, progress))
+    finished, places = {} if finished is None else finished, [free.index(name) for name in names]
+    return tuple(in_order(resumed(work, places, [f"profile-{name}" for name in names], finished, jobs, progress)))
 
 
 @dataclass(frozen=True)

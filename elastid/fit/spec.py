@@ -82,8 +82,10 @@ class ParameterSpec:
     """What to do with one parameter: identify it (the default), fix it, or tie it to another.
 
     start: default the robot's number.  bounds: [lower, upper]; default start / 100 to start * 100 for a positive one.
-    per: `configuration` identifies it in each configuration by itself; {warm: [c1, c2], cold: [c3]} in each of these
-    groups (a temperature, a load, one of several robots of a type), and once in all configurations that no group names.
+    per: `configuration` identifies it in each configuration by itself; `robot` in each robot of fit.robots; {warm: [c1,
+    c2], cold: [c3]} in each of these groups (a temperature, a load), and once in all configurations that no group
+    names.  A configuration in which none was found has the mean of the others.  The one of a group is called fm_1@warm;
+    a key of that name, or a pattern such as fm_*@warm, gives it a start, bounds and a prior of its own, or fixes it.
     """
 
     start: Quantity | None = None
@@ -91,7 +93,7 @@ class ParameterSpec:
     fixed: bool = False
     tie: TieSpec | None = None
     prior: PriorSpec | None = None
-    per: Literal["configuration"] | dict[str, tuple[str, ...]] | None = None
+    per: Literal["configuration", "robot"] | dict[str, tuple[str, ...]] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what cannot be together."""
@@ -175,7 +177,10 @@ class FitSpec:
 
     criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
+    Geometry (ends of compensators, places of joints and bodies) is identified where it is named: pc1_cyl_z, pj_2b_z.
     ratios: factors that ties share, by a name of your own.
+    robots: several robots of one type in one fit: by a name of your own, the configurations measured on each. What is
+    not the same in all of them is `per: robot` (k_*: {}, fm_*: {per: robot}).
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
     line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
@@ -189,6 +194,7 @@ class FitSpec:
     log_first: bool = True
     parameters: dict[str, ParameterSpec] = field(default_factory=dict)
     ratios: dict[str, RatioSpec] = field(default_factory=dict)
+    robots: dict[str, tuple[str, ...]] = field(default_factory=dict)
     starts: int = 20
     start_factor: float = 3.0
     continuation: int = 1
@@ -201,7 +207,12 @@ class FitSpec:
     bootstrap_kind: Literal["parametric", "residual"] = "parametric"
 
     def __post_init__(self) -> None:
-        """Refuse a multistart without starts or without end, and a band upside down."""
+        """Refuse a multistart without starts or without end, a band upside down, a configuration of two robots."""
+        measured = [name for names in self.robots.values() for name in names]
+        for name in measured:
+            if measured.count(name) > 1:
+                both = ", ".join(robot for robot, names in self.robots.items() if name in names)
+                raise ValueError(f"robots: configuration {name} is given to {both}; give it to the one that it is of")
         if not 1 <= self.starts <= MOST_STARTS:
             raise ValueError(f"starts is {self.starts}; it must be 1 to {MOST_STARTS}, commonly 10 to 50")
         if not 1 <= self.start_factor <= LARGEST_FACTOR:

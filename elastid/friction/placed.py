@@ -95,7 +95,8 @@ def coulomb_levels(robot: Robot) -> FloatArray:
     """
     levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
     own = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
-    rigid = [0.0 if joint.is_flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
+    flexible = robot.flexible
+    rigid = [0.0 if joint in flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
     total: FloatArray = np.array(own) + np.array(rigid)
     return total
 

@@ -51,7 +51,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
     """
     free = free_coordinates(model)
-    q = rigid_posture(model, configuration)
+    q = rigid_posture(model, configuration, theta)
     rigid = q.copy()
     now = _balance(model, theta, q, free)
     gravity = model.potential_gradient(q, theta).full()[:, 0]
@@ -135,9 +135,10 @@ def _shortened(
     return moved, now
 
 
-def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArray:
+def rigid_posture(model: ElasticModel, configuration: Configuration, theta: FloatArray | None = None) -> FloatArray:
     """q (n_q,) without deflection: driven joints at their motors' angles, elastic ones at 0, loops closed.
 
+    theta (n_theta,): model.parameters, of which the geometry counts; default the robot's own.
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
     """
     if configuration.angles.shape != (model.n_u,):
@@ -148,7 +149,9 @@ def rigid_posture(model: ElasticModel, configuration: Configuration) -> FloatArr
         )
     q = np.zeros(model.n_q)
     try:
-        q[: len(model.robot.joints)] = assembled(model.robot, configuration.angles)
+        q[: len(model.robot.joints)] = assembled(
+            model.robot_at(model.theta if theta is None else theta), configuration.angles
+        )
     except StudyError as error:
         raise StudyError(f"configuration {configuration.name}: {error}") from None
     for motor, angle in zip(model.inputs, configuration.angles, strict=True):

@@ -5,13 +5,15 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 Of an accelerometer, which sees gravity turn as it tilts, the reading is C q'' + T q.
 
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
-centres of mass and for springs in series. The operating point is frozen, or followed to first order where springs are
-nonlinear; the fit linearises again at its result until nothing moves.
+centres of mass, geometry and springs in series; so are C and T, where the geometry moves what is measured. The
+operating point is frozen, or followed to first order where springs are nonlinear or the geometry is identified; the fit
+linearises again at its result until nothing moves.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,15 +26,20 @@ DELAY = "delay"
 
 @dataclass(frozen=True)
 class Slope:
-    """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter."""
+    """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter.
+
+    C, T (n_y, n): of what is measured.
+    """
 
     M: FloatArray | None = None
     D: FloatArray | None = None
     K: FloatArray | None = None
+    C: FloatArray | None = None
+    T: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Freeze the matrices."""
-        for name in ("M", "D", "K"):
+        for name in ("M", "D", "K", "C", "T"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, frozen(getattr(self, name)))
 
@@ -87,6 +94,35 @@ class LinearModel:
     def n(self) -> int:
         """Number of independent coordinates."""
         return int(self.M.shape[0])
+
+    @property
+    def moved_outputs(self) -> tuple[str, ...]:
+        """The parameters that move C or T."""
+        return tuple(name for name, slope in self.slopes.items() if slope.C is not None or slope.T is not None)
+
+    def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """C and T (n_y, n) at theta (n_theta,) in SI."""
+        if not self.moved_outputs:
+            return self.C, self.tilt
+        C, T = np.array(self.C), np.array(self.tilt)
+        for name in self.moved_outputs:
+            place, slope = self.parameters.index(name), self.slopes[name]
+            change = theta[place] - self.theta_ref[place]
+            C += 0.0 if slope.C is None else change * slope.C
+            T += 0.0 if slope.T is None else change * slope.T
+        return C, T
+
+    def reading(self, rows: Sequence[int]) -> LinearModel:
+        """The same with some of the outputs, by their places."""
+        kept = list(rows)
+
+        def part(matrix: FloatArray | None) -> FloatArray | None:
+            return None if matrix is None or not np.any(matrix[kept]) else matrix[kept]
+
+        moved = {name: self.slopes[name] for name in self.moved_outputs}
+        slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in moved.items()}
+        outputs = tuple(self.outputs[row] for row in kept)
+        return replace(self, C=self.C[kept], T=self.tilt[kept], outputs=outputs, slopes=slopes)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """M, D, K (n, n) at theta (n_theta,) in SI."""

@@ -6,12 +6,11 @@ r"""ElasticModel about a configuration -> LinearModel, with exact derivatives to
 Springs, gravity and, with multipliers, the geometric stiffness come from one Hessian. Coriolis terms are quadratic in
 the velocities and leave nothing. The operating point moves with the parameters,
 
-.. math:: \frac{dK}{d\theta} = \frac{\partial K}{\partial \theta} + \frac{\partial K}{\partial q} \frac{dq_0}{d\theta},
-          \qquad \frac{dq_0}{d\theta} = -K_{ff}^{-1} \frac{\partial^2 V}{\partial q_f\, \partial \theta}
+.. math:: \frac{dK}{d\theta} = \frac{\partial K}{\partial \theta} + \frac{\partial K}{\partial q} \frac{dq_0}{d\theta}
 
-with the free coordinates f, and M alike. Where all springs are linear the second term is left out: it is a thousandth
-of the first and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers
-close loops; the minimal formulation, with rods cut, follows.
+and M, C alike (`following`). Where all springs are linear the second term is left out: it is a thousandth of the first
+and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers close loops;
+the minimal formulation, with rods cut, follows. Where coordinates of the geometry are parameters nothing is left out.
 
 Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z of each matrix
 and slope, Z^T B and C Z. Nothing beyond this line knows that there were any.
@@ -28,7 +27,8 @@ import numpy as np
 
 from elastid.arrays import FloatArray, IntArray
 from elastid.linear.chain import elements
-from elastid.linear.equilibrium import equilibrium, free_coordinates
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.following import Following, following_of, total
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.partition import motions
@@ -41,18 +41,17 @@ class Linearisation:
     """A model with its derivatives to theta, built once and evaluated at each configuration.
 
     matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
-    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  shift(q, lambda_, theta) -> their Jacobian to the free coordinates
-    (3 n_q (n_q + 1) / 2, n_f) and that of dV/dq_f to theta (n_f, n_theta); None where the operating point is held.
+    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  following: None where the operating point is held.
     """
 
     model: ElasticModel
     matrices: ca.Function
-    shift: ca.Function | None
+    following: Following | None
 
     @property
     def follows(self) -> bool:
         """Whether the derivatives follow the operating point, which moves with the parameters."""
-        return self.shift is not None
+        return self.following is not None
 
     def is_affine_in(self, names: Collection[str]) -> bool:
         """Whether M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
@@ -73,13 +72,9 @@ class Linearisation:
         matrices = (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta))
         triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
         slopes = ca.jacobian(ca.vec(triangles), theta)
-        shift = None
-        if _moves_with_parameters(model) or (follows and model.n_c == 0):
-            free = free_coordinates(model).tolist()
-            to_q = ca.jacobian(ca.vec(triangles), q)[:, free]
-            to_theta = ca.jacobian(model.potential_gradient(q, theta)[free], theta)
-            shift = ca.Function("shift", [q, lambda_, theta], [to_q, to_theta])
-        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), shift)
+        moves = _moves_with_parameters(model) or (follows and model.n_c == 0)
+        following = following_of(model, triangles, q, lambda_, theta) if moves else None
+        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), following)
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
@@ -90,11 +85,14 @@ class Linearisation:
         triangles, slopes = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
         slopes = slopes.full()
-        if self.shift is not None:
-            to_q, to_theta = (part.full() for part in self.shift(point.q, point.lambda_, theta))
-            free = free_coordinates(model)
-            slopes = slopes - to_q @ np.linalg.lstsq(K[np.ix_(free, free)], to_theta)[0]
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
+        C, T = model.output_jacobian(point.q, outputs, theta), model.gravity_jacobian(point.q, outputs)
+        if self.following is None:
+            of_name = _slopes(model, slopes, Z)
+        else:
+            moved = self.following.at(point, theta, K, Z, tuple(outputs))
+            held = _slopes(model, slopes + moved.triangles, Z)
+            of_name = total(held, moved, {"M": M, "D": D, "K": K, "C": C, "T": T}, Z)
         return LinearModel(
             configuration=configuration,
             parameters=(*model.parameters, DELAY),
@@ -102,24 +100,27 @@ class Linearisation:
             M=_projected(Z, M),
             D=_projected(Z, D),
             K=_projected(Z, K),
-            slopes=_slopes(model, slopes, Z),
+            slopes=of_name,
             B=Z.T @ model.B,
-            C=model.output_jacobian(point.q, outputs) @ Z,
+            C=C @ Z,
             inputs=model.inputs,
             outputs=tuple(outputs),
             quantity=quantity,
             chain=elements(model.robot.chain),
-            T=model.gravity_jacobian(point.q, outputs) @ Z,
+            T=T @ Z,
             Z=Z,
         )
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
-    """Whether the tangent stiffness depends on where gravity deflects a spring to, or springs in series are no sum."""
+    """Whether the tangent stiffness depends on where gravity deflects a spring to, or springs in series are no sum.
+
+    Or the geometry, which moves everything, is among the parameters.
+    """
     robot = model.robot
     bent = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
     series = any(box.is_in_series for box in gearboxes(robot.driven, robot.gears))
-    return model.n_c == 0 and (bent or series)
+    return bool(model.geometry) or (model.n_c == 0 and (bent or series))
 
 
 def linearise(

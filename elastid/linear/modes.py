@@ -59,7 +59,7 @@ def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: st
     output and input coincide these are the modes with that motor locked.
     """
     M, D, K = model.matrices(theta)
-    B, C = model.B[:, [model.inputs.index(input)]], model.C[[model.outputs.index(output)]]
+    B, C = model.B[:, [model.inputs.index(input)]], model.readout(theta)[0][[model.outputs.index(output)]]
     N_b, N_c = scipy.linalg.null_space(B.T), scipy.linalg.null_space(C)
     highest = HIGHEST * float(np.abs(_eigenvalues(M, D, K)[0]).max())
     return _modes(N_b.T @ M @ N_c, N_b.T @ D @ N_c, N_b.T @ K @ N_c, basis=N_c, highest=highest)

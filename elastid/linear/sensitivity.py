@@ -29,7 +29,8 @@ SAME = 1e-12
 class Pieces:
     """dZ of the wanted parameters: E (n_b, n, n) of length one; base, power (n_t,) of each piece, sigma (n_t, P).
 
-    What multiplies the response (delay, chain) has a column -dG / dp of its own each, behind the bases.
+    What multiplies the response (delay, chain) or moves what is measured (geometry) has a column -dG / dp of its own
+    each, behind the bases.
     """
 
     E: FloatArray
@@ -90,7 +91,7 @@ class Columns:
     def is_symmetric(self) -> bool:
         """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts."""
         model = self.kernel.model
-        return np.array_equal(model.B.T, model.C) and not model.tilt.any()
+        return np.array_equal(model.B.T, model.C) and not (model.tilt.any() or model.moved_outputs)
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
@@ -110,11 +111,11 @@ class Columns:
                 if matrix is not None and np.any(matrix):
                     base, sigma = _base(bases, matrix)
                     found.append((place, base, power, sigma))
-        factors = self.kernel.factors
-        found += [(self.kernel.wanted.index(name), len(bases) + i, 0, 1.0) for i, name in enumerate(factors)]
+        others = (*self.kernel.factors, *self.kernel.moved_outputs)
+        found += [(self.kernel.wanted.index(name), len(bases) + i, 0, 1.0) for i, name in enumerate(others)]
         simple = [_root(E) is not None for E in bases]
         order = sorted(range(len(bases)), key=lambda b: not simple[b])
-        now_at = np.append(np.argsort(order), len(bases) + np.arange(len(factors))).astype(np.int64)
+        now_at = np.append(np.argsort(order), len(bases) + np.arange(len(others))).astype(np.int64)
         sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
         for t, (place, _, _, sigma) in enumerate(found):
             sigma_of[t, place] = sigma
@@ -141,10 +142,12 @@ class Columns:
         sign, y, wide = self._factors
         n_1, n_2, n_u = y.shape[1], len(self.pieces.E) - y.shape[1], self.kernel.model.B.shape[1]
         places = self.kernel.output_columns
-        for block, s, gain, response, YX in self.kernel.products(theta, np.hstack([y, wide, *self._whole_solution])):
+        n_f, n_m = len(self.kernel.factors), len(self.kernel.moved_outputs)
+        asked = np.hstack([y, wide, *self._whole_solution])
+        for block, s, gain, response, YX, moved in self.kernel.products(theta, asked):
             F, m = YX.shape[:2]
             G = response[:, rows, columns]
-            whole = np.empty((F, len(rows), n_2 + len(self.kernel.factors)), complex)
+            whole = np.empty((F, len(rows), n_2 + n_f + n_m), complex)
             if n_2:
                 n = self.kernel.model.n
                 EX = YX[:, :, n_1 : n_1 + n_2 * n].reshape(F, m * n_2, n)
@@ -154,6 +157,7 @@ class Columns:
                 whole[:, :, :n_2] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
             for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_2):
                 whole[:, :, i] = -slope[:, None] * G
+            whole[:, :, n_2 + n_f :] = -moved[:, :, rows, columns].transpose(1, 2, 0)
             of_outputs, of_inputs = sign * YX[:, places, :n_1], gain[:, None, None] * YX[:, :n_u, :n_1]
             yield Sensitivity(block, s, G, of_outputs, of_inputs, whole, rows, columns)
 

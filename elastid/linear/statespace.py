@@ -59,16 +59,16 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
     if model.quantity != "acceleration" and model.tilt.any():
         place = model.outputs[int(np.argmax(model.tilt.any(axis=1)))]
         raise StudyError(f"{place} sees gravity, which has no {model.quantity}; set estimator.quantity: acceleration")
-    M, D, K = model.matrices(theta)
+    (M, D, K), (C, tilt) = model.matrices(theta), model.readout(theta)
     n, n_u = model.B.shape
     motion = np.linalg.solve(M, np.hstack([-K, -D, model.B]))  # q'' = motion [q; q'; u]
     A = np.block([[np.zeros((n, n)), np.eye(n)], [motion[:, : 2 * n]]])
     B = np.vstack([np.zeros((n, n_u)), motion[:, 2 * n :]])
-    still, through = np.zeros_like(model.C), np.zeros((len(model.C), n_u))
+    still, through = np.zeros_like(C), np.zeros((len(C), n_u))
     C, D_y = {
-        "position": (np.hstack([model.C, still]), through),
-        "velocity": (np.hstack([still, model.C]), through),
-        "acceleration": (model.C @ motion[:, : 2 * n] + np.hstack([model.tilt, still]), model.C @ motion[:, 2 * n :]),
+        "position": (np.hstack([C, still]), through),
+        "velocity": (np.hstack([still, C]), through),
+        "acceleration": (C @ motion[:, : 2 * n] + np.hstack([tilt, still]), C @ motion[:, 2 * n :]),
     }[model.quantity]
     for element in model.chain:
         if not isinstance(element, LagElement):

@@ -10,7 +10,7 @@ solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without another solv
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
 Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. An accelerometer has
-C + T / s^2 in the place of C.
+C + T / s^2 in the place of C. Geometry that moves what is measured adds c dC X.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     M, D, K = model.matrices(theta)
     s: ComplexArray = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
-    G: ComplexArray = _gain(model, theta, s) * (model.C @ X + model.tilt @ X / s**2)
+    C, T = model.readout(theta)
+    G: ComplexArray = _gain(model, theta, s) * (C @ X + T @ X / s**2)
     return G
 
 
@@ -73,7 +74,7 @@ class Products(NamedTuple):
     """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
 
     YX (F, m, n_d), right sides b: the columns of B first, then others, of which `Kernel.output_columns` tells the one
-    of each output.
+    of each output.  moved (n_m, F, n_y, n_u): c (dC + dT / s^2) Z^-1 B of each of `Kernel.moved_outputs`.
     """
 
     block: slice
@@ -81,6 +82,20 @@ class Products(NamedTuple):
     gain: ComplexArray
     G: ComplexArray
     YX: ComplexArray
+    moved: ComplexArray
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Which right sides Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
+
+    columns (n_y,): of each output the one that holds its direction.  tilts: of each tilted one that of its row of T.
+    """
+
+    extra: IntArray
+    columns: IntArray
+    tilted: IntArray
+    tilts: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +126,8 @@ class Kernel:
         G = np.empty((self.freq_hz.size, n_y, n_u), complex)
         dG = np.zeros((len(self.wanted), *G.shape), complex)
         Y, groups = self._directions_and_terms
-        for block, s, gain, G_block, YX in self.products(theta, Y):
+        moving = [self.wanted.index(name) for name in self.moved_outputs]
+        for block, s, gain, G_block, YX, moved in self.products(theta, Y):
             G[block] = G_block
             for place, slope in self.factor_slopes(theta, s):
                 dG[place, block] = slope[:, None, None] * G_block
@@ -121,6 +137,7 @@ class Kernel:
             for terms in groups:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
+            dG[moving, block] += moved
         return G, dG
 
     @cached_property
@@ -144,17 +161,24 @@ class Kernel:
     @cached_property
     def output_columns(self) -> IntArray:
         """For each output the right side in `Products.YX` that belongs to its direction, tilt included."""
-        right, columns, tilted, _ = self._right_sides
-        places = columns.copy()
-        places[tilted] = right.shape[1] + np.arange(len(tilted))
+        sides = self._sides
+        places = sides.columns.copy()
+        places[sides.tilted] = sides.tilts + len(sides.tilts)
         return places
+
+    @cached_property
+    def moved_outputs(self) -> tuple[str, ...]:
+        """The wanted parameters that move what is measured: geometry, between the springs and a sensor."""
+        moved = self.model.moved_outputs
+        return tuple(name for name in self.wanted if name in moved)
 
     def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
-        right, columns, tilted, tilts = self._right_sides
-        n_d, n_y, n_u = Y.shape[1], len(columns), self.model.B.shape[1]
-        asked = np.hstack([Y, self.model.C.T, self.model.tilt[tilted].T])
+        (C, T), tilted = self.model.readout(theta), self._sides.tilted
+        right = self._right(C, T) if self.model.moved_outputs else self._right_sides
+        n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
+        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
@@ -165,9 +189,17 @@ class Kernel:
             G = gain[:, None, None] * moved[:, :, :n_y]
             if tilted.size:
                 over = 1 / s[:, None, None] ** 2
-                G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:]
-                YX = np.concatenate([YX, YX[:, columns[tilted]] + over * YX[:, tilts]], axis=1)
-            yield Products(block, s, gain, G.swapaxes(1, 2), YX)
+                G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:n_t]
+                YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
+            dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, len(self.moved_outputs), 2, n_y).transpose(3, 2, 0, 4, 1)
+            readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
+            yield Products(block, s, gain, G.swapaxes(1, 2), YX, readings)
+
+    @cached_property
+    def _moved_rows(self) -> tuple[FloatArray, ...]:
+        """dC^T and dT^T (n, n_y) of each of `moved_outputs`."""
+        zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.moved_outputs]
+        return tuple((zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T))
 
     @cached_property
     def _solver(self) -> Leaves | Elimination:
@@ -193,21 +225,31 @@ class Kernel:
         return np.array(places, np.int64), np.array(stacked).reshape(len(places), 3 * n * n)
 
     @cached_property
-    def _right_sides(self) -> tuple[FloatArray, IntArray, IntArray, IntArray]:
-        """[B, extra] and for each output the column that holds its direction; collocated outputs need no extra one.
+    def _right_sides(self) -> FloatArray:
+        """[B, extra rows of C, tilted rows of T] where no parameter moves C and T."""
+        return self._right(self.model.C, self.model.tilt)
 
-        Then the outputs that tilting changes, and the columns of their rows of T.
-        """
-        sides = list(self.model.B.T)
-        columns = []
-        for direction in self.model.C:
-            same = [i for i, side in enumerate(sides) if np.array_equal(side, direction)]
+    def _right(self, C: FloatArray, T: FloatArray) -> FloatArray:
+        return np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[self._sides.tilted]])
+
+    @cached_property
+    def _sides(self) -> Sides:
+        """Which outputs are in the direction of an input or of another output, at any theta, and need no solution."""
+        model = self.model
+        moved = [model.slopes[name] for name in model.moved_outputs]
+        C = np.array([model.C, *(slope.C for slope in moved if slope.C is not None)]).transpose(1, 0, 2)
+        T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])
+        still = np.zeros((C.shape[1] - 1, model.n))
+        directions, extra, columns = [np.vstack([side[None], still]) for side in model.B.T], [], []
+        for row, direction in enumerate(C):
+            same = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
             if not same:
-                sides.append(direction)
-            columns.append(same[0] if same else len(sides) - 1)
-        tilted = np.flatnonzero(self.model.tilt.any(axis=1))
-        tilts = len(sides) + np.arange(len(tilted))
-        return np.column_stack([*sides, *self.model.tilt[tilted]]), np.array(columns), tilted, tilts
+                directions.append(direction)
+                extra.append(row)
+            columns.append(same[0] if same else len(directions) - 1)
+        tilted = np.flatnonzero(T.any(axis=(0, 2)))
+        tilts = len(directions) + np.arange(len(tilted))
+        return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
 
     @cached_property
     def _directions_and_terms(self) -> tuple[FloatArray, tuple[Terms, ...]]:

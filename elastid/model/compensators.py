@@ -15,7 +15,7 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from elastid.model.multibody import Tree, Turn
+from elastid.model.multibody import Tree, Turn, located
 from elastid.model.points import between, seat
 from elastid.robot import Compensator, Robot
 
@@ -31,7 +31,10 @@ def compensators(
     """V, a scalar, and dV/dq (n_q, 1) of all compensators; the joints that `turned` turns are among q."""
     V, gradient = ca.SX(0), ca.SX(q.size1(), 1)
     for compensator in robot.compensators:
-        first, second = ((seat(robot, layout, end.body), end.point) for end in compensator.ends)
+        first, second = (
+            (seat(robot, layout, end.body), located(f"pc{i}_{compensator.name}", end.point, theta))
+            for i, end in enumerate(compensator.ends, start=1)
+        )
         square = ca.sumsqr(between(layout, turned, first, second))
         L = ca.sqrt(square + APART**2)
         energy, force = (_coil if compensator.coil is not None else _gas)(compensator, L, theta)

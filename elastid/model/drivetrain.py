@@ -15,6 +15,8 @@ after the stages of the gears, add,
 
 the damping to first order in omega d / k, below which a gearbox stays. Where there are no more springs than joints,
 K_a = Z^T K Z with Z = X^-1 (eq. 2.28: Z = eta before the gears, 1 after them), exactly linear in each k, and D_a alike.
+Where there are fewer, since some of the gears that are coupled have no spring, what they leave rigid is a constraint,
+N^T delta = 0 with N^T X = 0, and K_a acts on the deflections that X spans.
 """
 
 from __future__ import annotations
@@ -100,8 +102,15 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
     rows: dict[str, FloatArray] = {}
     for box in gearboxes(robot.driven, robot.gears):
         if not box.is_in_series:
-            rows |= dict(zip(box.springs, np.linalg.inv(box.X) @ delta[list(box.gears)], strict=True))
+            rows |= dict(zip(box.springs, box.deflections @ delta[list(box.gears)], strict=True))
     return rows
+
+
+def rigid_rows(robot: Robot) -> FloatArray:
+    """A (n_c, n_q): A q = 0, as the rigid ones among gears that couple axes want it; no rows without any."""
+    delta = gear_deflections(robot)
+    rows = [box.rigid @ delta[list(box.gears)] for box in gearboxes(robot.driven, robot.gears)]
+    return np.vstack([np.zeros((0, delta.shape[1])), *rows])
 
 
 def series_torques(robot: Robot, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
@@ -115,9 +124,11 @@ def series_torques(robot: Robot, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]
 
 
 def _series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
-    """K_a (n_g, n_g) of a gearbox, compliances added."""
-    X = ca.DM(box.X)
-    return ca.inv(sum((1 / theta[name] * X[:, s] @ X[:, s].T for s, name in enumerate(box.springs)), start=ca.SX(0)))
+    """K_a (n_g, n_g) of a gearbox, compliances added, on the deflections that its springs allow."""
+    U = ca.sparsify(ca.DM(box.range))
+    X = U.T @ ca.DM(box.X)
+    compliance = sum((1 / theta[name] * X[:, s] @ X[:, s].T for s, name in enumerate(box.springs)), start=ca.SX(0))
+    return U @ ca.inv(compliance) @ U.T
 
 
 def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:

@@ -28,11 +28,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray, IntArray, frozen
+from elastid.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
 
 
@@ -42,13 +44,14 @@ class ElasticModel:
 
     coordinates: `joint <name>` of every joint in the robot's order, `motor <name>` of every flexible joint, and
     `rod <name>`, its elongation, of every elastic rod that is not cut.
-    inputs: `motor <name>` of every motor.  parameters: all names of robot.parameters(); theta their nominal values.
+    inputs: `motor <name>` of every motor.  parameters: all names of robot.parameters(), and coordinates of its geometry
+    as far as they are to be symbols; theta their nominal values.
 
         mass(q, theta) -> M (n_q, n_q)                      force(q, v, theta) -> f (n_q,)
         constraint(q, theta) -> phi (n_c,)                  potential_gradient(q, theta) -> dV/dq (n_q,)
         damping(q, theta) -> D (n_q, n_q), Hessian of R     stiffness(q, lambda_, theta) -> Hessian of V + lambda^T phi
         angular_velocity(q) -> J (3 n_bodies, n_q): J v is the absolute angular velocity of each body in its own axes
-        frame_velocity(q) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
+        frame_velocity(q, theta) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
         frame_gravity(q) -> g (3 n_f,): gravity in the axes of each named frame
         constraint_jacobian(q, theta) -> Phi (n_c, n_q)     potential(q, theta) -> V
         strain(q, theta) -> tangent stiffness c (n_s,) and rows b (n_s, n_q) of what each spring gives by, b dq
@@ -102,11 +105,32 @@ class ElasticModel:
         """Number of constraint rows; 0 for a tree."""
         return int(self.constraint.size1_out(0))
 
+    @cached_property
+    def geometry(self) -> tuple[str, ...]:
+        """The coordinates and lengths among the parameters."""
+        return tuple(name for name in self.parameters if name in self.robot.geometry)
+
+    def robot_at(self, theta: FloatArray) -> Robot:
+        """The robot with the geometry of theta (n_theta,); StudyError where no robot has it."""
+        if not self.geometry:
+            return self.robot
+        values = dict(zip(self.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
+        try:
+            return self.robot.with_parameters({name: values[name] for name in self.geometry})
+        except ValueError as error:
+            raise StudyError(str(error)) from None
+
     @property
     def passive(self) -> IntArray:
         """The coordinates of joints that neither a motor nor a spring holds."""
         names = [f"joint {joint.name}" for joint in self.robot.joints if joint.is_passive]
         return np.array([self.coordinates.index(name) for name in names], np.int64)
+
+    @property
+    def rates(self) -> tuple[tuple[str, str, str], ...]:
+        """What the rows of angular_velocity and frame_velocity are: kind, name, axis."""
+        bodies = (("body", body.name, axis) for body in self.robot.all_bodies for axis in "xyz")
+        return (*bodies, *(("frame", frame.name, axis) for frame in self.robot.frames for axis in FRAME_AXES))
 
     def index(self, location: str) -> int:
         """The coordinate of `motor <name>` or `joint <name>`; a rigidly driven joint's motor turns with the joint."""
@@ -114,15 +138,16 @@ class ElasticModel:
             return self.coordinates.index(location.replace("motor ", "joint ", 1))
         return self.coordinates.index(location)
 
-    def output_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
+    def output_jacobian(self, q: FloatArray, locations: Sequence[str], theta: FloatArray | None = None) -> FloatArray:
         """C (n_y, n_q): rates of places are C v at q (n_q,); StudyError for an unknown place.
 
+        theta (n_theta,): default the robot's own numbers.
         `motor <name>`, `joint <name>`.  `body <name> <axis>`: absolute angular velocity about an axis fixed in it.
         `frame <name> x`, `accelerometer <name> x`: velocity of the frame's origin along its axis; `frame <name> rx`:
         its angular velocity.
         """
         C = np.zeros((len(locations), self.n_q))
-        rates = self._rates(q, locations)
+        rates = self._rates(q, locations, theta)
         for row, place in enumerate(locations):
             self.robot.check_location(place)
             kind, _, rest = place.partition(" ")
@@ -140,7 +165,7 @@ class ElasticModel:
         of these axes turns gravity in them by g x phi, so that the reading changes by -g x phi = -[g x] J_omega q.
         """
         T = np.zeros((len(locations), self.n_q))
-        rates, gravity = self._rates(q, locations), self.frame_gravity(q).full().reshape(-1, 3)
+        rates, gravity = self._rates(q, locations, None), self.frame_gravity(q).full().reshape(-1, 3)
         names = [frame.name for frame in self.robot.frames]
         for row, place in enumerate(locations):
             kind, _, rest = place.partition(" ")
@@ -150,14 +175,15 @@ class ElasticModel:
                 T[row] = -np.cross(gravity[names.index(name)], turning.T)[:, "xyz".index(axis)]
         return T
 
-    def _rates(self, q: FloatArray, locations: Sequence[str]) -> dict[tuple[str, str, str], FloatArray]:
+    def _rates(
+        self, q: FloatArray, locations: Sequence[str], theta: FloatArray | None
+    ) -> dict[tuple[str, str, str], FloatArray]:
         """Rows of the Jacobians of bodies and frames; of none where no location needs them."""
         if all(place.startswith(("motor ", "joint ")) for place in locations):
             return {}
-        angular, frames = self.angular_velocity(q).full(), self.frame_velocity(q).full()
-        bodies = [("body", body.name, axis) for body in self.robot.all_bodies for axis in "xyz"]
-        places = [("frame", frame.name, axis) for frame in self.robot.frames for axis in FRAME_AXES]
-        rows = dict(zip([*bodies, *places], [*angular, *frames], strict=True))
+        angular = self.angular_velocity(q).full()
+        frames = self.frame_velocity(q, self.theta if theta is None else theta).full()
+        rows = dict(zip(self.rates, [*angular, *frames], strict=True))
         return rows | {
             ("accelerometer", name, axis): row for (kind, name, axis), row in rows.items() if kind == "frame"
         }

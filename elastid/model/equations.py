@@ -10,7 +10,7 @@ and side: `elastic`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.model.compensators import compensators
-from elastid.model.drivetrain import drivetrain, input_matrix
+from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows
 from elastid.model.elastic import ElasticModel
 from elastid.model.multibody import (
     angular_velocities,
@@ -42,13 +42,15 @@ from elastid.robot import Robot
 class Equations:
     """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
 
+    parameters: the names of theta, robot.parameters() and coordinates of the geometry that are to be symbols, too.
     M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
-    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for a tree.  J (3 n_bodies + 6 n_f, n_q): J v stacks
-    the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each named
-    frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).  strains: of every spring.
+    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for most trees.  J (3 n_bodies + 6 n_f, n_q): J v
+    stacks the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each
+    named frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).  strains: of every spring.
     """
 
     coordinates: tuple[str, ...]
+    parameters: tuple[str, ...]
     q: ca.SX
     v: ca.SX
     theta: ca.SX
@@ -71,16 +73,20 @@ def coordinates_of(robot: Robot) -> tuple[str, ...]:
     )
 
 
-def open_chain(robot: Robot) -> Equations:
-    """The equations of the tree of bodies: all joints, then the motors of flexible joints; no constraint."""
-    table = robot.parameters()
+def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
+    """The equations of the tree of bodies: all joints, then the motors of flexible joints.
+
+    Constraints are those of rigid gears that are coupled with elastic ones alone.  geometry: names of robot.geometry
+    that are symbols in them; what else it names has no effect.
+    """
+    table = robot.parameters(geometry)
     coordinates = coordinates_of(robot)
     n_q, n_l = len(coordinates), len(robot.joints)
     q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
     named = dict(zip(table, ca.vertsplit(theta), strict=True))
 
     gravity = np.array(robot.gravity)
-    layout = tree(robot)
+    layout = tree(robot, named)
     turned = turns(layout, q[:n_l])
     carried = inertias(robot, layout, named)
     composite = composites(layout, carried, turned)
@@ -93,6 +99,7 @@ def open_chain(robot: Robot) -> Equations:
     carried_rotors = rotors(robot, named, q, v, J)
     return Equations(
         coordinates=coordinates,
+        parameters=tuple(table),
         q=q,
         v=v,
         theta=theta,
@@ -105,7 +112,7 @@ def open_chain(robot: Robot) -> Equations:
         + f_balance,
         V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
         D=drive.D,
-        phi=ca.SX(0, 1),
+        phi=ca.sparsify(ca.DM(rigid_rows(robot))) @ q,
         J=J,
         gravity=gravity_in_frames(layout, turned, gravity),
         B=input_matrix(robot),
@@ -113,9 +120,9 @@ def open_chain(robot: Robot) -> Equations:
     )
 
 
-def by_name(robot: Robot, of: Equations) -> dict[str, ca.SX]:
-    """The symbol of each of robot.parameters()."""
-    return dict(zip(robot.parameters(), ca.vertsplit(of.theta), strict=True))
+def by_name(of: Equations) -> dict[str, ca.SX]:
+    """The symbol of each parameter."""
+    return dict(zip(of.parameters, ca.vertsplit(of.theta), strict=True))
 
 
 def with_coordinates(of: Equations, names: Sequence[str]) -> Equations:
@@ -149,7 +156,7 @@ def with_energies(of: Equations, V: ca.SX, D: ca.SX) -> Equations:
 
 def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
     """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
-    table = robot.parameters()
+    table = robot.parameters(of.parameters)
     q, v, theta = of.q, of.v, of.theta
     lambda_, turning = ca.SX.sym("lambda", of.phi.size1()), 3 * len(robot.all_bodies)
     K = ca.hessian(of.V + ca.dot(lambda_, of.phi), q)[0]
@@ -170,7 +177,7 @@ def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | No
         constraint_jacobian=_function("constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(of.phi, q)}),
         independent=independent,
         angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J[:turning, :]}),
-        frame_velocity=_function("frame_velocity", {"q": q}, {"J": of.J[turning:, :]}),
+        frame_velocity=_function("frame_velocity", {"q": q, "theta": theta}, {"J": of.J[turning:, :]}),
         frame_gravity=_function("frame_gravity", {"q": q}, {"g": of.gravity}),
         springs=tuple(strain.spring for strain in of.strains),
         strain=_function("strain", {"q": q, "theta": theta}, _strain(of)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from elastid.errors import StudyError
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.constrained import constrained
@@ -14,8 +16,11 @@ from elastid.robot import Robot
 EXACT = ModelSpec()
 
 
-def formulate(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
-    """The ElasticModel of a robot in the formulation of `spec`; StudyError where the two do not fit."""
+def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> ElasticModel:
+    """The ElasticModel of a robot in the formulation of `spec`; StudyError where the two do not fit.
+
+    geometry: names of robot.geometry that are parameters of the model beside robot.parameters(); others do not count.
+    """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
     if formulation == "serial" and robot.loops:
         raise StudyError(
@@ -23,5 +28,5 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
             "the serial formulation would leave open; take constrained or minimal"
         )
     if formulation == "serial":
-        return serial(robot)
-    return constrained(robot) if formulation == "constrained" else minimal(robot, spec)
+        return serial(robot, geometry)
+    return constrained(robot, geometry) if formulation == "constrained" else minimal(robot, spec, geometry)

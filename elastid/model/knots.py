@@ -43,12 +43,14 @@ def knots(robot: Robot, layout: Tree, further: Mapping[str, Sequence[Sequence[fl
     origin = {BASE: 0}
     found += _points(Attachment(-1, np.eye(3), np.zeros(3)), BASE, 0, further)
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
-        # A body's joints start from one origin.
-        if body.joints:
-            first = seat.frame - len(body.joints) + 1
-            found.append(Knot("joint", body.joints[0].name, first, np.zeros(3), origin[body.parent]))
-            origin[body.name] = len(found) - 1
-        if not body.joints or any(body.mounting.xyz):
+        # A body's joints start from one origin, but for those at a point of their own.
+        first = seat.frame - len(body.joints) + 1
+        for i, joint in enumerate(body.joints):
+            if i == 0 or any(joint.point):
+                above = origin.get(body.name, origin[body.parent])
+                found.append(Knot("joint", joint.name, first + i, np.zeros(3), above))
+                origin[body.name] = len(found) - 1
+        if not body.joints or any(body.mounting.xyz) or any(any(joint.point) for joint in body.joints):
             above = origin.get(body.name, origin[body.parent])
             found.append(Knot("body", body.name, seat.frame, seat.p, above))
             origin[body.name] = len(found) - 1

@@ -7,19 +7,26 @@ Algorithms, 2008, chapters 5 and 6), written on 3-vectors so that a turn about a
 vector instead of a 3 x 3 product. M is linear in masses and inertias, g in masses.
 
 One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis. A
-joint that slides moves its frame's origin along that axis and turns nothing.
+joint that slides moves its frame's origin along that axis and turns nothing. Origins are numbers, but for coordinates
+of the geometry that are symbols of theta.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, TypeAlias
 
 import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
+
+# (3,), m: an array where all its coordinates are numbers, else a column of SX.
+Point: TypeAlias = Any
+NUMBERS: Mapping[str, ca.SX] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -32,7 +39,7 @@ class Frame:
 
     parent: int
     R: FloatArray
-    p: FloatArray
+    p: Point
     axis: int
     slides: bool = False
 
@@ -43,7 +50,7 @@ class Attachment:
 
     frame: int
     R: FloatArray
-    p: FloatArray
+    p: Point
 
 
 @dataclass(frozen=True)
@@ -67,27 +74,44 @@ class Tree:
     named: tuple[Attachment, ...] = ()
 
 
-def tree(robot: Robot) -> Tree:
-    """Lay out the frames of a robot's joints, placements and oblique axes gone into constants."""
+def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
+    """Lay out the frames of a robot's joints, placements and oblique axes gone into constants.
+
+    theta: names to symbols; coordinates among them are these symbols, all others numbers.
+    """
     frames: list[Frame] = []
     seats = {BASE: Attachment(-1, np.eye(3), np.zeros(3))}
     for body in robot.all_bodies:
-        seat = _placed(seats[body.parent], body.placement)
+        place = located(f"p_{body.name}", body.placement.xyz, theta)
+        seat = _placed(seats[body.parent], body.placement, place)
         for joint in body.joints:
             axis, align = _aligned(joint)
-            frames.append(Frame(seat.frame, _clean(seat.R @ align), seat.p, axis, joint.slides))
-            seat = Attachment(len(frames) - 1, align.T, np.zeros(3))
+            point = located(f"pj_{joint.name}", joint.point, theta)
+            frames.append(Frame(seat.frame, _clean(seat.R @ align), _beyond(seat.p, seat.R, point), axis, joint.slides))
+            seat = Attachment(len(frames) - 1, align.T, _beyond(np.zeros(3), -align.T, point))
         seats[body.name] = _placed(seat, body.mounting)
     named = tuple(_placed(seats[frame.body], frame.placement) for frame in robot.frames)
     return Tree(tuple(frames), tuple(seats[body.name] for body in robot.all_bodies), named)
 
 
-def _placed(parent: Attachment, placement: Placement) -> Attachment:
-    return Attachment(
-        parent.frame,
-        _clean(parent.R @ placement.rotation),
-        _clean(parent.p + parent.R @ np.array(placement.xyz)),
-    )
+def located(name: str, xyz: Sequence[float], theta: Mapping[str, ca.SX]) -> Point:
+    """A point of the description: numbers, or the symbols of those of its coordinates name_x, ... that theta has."""
+    names = [f"{name}_{axis}" for axis in "xyz"]
+    if not any(each in theta for each in names):
+        return np.array(xyz, dtype=float)
+    return ca.vertcat(*(theta.get(each, number) for each, number in zip(names, xyz, strict=True)))
+
+
+def _placed(parent: Attachment, placement: Placement, xyz: Point = None) -> Attachment:
+    place = np.array(placement.xyz) if xyz is None else xyz
+    return Attachment(parent.frame, _clean(parent.R @ placement.rotation), _beyond(parent.p, parent.R, place))
+
+
+def _beyond(p: Point, R: FloatArray, xyz: Point) -> Point:
+    """p + R xyz."""
+    if isinstance(p, np.ndarray) and isinstance(xyz, np.ndarray):
+        return _clean(p + R @ xyz)
+    return ca.SX(p) + ca.DM(R) @ xyz
 
 
 def _aligned(joint: Joint) -> tuple[int, FloatArray]:
@@ -187,8 +211,8 @@ def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
 
 def _turn(frame: Frame, q: ca.SX) -> Turn:
     if frame.slides:
-        return Turn(frame.axis, ca.SX(1), ca.SX(0), ca.DM(frame.p) + ca.DM(frame.R[:, frame.axis]) * q)
-    return Turn(frame.axis, ca.cos(q), ca.sin(q), ca.SX(ca.DM(frame.p)))
+        return Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q)
+    return Turn(frame.axis, ca.cos(q), ca.sin(q), ca.SX(frame.p))
 
 
 def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> tuple[Inertia, ...]:
@@ -292,7 +316,8 @@ class Rates:
     def at(self, seat: Attachment) -> Rates:
         """The same of what is fixed in the frame at a seat."""
         R = ca.DM(seat.R.T)
-        return Rates(R @ self.angular, R @ (self.linear - ca.DM(_skew(seat.p)) @ self.angular))
+        across = ca.DM(_skew(seat.p)) if isinstance(seat.p, np.ndarray) else ca.skew(seat.p)
+        return Rates(R @ self.angular, R @ (self.linear - across @ self.angular))
 
 
 def rates(layout: Tree, turned: tuple[Turn, ...]) -> tuple[Rates, ...]:

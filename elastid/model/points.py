@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from elastid.model.multibody import Attachment, Tree, Turn
+from elastid.model.multibody import Attachment, Point, Tree, Turn
 from elastid.robot import BASE, Robot
 
 
@@ -31,7 +31,7 @@ def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
 
 
 def position(
-    layout: Tree, turned: Sequence[Turn], at: Attachment, point: ca.SX | Sequence[float], seen_from: int = -1
+    layout: Tree, turned: Sequence[Turn], at: Attachment, point: Point | Sequence[float], seen_from: int = -1
 ) -> ca.SX:
     """A point (3,) of a body, given in the body's axes, in the axes of the frame `seen_from` (-1: the base), m.
 
@@ -54,8 +54,8 @@ def last_common(layout: Tree, first: int, second: int) -> int:
 def between(
     layout: Tree,
     turned: Sequence[Turn],
-    first: tuple[Attachment, Sequence[float]],
-    second: tuple[Attachment, Sequence[float]],
+    first: tuple[Attachment, Point | Sequence[float]],
+    second: tuple[Attachment, Point | Sequence[float]],
 ) -> ca.SX:
     """The vector (3,) from one body's point to another's, in the axes of the last frame that carries both, m."""
     frame = last_common(layout, first[0].frame, second[0].frame)

@@ -7,11 +7,16 @@ Niglis & Oberg (2015), eq. 2.10; the extended flexible joint (2.12) is a further
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from elastid.model.elastic import ElasticModel
 from elastid.model.equations import elastic_model, open_chain
 from elastid.robot import Robot
 
 
-def serial(robot: Robot) -> ElasticModel:
-    """The ElasticModel of a tree of bodies: coordinates of all joints, then of the motors of flexible joints."""
-    return elastic_model(robot, open_chain(robot))
+def serial(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
+    """The ElasticModel of a tree of bodies: coordinates of all joints, then of the motors of flexible joints.
+
+    geometry: names of robot.geometry that are parameters, too.
+    """
+    return elastic_model(robot, open_chain(robot, geometry))

@@ -42,7 +42,7 @@ def parameter_rows(result: FitResult, truth: Mapping[str, float] | None) -> tupl
     rows = []
     for i, parameter in enumerate(result.parameters.free):
         name = parameter.name
-        true = known.get(name)
+        true = known.get(name, known.get(parameter.stands_for))
         deviation = None
         if true is not None and std_x[i] > 0:
             deviation = float((result.x[i] - parameter.to_x(true)) / std_x[i])

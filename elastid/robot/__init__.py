@@ -23,6 +23,10 @@ polynomial, b_1, ki_1, e_1 where it has backlash: half gap, stiffness inside, ro
 gas column at the length L0, exponent), Jm_1 and fm_1 (inertia and viscous friction of the motor of joint 1), km_1 and
 dm_1 (its shaft), m_arm, c_arm_x, I_arm_xx or, where a body has the same inertia about every axis, I_arm; m_payload,
 c_payload_x, I_payload of what it carries; of the rod of loop l m_l, a_l (place of its centre of mass), I_l, k_l, d_l.
+
+So has its geometry, in m, which is identified only where a study names it: p_arm_x (placement of body arm), pj_1_x
+(point that the axis of joint 1 goes through), pc1_cyl_x and pc2_cyl_x (ends of compensator cyl), p1_l_x, p2_l_x and
+l_l (ends of loop l, length of its rod).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,7 @@ from elastid.robot.body import BASE, Body
 from elastid.robot.chain import Chain
 from elastid.robot.compensator import Compensator
 from elastid.robot.frame import Frame
-from elastid.robot.gears import GearCoupling, check_gears, mixing
+from elastid.robot.gears import GearCoupling, check_gears, gearboxes, mixing
 from elastid.robot.geometry import Acceleration3, Placement
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
@@ -127,10 +127,14 @@ class Robot:
         """The joints with a motor, in order: inputs, and the angles of a configuration."""
         return tuple(joint for joint in self.joints if joint.motor is not None)
 
-    @property
+    @cached_property
     def flexible(self) -> tuple[Joint, ...]:
-        """The joints with motor and spring, in order: the motor coordinates q_m."""
-        return tuple(joint for joint in self.joints if joint.is_flexible)
+        """The joints between which and their motors something gives, in order: the motor coordinates q_m.
+
+        A spring of their own, or one before a gear that couples them with another motor.
+        """
+        places = {place for box in gearboxes(self.driven, self.gears) for place in box.gears}
+        return tuple(joint for place, joint in enumerate(self.driven) if place in places)
 
     @property
     def motor_locations(self) -> tuple[str, ...]:
@@ -221,13 +225,33 @@ class Robot:
         payload = below("payload", self.payload.numbers) if self.payload is not None else {}
         return places | payload | below("chain", self.chain.numbers)
 
-    def parameters(self) -> dict[str, tuple[float, str]]:
-        """Every number with a name: its value and SI unit."""
-        return {name: (at(self, path), unit) for name, (unit, path) in self.numbers.items()}
+    @cached_property
+    def geometry(self) -> Numbers:
+        """Every length and coordinate that has a name, alike; they count among the parameters where they are asked for.
+
+        A model in which all of them were symbols would be several times as large.
+        """
+        places: Numbers = {}
+        for b, body in enumerate(self.bodies):
+            places |= below("bodies", below(b, body.geometry))
+            for j, joint in enumerate(body.joints):
+                places |= below("bodies", below(b, below("joints", below(j, joint.geometry))))
+        for i, loop in enumerate(self.loops):
+            places |= below("loops", below(i, loop.geometry))
+        for c, compensator in enumerate(self.compensators):
+            places |= below("compensators", below(c, compensator.geometry))
+        return places
+
+    def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
+        """Every number with a name: its value and SI unit; of the geometry those that are named, last."""
+        named = {name: place for name, place in self.geometry.items() if name in geometry} if geometry else {}
+        return {name: (at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
         """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
         places = self.numbers
+        if any(name not in places for name in values):
+            places |= self.geometry
         for name in values:
             if name not in places:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")

@@ -10,7 +10,7 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.robot.geometry import Placement, Vector3
 from elastid.robot.joint import Joint
-from elastid.robot.numbers import Numbers
+from elastid.robot.numbers import Numbers, coordinates
 from elastid.section import section
 from elastid.units import Inertia, Mass
 
@@ -72,8 +72,13 @@ class Body:
     def numbers(self) -> Numbers:
         """m_, c_ and I_ of the body."""
         places: Numbers = {f"m_{self.name}": ("kg", ("mass",))}
-        places |= {f"c_{self.name}_{a}": ("m", ("center_of_mass", i)) for i, a in enumerate("xyz")}
+        places |= coordinates(f"c_{self.name}", ("center_of_mass",))
         tensor = isinstance(self.inertia, tuple)
         for i, suffix in enumerate(self.inertia_entries):
             places[f"I_{self.name}{suffix}"] = ("kg*m^2", ("inertia", i) if tensor else ("inertia",))
         return places
+
+    @property
+    def geometry(self) -> Numbers:
+        """p_: where its first joint is in the parent's frame."""
+        return coordinates(f"p_{self.name}", ("placement", "xyz"))

@@ -14,7 +14,7 @@ from typing import Literal
 
 from elastid.robot.body import BASE
 from elastid.robot.geometry import Vector3
-from elastid.robot.numbers import Numbers, below
+from elastid.robot.numbers import Numbers, below, coordinates
 from elastid.section import section
 from elastid.units import Force, Length, LinearStiffness, Ratio
 
@@ -100,3 +100,9 @@ class Compensator:
         if self.coil is not None:
             return below("coil", self.coil.numbers(self.name))
         return below("gas", self.gas.numbers(self.name)) if self.gas is not None else {}
+
+    @property
+    def geometry(self) -> Numbers:
+        """pc1_ and pc2_: where its ends are on their bodies."""
+        first, second = (coordinates(f"pc{i + 1}_{self.name}", ("ends", i, "point")) for i in (0, 1))
+        return first | second

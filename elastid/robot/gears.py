@@ -3,7 +3,8 @@ r"""Gears that couple axes: the matrix of gear ratios, and where the springs sit
 .. math:: q_m^m = \eta\, q_m^a, \qquad \tau_a = \eta^T \tau_m, \qquad \eta = \eta_1 \eta_2
 
 Niglis & Oberg (2015), eqs. 2.24 to 2.28; superscripts: side on which an angle is measured. eta_2 holds the couplings
-between the joints' springs and the links.
+between the joints' springs and the links. A gear without a spring of its own gives where a spring before the coupling
+turns it along, and then with that spring alone.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -77,7 +78,8 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
 class Gearbox:
     """Elastic gears that give way together: gears (n_g,), places among the driven joints; springs (n_s,), names k_...
 
-    X (n_g, n_s): how far each gear gives per rad of a spring.
+    X (n_g, n_s): how far each gear gives per rad of a spring.  range (n_g, r), orthonormal columns: the deflections
+    that the springs allow, all of them where r = n_g.  rigid (n_g - r, n_g): what they do not allow, rigid @ delta = 0.
     """
 
     gears: tuple[int, ...]
@@ -86,8 +88,35 @@ class Gearbox:
 
     @property
     def is_in_series(self) -> bool:
-        """More springs than gears: what each gives follows from the torque, not from the deflection of the gears."""
-        return len(self.springs) > len(self.gears)
+        """More springs than ways to give: each gives what follows from the torque, not from the gears' deflection."""
+        _, rank = self._directions
+        return bool(len(self.springs) > rank)
+
+    @property
+    def range(self) -> FloatArray:
+        """The unit matrix where the springs leave no gear rigid."""
+        U, rank = self._directions
+        return np.eye(len(U)) if rank == len(U) else _without_rounding(U[:, :rank])
+
+    @property
+    def rigid(self) -> FloatArray:
+        """Rows of gears that turn with one another as if there were no spring."""
+        U, rank = self._directions
+        return _without_rounding(U[:, rank:]).T
+
+    @property
+    def deflections(self) -> FloatArray:
+        """X^-1 (n_s, n_g), how far each spring gives per deflection of the gears, where springs are not in series."""
+        length = np.linalg.norm(self.X, axis=0)
+        square = len(self.springs) == len(self.gears)
+        inverse = np.linalg.inv(self.X) if square else np.linalg.pinv(self.X / length) / length[:, None]
+        return np.asarray(inverse, np.float64)
+
+    @property
+    def _directions(self) -> tuple[FloatArray, int]:
+        """Left singular vectors of X, each spring's direction of unit length, and how many of them are reached."""
+        U, size, _ = np.linalg.svd(self.X / np.linalg.norm(self.X, axis=0))
+        return U, int(np.sum(size > SINGULAR * size[0]))
 
 
 def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[Gearbox, ...]:
@@ -118,13 +147,18 @@ def _check_series(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> Non
 
 
 def _inverse(E: FloatArray) -> FloatArray:
-    """E^-1 with the rounding residue of zeros set to zero: an axis that is not coupled is not."""
-    inverse: FloatArray = np.linalg.inv(E).astype(np.float64)
-    return np.where(np.abs(inverse) < 1e-12 * np.abs(inverse).max(), 0.0, inverse)
+    """E^-1: an axis that is not coupled is not."""
+    return _without_rounding(np.linalg.inv(E))
+
+
+def _without_rounding(matrix: Any) -> FloatArray:
+    """The rounding residue of zeros set to zero."""
+    clean: FloatArray = np.where(np.abs(matrix) < 1e-12 * np.abs(matrix).max(initial=0.0), 0.0, matrix)
+    return clean
 
 
 def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
-    """ValueError for couplings of joints that are not there, a singular eta, springs that would turn a rigid gear."""
+    """ValueError for couplings of joints that are not there, a singular eta, nonlinear springs in series."""
     names = [joint.name for joint in driven]
     pairs = [(gear.motor, gear.joint) for gear in gears]
     for pair in pairs:
@@ -140,19 +174,4 @@ def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
             "product of the motors' own ratios): some motion of the joints turns no motor; check the ratios, "
             "eta[motor, joint] = turns of the motor per turn of the joint"
         )
-    _check_springs(driven, gears)
     _check_series(driven, gears)
-
-
-def _check_springs(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
-    flexible = np.array([joint.is_flexible for joint in driven])
-    directions = spring_directions(driven, gears)
-    for name, direction in directions.items():
-        stiff = [j.name for j, turn, soft in zip(driven, direction, flexible, strict=True) if turn and not soft]
-        if stiff:
-            raise ValueError(
-                f"gears: where the spring {name} gives, joint {stiff[0]} turns too by the coupling, but its gear is "
-                f"rigid; give joint {stiff[0]} a spring, or let the coupling come before the springs (springs: after)"
-            )
-    if directions and np.linalg.matrix_rank(np.array(list(directions.values()))[:, flexible]) < flexible.sum():
-        raise ValueError("gears: the springs do not let every elastic joint give way on its own; give one to each")

@@ -8,9 +8,9 @@ from dataclasses import field, is_dataclass
 from typing import Literal
 
 from elastid.robot.friction import Friction
-from elastid.robot.geometry import Axis, unit_axis
+from elastid.robot.geometry import Axis, Vector3, unit_axis
 from elastid.robot.motor import Motor
-from elastid.robot.numbers import Numbers, below
+from elastid.robot.numbers import Numbers, below, coordinates
 from elastid.robot.spring import Spring
 from elastid.section import section
 from elastid.units import (
@@ -51,6 +51,8 @@ class Joint:
     viscous: friction across the joint.  Of a translation stiffness is in N/m, damping and friction in N*s/m; its motor
     turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
     start: its position where loops are put together, which decides between the two ways in which most loops close.
+    point: of a rotation, a point that its axis goes through, in the axes reached so far. Whatever follows stays where
+    it would be without the joint: a link of length l that bends at l1 is one joint at [0, 0, l1] and nothing else.
     """
 
     name: str
@@ -62,12 +64,15 @@ class Joint:
     limits: Limits = field(default_factory=Limits)
     motion: Literal["rotation", "translation"] = "rotation"
     start: JointPosition = 0.0
+    point: Vector3 = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         """Check axis, friction and units."""
         unit_axis(self.axis)
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
+        if self.slides and any(self.point):
+            raise ValueError(f"joint {self.name}: it slides, wherever its axis is; leave out point")
         self._check_units()
         if self.friction is not None:
             self.friction.check_passive(self.viscous, self.slides)
@@ -79,7 +84,7 @@ class Joint:
 
     @property
     def is_flexible(self) -> bool:
-        """Driven through an elastic gear: it has a motor coordinate of its own."""
+        """Driven through a gear with a spring, so that its motor has a coordinate; `Robot.flexible` says who else."""
         return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property
@@ -96,6 +101,11 @@ class Joint:
         if self.slides:
             across = {name: (of_translation(unit), path) for name, (unit, path) in across.items()}
         return across | motor
+
+    @property
+    def geometry(self) -> Numbers:
+        """pj_: the point that the axis of a rotation goes through."""
+        return {} if self.slides else coordinates(f"pj_{self.name}", ("point",))
 
     @property
     def unit(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from elastid.robot.compensator import Anchor
 from elastid.robot.geometry import Axis, unit_axis
-from elastid.robot.numbers import Numbers, below
+from elastid.robot.numbers import Numbers, below, coordinates
 from elastid.section import section
 from elastid.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
 
@@ -97,3 +97,10 @@ class Loop:
     def numbers(self) -> Numbers:
         """Of the rod; a point and a pin have none."""
         return below("rod", self.rod.numbers(self.name)) if self.rod is not None else {}
+
+    @property
+    def geometry(self) -> Numbers:
+        """p1_ and p2_: where its ends are on their bodies; l_: the length of its rod."""
+        first, second = (coordinates(f"p{i + 1}_{self.name}", ("ends", i, "point")) for i in (0, 1))
+        length: Numbers = {f"l_{self.name}": ("m", ("rod", "length"))} if self.rod is not None else {}
+        return first | second | length

@@ -15,6 +15,11 @@ Path: TypeAlias = tuple[str | int, ...]
 Numbers: TypeAlias = dict[str, tuple[str, Path]]
 
 
+def coordinates(prefix: str, path: Path) -> Numbers:
+    """The three coordinates of a point: prefix_x, prefix_y and prefix_z."""
+    return {f"{prefix}_{axis}": ("m", (*path, i)) for i, axis in enumerate("xyz")}
+
+
 def below(step: str | int, numbers: Numbers) -> Numbers:
     """The same numbers, seen from one step further up."""
     return {name: (unit, (step, *path)) for name, (unit, path) in numbers.items()}

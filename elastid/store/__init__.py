@@ -5,6 +5,7 @@
 - forecasts: what a plan is expected to tell
 - wing:     plan, records, frequency responses
 - results:  fit and validation
+- finished: what a stopped stage had done
 
 The same value gives the same bytes: nothing in a file tells the time.
 """
@@ -12,6 +13,7 @@ The same value gives the same bytes: nothing in a file tells the time.
 from elastid.store.description import described, kind_of
 from elastid.store.design import read_peaks, read_rehearsal, write_movement, write_torque
 from elastid.store.files import Stamp, read_stamp, remove_leftovers, replacing, text_file
+from elastid.store.finished import Finished
 from elastid.store.forecasts import read_forecast
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
 from elastid.store.wing import (
@@ -25,6 +27,7 @@ from elastid.store.wing import (
 )
 
 __all__ = [
+    "Finished",
     "Stamp",
     "described",
     "kind_of",

@@ -1,4 +1,4 @@
-"""compare.json: how the models of `elastid compare` did, and each of its fits as soon as it is finished."""
+"""compare.json: how the models of `elastid compare` did."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from elastid.store.files import Stamp, text_file
-from elastid.validation.comparison import Comparison, LeftOut, Refit, Row
+from elastid.validation.comparison import Comparison, Row
 from elastid.validation.search import Trial
 
 SCHEMA = 1
@@ -50,23 +50,6 @@ def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
 def _trial(row: dict[str, Any]) -> Trial:
     names = {key: tuple(row[key]) for key in ("coordinates", "elastic")}
     return Trial(**_numbers(row, ("before", "after", "change", "standard_error", "criterion")) | names)
-
-
-def write_refit(path: Path, refit: Refit) -> None:
-    """One finished fit."""
-    with text_file(path) as file:
-        json.dump(_plain(asdict(refit)), file, allow_nan=False)
-
-
-def read_refit(path: Path) -> Refit | None:
-    """A fit that was finished before; None where it was not."""
-    content = _read(path)
-    if content is None:
-        return None
-    scores = {name: _numbers(score, tuple(score)) for name, score in content["left_out"].items()}
-    return Refit(
-        **_numbers(content, ("cost",)) | {"left_out": {name: LeftOut(**score) for name, score in scores.items()}}
-    )
 
 
 def _read(path: Path) -> dict[str, Any] | None:

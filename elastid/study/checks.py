@@ -16,7 +16,8 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.carrier_lines import refusal
 from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
+from elastid.fit.groups import OF
 from elastid.fit.spec import FactorSpec, MaskSpec
 from elastid.names import did_you_mean
 from elastid.robot import Joint
@@ -39,6 +40,7 @@ def check(study: Study, base: Path) -> Iterator[Problem]:
     yield from check_design(study, base)
     yield from _references(study)
     yield from _hardware(study)
+    yield from _geometry(study)
     if study.experiment.recorded is not None:
         yield from _files(study.experiment.recorded, study, base)
         yield from _channels(study.experiment.recorded.channels, study)
@@ -155,6 +157,25 @@ def _hardware(study: Study) -> Iterator[Problem]:
                 law.curve(0.0, temperature)
             except ValueError as error:
                 yield Problem((*path, "warming", "temperature"), str(error))
+
+
+def _geometry(study: Study) -> Iterator[Problem]:
+    """Coordinates that are to be identified start where the robot can stand, and keep the ends of springs apart."""
+    if not named_geometry(study.fit.parameters, study.robot):
+        return
+    from elastid.fit.geometry import refusals  # brings CasADi, which few checks need
+
+    configurations = study.experiment.configurations
+    if any(len(angles) != len(study.robot.driven) for angles in configurations.values()):
+        return  # said elsewhere
+    try:
+        parameters = choose(study.fit, study.robot, tuple(configurations))
+    except StudyError:
+        return  # said elsewhere
+    for name, message in refusals(parameters, study.robot, configurations):
+        keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
+        yield Problem(("fit", "parameters", *keys[-1:]), message)
+        return
 
 
 def _realisations(study: Study, excitation: MultisineSpec) -> Iterator[Problem]:
@@ -286,6 +307,7 @@ def _references(study: Study) -> Iterator[Problem]:
     if configurations and study.design is None and set(left_out) >= set(configurations):
         yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")
     masked = configurations + chosen_names(study)
+    yield from _groups(study, masked)
     inputs, outputs = _inputs(study), _outputs(study)
     for i, output in enumerate(outputs):
         if study.experiment.simulated is not None:
@@ -316,6 +338,35 @@ def _profiled(study: Study) -> Iterator[Problem]:
     for i, pattern in enumerate(study.fit.profile):
         if not any(fnmatchcase(name, pattern) for name in free):
             yield _unknown(("fit", "profile", i), "identified parameter", pattern, list(free))
+
+
+def _groups(study: Study, configurations: list[str]) -> Iterator[Problem]:
+    """Robots and other groups hold configurations that there are; where robots are named, each is of one."""
+    given: list[tuple[KeyPath, Sequence[str]]] = [
+        (("fit", "robots", robot), names) for robot, names in study.fit.robots.items()
+    ]
+    for key, wish in study.fit.parameters.items():
+        per = wish.per if isinstance(wish.per, dict) else {}
+        given += [(("fit", "parameters", key, "per", group), names) for group, names in per.items()]
+        base, _, one = key.partition(OF)
+        each = any(
+            p.per == "configuration" for k, p in study.fit.parameters.items() if fnmatchcase(k, base) or k == base
+        )
+        if one and each and not any(fnmatchcase(name, one) for name in configurations):
+            yield _unknown(("fit", "parameters", key), "configuration", one, configurations)
+    for path, names in given:
+        try:
+            check_file_name(str(path[-1]))
+        except ValueError as error:
+            yield Problem(path, str(error), at_key=True)
+        for i, name in enumerate(names):
+            if name not in configurations:
+                yield _unknown((*path, i), "configuration", name, configurations)
+    measured = {name for names in study.fit.robots.values() for name in names}
+    missing = [name for name in study.experiment.configurations if name not in measured]
+    if study.fit.robots and missing:
+        problem = f"configuration {', '.join(missing)} is of none of these robots; name it at the one that it is of"
+        yield Problem(("fit", "robots"), problem, at_key=True)
 
 
 def _inputs(study: Study) -> list[str]:

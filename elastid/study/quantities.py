@@ -9,7 +9,8 @@ from fnmatch import fnmatchcase
 from typing import TypeAlias
 
 from elastid.errors import StudyError
-from elastid.fit.choose import choose
+from elastid.fit.choose import choose, named_geometry
+from elastid.fit.groups import OF
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.names import did_you_mean
@@ -25,9 +26,10 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 def in_si(study: Study) -> tuple[Study, list[Problem]]:
     """The study with every quantity a float in SI, and what stands in the way: unknown names, wrong units, bounds."""
     found: list[Problem] = []
-    numbers = study.robot.parameters()
-    table = {**numbers, DELAY: (0.0, "s")}
-    parameters = {name: _parameter(spec, name, table, found) for name, spec in study.fit.parameters.items()}
+    numbers = study.robot.parameters(study.robot.geometry)
+    asked = named_geometry(study.fit.parameters, study.robot)
+    table: Table = {**study.robot.parameters(asked), DELAY: (0.0, "s")}
+    parameters = {name: _parameter(spec, name, table, numbers, found) for name, spec in study.fit.parameters.items()}
     study = replace(study, fit=replace(study.fit, parameters=parameters))
     simulated = study.experiment.simulated
     if simulated is not None:
@@ -43,16 +45,17 @@ def in_si(study: Study) -> tuple[Study, list[Problem]]:
 Table: TypeAlias = Mapping[str, tuple[float, str]]
 
 
-def _parameter(spec: ParameterSpec, pattern: str, table: Table, found: list[Problem]) -> ParameterSpec:
+def _parameter(spec: ParameterSpec, pattern: str, table: Table, every: Table, found: list[Problem]) -> ParameterSpec:
+    """The spec in SI.  table: the parameters; every: the geometry that no key names included."""
     path = (*_FIT, pattern)
-    names = [name for name in table if fnmatchcase(name, pattern)]
+    names = [name for name in table if fnmatchcase(name, pattern.partition(OF)[0])]
 
     def number(value: Quantity, *keys: str | int) -> float:
         return _number(value, names, (*path, *keys), table, found)
 
     before = len(found)
     if not names:
-        known = did_you_mean(pattern, table)
+        known = did_you_mean(pattern, table, every)
         found.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")
@@ -116,10 +119,14 @@ def _truth_of_a_robot(study: Study, truth: Mapping[str, Quantity]) -> list[Probl
 def _refused_choice(study: Study) -> list[Problem]:
     """What the fit says about its parameters taken together, at the key that it speaks of."""
     try:
-        choose(study.fit, study.robot)
+        choose(study.fit, study.robot, tuple(study.experiment.configurations))
     except StudyError as error:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
-        named = re.match(r"\w+", message)
-        keys = [key for key in study.fit.parameters if named and fnmatchcase(named[0], key)]
+        named = re.match(r"[^\s:.]+", message)
+        keys = [key for key in study.fit.parameters if named and fnmatchcase(named[0].partition(OF)[0], key)]
+        keys += [key for key in study.fit.parameters if named and named[0] == key]
+        for key in keys[-1:]:
+            if message.startswith((f"{key}:", f"{key}.")):
+                message = message.removeprefix(key).lstrip(".: ")
         return [Problem((*_FIT, *keys[-1:]), message)]
     return []

@@ -28,6 +28,7 @@ import numpy as np
 from elastid.arrays import FloatArray, frozen
 from elastid.errors import ElastidError, StudyError
 from elastid.fit.choose import choose
+from elastid.fit.groups import OF, is_of_one
 from elastid.fit.identify import identify, predict
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
 from elastid.fit.weights import weigh
@@ -171,9 +172,10 @@ def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
     StudyError where it names no others: without any it would be another fit, that of every stiffness.
     """
-    there, known = robot.parameters(), own.parameters()
+    there, known = robot.parameters(robot.geometry), own.parameters(own.geometry)
 
     def gone(key: str) -> bool:
+        key = key.partition(OF)[0]
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
 
     kept = {key: wish for key, wish in spec.parameters.items() if not gone(key)}
@@ -194,7 +196,13 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
         if name in free
     }
     patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
-    return replace(spec, parameters={**patterns, **still})
+    left = free - still.keys()
+    kept = {
+        key: wish
+        for key, wish in patterns.items()
+        if not is_of_one(key) or any(fnmatchcase(name, key.partition(OF)[0]) for name in left)
+    }
+    return replace(spec, parameters={**kept, **still})
 
 
 def _divided(

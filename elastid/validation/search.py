@@ -1,15 +1,17 @@
 r"""Where does the elasticity sit? A search backward and forward over the elastic coordinates, with the evidence.
 
-It begins with all of them rigid. Freeing one, with its parameters, is worth it where
+It begins with the gears of the driven joints elastic and all others rigid. Freeing one, with its parameters, is worth
+it where
 
 .. math:: \bar d > \frac{s_d}{\sqrt{n}}, \quad d_c = m_c(\mathrm{rigid}) - m_c(\mathrm{free})
           \qquad\text{and}\qquad \mathrm{QAIC}(\mathrm{free}) < \mathrm{QAIC}(\mathrm{rigid})
 
 d_c: by how much the misfit m_c of configuration c, left out of both fits, falls; mean and standard deviation s_d over
 the n configurations. (m_c and QAIC: `comparison`.) What helps in a single configuration only has a mean of just one
-standard error and is not worth it. A step makes rigid the coordinate that is not worth it and is missed least; where
-there is none, it frees the one that is worth it and predicts best; where there is none of these, all the rest at once,
-since two springs may show only together. It ends where no step is left that leads to a model not held before.
+standard error and is not worth it. A step makes rigid what was freed, is not worth it, and is missed least; where there
+is none, it frees the coordinate that is worth it and predicts best; where there is none of these, all the rest at once,
+since two springs may show only together; and only then it makes rigid the gear that is not worth it: while a spring is
+lacking elsewhere, a gear may look like anything. It ends where no step is left that leads to a model not held before.
 
 Found step by step, the model need not be the best of all: 2^n of them are not fitted.
 """
@@ -23,7 +25,7 @@ from typing import Literal, TypeAlias
 
 from elastid.validation.comparison import Row
 
-# The coordinates that are elastic in a model, in the order of the robot.
+# The coordinates that are elastic in a model, in the order of the robot, by their labels.
 Elastic: TypeAlias = tuple[str, ...]
 Fitted: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, Row]]
 
@@ -50,14 +52,14 @@ class Trial:
     taken: bool
 
 
-def search(coordinates: Sequence[str], fitted: Fitted) -> Iterator[Trial]:
+def search(coordinates: Sequence[str], fitted: Fitted, start: Elastic = ()) -> Iterator[Trial]:
     """Every trial, as soon as its step is decided; `found` says where they lead.
 
-    fitted: the rows of at least the models asked for, under one scale of QAIC.
+    fitted: the rows of at least the models asked for, under one scale of QAIC.  start: what is elastic to begin with.
     """
-    held: tuple[Elastic, ...] = ((),)
+    held: tuple[Elastic, ...] = (start,)
     while True:
-        for candidates in _steps(coordinates, held[-1]):
+        for candidates in _steps(coordinates, held[-1], start):
             new = [model for model in candidates if model not in held]
             rows = fitted([held[-1], *new])
             chosen = _chosen(rows, held[-1], new)
@@ -70,20 +72,20 @@ def search(coordinates: Sequence[str], fitted: Fitted) -> Iterator[Trial]:
             return
 
 
-def found(trials: Sequence[Trial]) -> Elastic:
+def found(trials: Sequence[Trial], start: Elastic = ()) -> Elastic:
     """The coordinates that are elastic where the search ends."""
-    return next((trial.elastic for trial in reversed(trials) if trial.taken), ())
+    return next((trial.elastic for trial in reversed(trials) if trial.taken), start)
 
 
-def found_words(coordinates: Sequence[str], trials: Sequence[Trial]) -> str:
+def found_words(coordinates: Sequence[str], trials: Sequence[Trial], start: Elastic = ()) -> str:
     """The same as a sentence."""
     if not any(math.isfinite(misfit) for trial in trials for misfit in (trial.before, trial.after)):
         return "The search has nothing to go by: no model could be held against every configuration left out."
-    elastic = found(trials)
+    elastic = found(trials, start)
     rigid = [name for name in coordinates if name not in elastic]
     if not elastic:
-        return f"These data show no elasticity beyond the driven joints: {', '.join(rigid)} can be rigid."
-    words = f"Beyond the driven joints the elasticity sits in {', '.join(elastic)}"
+        return f"These data show no elasticity: {', '.join(rigid)} can be rigid."
+    words = f"The elasticity sits in {', '.join(elastic)}"
     return words + (f"; {', '.join(rigid)} can be rigid by these data." if rigid else ".")
 
 
@@ -97,11 +99,16 @@ def is_worth_it(rigid: Row, free: Row) -> bool:
     return gain > standard_error and free.criterion < rigid.criterion
 
 
-def _steps(coordinates: Sequence[str], model: Elastic) -> Iterator[list[Elastic]]:
-    """The models to try from this one: one more rigid, one more free, all free."""
-    yield [tuple(name for name in model if name != rigid) for rigid in model]
+def _steps(coordinates: Sequence[str], model: Elastic, start: Elastic) -> Iterator[list[Elastic]]:
+    """The models to try from this one: one more rigid, one more free, all free, one of the start rigid."""
+    yield [_without(model, freed) for freed in model if freed not in start]
     yield [tuple(name for name in coordinates if name in model or name == free) for free in _others(coordinates, model)]
     yield [tuple(coordinates)] if len(_others(coordinates, model)) > 1 else []
+    yield [_without(model, first) for first in model if first in start]
+
+
+def _without(model: Elastic, rigid: str) -> Elastic:
+    return tuple(name for name in model if name != rigid)
 
 
 def _others(coordinates: Sequence[str], model: Elastic) -> list[str]:

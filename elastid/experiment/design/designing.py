@@ -147,11 +147,16 @@ class Brief:
 
     @property
     def parameters(self) -> ParameterSet:
-        """What the fit identifies, at what is found of it already."""
-        parameters = choose(self.fit, self.robot)
+        """What the fit identifies, at what is found of it already.
+
+        Robots and other groups of configurations have parameters of their own where all configurations are given; what
+        a design chooses is of one robot.
+        """
+        given = () if self.design is not None else tuple(self.experiment.configurations)
+        parameters = choose(self.fit, self.robot, [name for name in given if name not in self.left_out])
         known = dict(self.found)
         return parameters.with_values(
-            {p.name: min(max(known[p.name], p.lower), p.upper) for p in parameters.free if p.name in known}
+            {p.name: min(max(known[p.stands_for], p.lower), p.upper) for p in parameters.free if p.stands_for in known}
         )
 
 

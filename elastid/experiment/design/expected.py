@@ -132,12 +132,12 @@ class Prospect:
         """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
-        both = _linearisation(self.robot, self.model).at(
+        both = _linearisation(self.robot, self.model, self.parameters.names).at(
             configuration, theta[:-1], (*motors, *self.outputs), self.quantity
         )
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
-        model = replace(both, C=both.C[n_u:], T=both.tilt[n_u:], outputs=self.outputs)
+        model = both.reading(range(n_u, len(both.outputs)))
         return model, every[:, n_u:], every[:, :n_u]
 
     def torques(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
@@ -148,7 +148,7 @@ class Prospect:
 
     def motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
         """X (M E, F, n_q): what the multisine moves joints and motors by, rad or m, amplitude spectra; 0 for rods."""
-        local = _linearisation(self.robot, self.model)
+        local = _linearisation(self.robot, self.model, self.parameters.names)
         theta = self.parameters.expand(x)
         coordinates = local.model.coordinates
         there = [i for i, name in enumerate(coordinates) if name in self.robot.locations]
@@ -182,7 +182,8 @@ class Prospect:
         """Nms/rad (n_u,), link side: what Coulomb friction adds to the viscous friction that a fit finds."""
         theta = self.parameters.expand(x)
         motors = self.robot.motor_locations
-        model = _linearisation(self.robot, self.model).at(configuration, theta[:-1], motors, self.quantity)
+        local = _linearisation(self.robot, self.model, self.parameters.names)
+        model = local.at(configuration, theta[:-1], motors, self.quantity)
         motion = frequency_response(model, theta, self.freq_hz)
         sensitivity = self._sensitivity(configuration, motion)
         return self._friction((sensitivity @ self.R[..., None])[..., 0], motion)[0]
@@ -299,16 +300,16 @@ def linear_model(
 ) -> LinearModel:
     """The model of a measured response about parameters x (n_x,), its inputs and outputs in its order."""
     theta = parameters.expand(x)
-    model = _linearisation(robot, formulation).at(
+    model = _linearisation(robot, formulation, parameters.names).at(
         response.configuration, theta[:-1], response.outputs, response.quantity
     )
     return matched(model, response)
 
 
 @lru_cache(maxsize=4)
-def _linearisation(robot: Robot, formulation: ModelSpec) -> Linearisation:
-    """Built once in a process."""
-    return Linearisation.of(formulate(robot, formulation))
+def _linearisation(robot: Robot, formulation: ModelSpec, geometry: tuple[str, ...] = ()) -> Linearisation:
+    """Built once in a process; geometry: names of which those of robot.geometry are parameters."""
+    return Linearisation.of(formulate(robot, formulation, geometry))
 
 
 @lru_cache(maxsize=1024)

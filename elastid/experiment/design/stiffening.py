@@ -43,7 +43,7 @@ class Stiffening:
 
 def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) -> Stiffening:
     """What a plan does to the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
-    model = formulate(prospect.robot, prospect.model)
+    model = formulate(prospect.robot, prospect.model, prospect.parameters.names)
     theta = prospect.parameters.expand(x)[:-1]
     (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
     X = prospect.motion(configuration, x) @ _rows(model, load.joints).T

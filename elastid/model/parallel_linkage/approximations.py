@@ -88,7 +88,7 @@ def _axes(robot: Robot) -> list[FloatArray]:
 
 def series_stiffness(robot: Robot, of: Equations, found: Sequence[Closure], constant: bool) -> Equations:
     """The gear springs of levers with those of their elastic rods in series; constant: as at the start posture."""
-    theta, motor = by_name(robot, of), motor_coordinates(robot)
+    theta, motor = by_name(of), motor_coordinates(robot)
     for closure in elastic(found):
         lever = _lever(robot, closure.loop)
         joint, name = robot.joints[lever].name, closure.loop.name

@@ -8,21 +8,25 @@ nothing it has no inertia, and M is singular: only on the null space of Phi is i
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import casadi as ca
 
 from elastid.model.elastic import ElasticModel
-from elastid.model.equations import elastic_model, open_chain
+from elastid.model.equations import by_name, elastic_model, open_chain
 from elastid.model.parallel_linkage.geometry import closures
 from elastid.model.parallel_linkage.rods import stretching, with_rod_inertia
 from elastid.robot import Robot
 
 
-def constrained(robot: Robot) -> ElasticModel:
-    """The ElasticModel with one row for each rod and those of each pin and point; redundant rows are kept."""
-    of = open_chain(robot)
-    found = closures(robot, of.q[: len(robot.joints)])
+def constrained(robot: Robot, geometry: Collection[str] = ()) -> ElasticModel:
+    """The ElasticModel with one row for each rod and those of each pin and point; redundant rows are kept.
+
+    geometry: names of robot.geometry that are parameters, too.
+    """
+    of = open_chain(robot, geometry)
+    found = closures(robot, of.q[: len(robot.joints)], by_name(of))
     of = with_rod_inertia(robot, of, found)
-    of, rows = stretching(robot, of, found)
-    return elastic_model(robot, replace(of, phi=ca.vertcat(*rows)))
+    of, rows = stretching(of, found)
+    return elastic_model(robot, replace(of, phi=ca.vertcat(of.phi, *rows)))

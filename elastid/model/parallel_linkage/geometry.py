@@ -10,13 +10,14 @@ the rod's angles nor their redundant constraints exist.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
 from elastid.arrays import FloatArray
-from elastid.model.multibody import Tree, Turn, tree, turns
+from elastid.model.multibody import NUMBERS, Tree, Turn, located, tree, turns
 from elastid.model.points import between, last_common, position, seat
 from elastid.robot import Axis, Loop, Pin, Robot, unit_axis
 
@@ -26,24 +27,25 @@ class Closure:
     """One loop as expressions of the joints' coordinates.
 
     gap (3,): from the first end to the second.  ends: both in the base frame.  rows (n_rows,): zero where the loop is
-    closed and its rod, if it has one, not stretched.
+    closed and its rod, if it has one, not stretched.  length: of its rod at rest, 0 without one.
     """
 
     loop: Loop
     gap: ca.SX
     ends: tuple[ca.SX, ca.SX]
     rows: ca.SX
+    length: ca.SX | float = 0.0
 
 
-def closures(robot: Robot, q: ca.SX) -> tuple[Closure, ...]:
-    """The loops of a robot at joint coordinates q (n_l,)."""
-    layout = tree(robot)
+def closures(robot: Robot, q: ca.SX, theta: Mapping[str, ca.SX] = NUMBERS) -> tuple[Closure, ...]:
+    """The loops of a robot at joint coordinates q (n_l,); theta: names to symbols, as of `tree`."""
+    layout = tree(robot, theta)
     turned = turns(layout, q)
-    return tuple(_closure(robot, layout, turned, loop) for loop in robot.loops)
+    return tuple(_closure(robot, layout, turned, loop, theta) for loop in robot.loops)
 
 
 def rod_row(closure: Closure, length: ca.SX | float) -> ca.SX:
-    """(|gap|^2 - length^2) / (2 L), L the rod's length at rest."""
+    """(|gap|^2 - length^2) / (2 L), L the length at rest in the robot's description."""
     assert closure.loop.rod is not None
     return (ca.sumsqr(closure.gap) - length**2) / (2 * closure.loop.rod.length)
 
@@ -67,13 +69,17 @@ def branches(robot: Robot, loop: Loop) -> tuple[list[int], list[int]]:
     return found[0], found[1]
 
 
-def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop) -> Closure:
-    first, second = ((seat(robot, layout, end.body), end.point) for end in loop.ends)
+def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, theta: Mapping[str, ca.SX]) -> Closure:
+    first, second = (
+        (seat(robot, layout, end.body), located(f"p{i}_{loop.name}", end.point, theta))
+        for i, end in enumerate(loop.ends, start=1)
+    )
     gap = between(layout, turned, first, second)
     ends = position(layout, turned, *first), position(layout, turned, *second)
     closure = Closure(loop, gap, ends, gap)
     if loop.rod is not None:
-        return Closure(loop, gap, ends, rod_row(closure, loop.rod.length))
+        length = theta.get(f"l_{loop.name}", loop.rod.length)
+        return Closure(loop, gap, ends, rod_row(closure, length), length)
     if loop.pin is not None:
         return Closure(loop, gap, ends, _pin_rows(robot, layout, turned, loop, loop.pin, gap))
     return closure

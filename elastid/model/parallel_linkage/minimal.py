@@ -10,13 +10,14 @@ model and in the simulation; the dependent coordinates stay in q and are worked 
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import casadi as ca
 
 from elastid.errors import StudyError
 from elastid.model.elastic import ElasticModel
-from elastid.model.equations import elastic_model, open_chain
+from elastid.model.equations import by_name, elastic_model, open_chain
 from elastid.model.parallel_linkage.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
 from elastid.model.parallel_linkage.geometry import closures
 from elastid.model.parallel_linkage.rods import cut, elastic, with_rod_inertia
@@ -25,23 +26,38 @@ from elastid.names import did_you_mean
 from elastid.robot import Robot
 
 
-def minimal(robot: Robot, spec: ModelSpec) -> ElasticModel:
-    """The ElasticModel with the independent coordinates of `spec`; StudyError for names that are no coordinates."""
-    of = open_chain(robot)
+def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> ElasticModel:
+    """The ElasticModel with the independent coordinates of `spec`; StudyError for names that are no coordinates.
+
+    geometry: names of robot.geometry that are parameters, too.
+    """
+    of = open_chain(robot, geometry)
+    if spec.variant == "constant_stiffness":
+        _refuse_moving_start(robot, of.parameters)
     n_l = len(robot.joints)
     within = elastic_joints_within(robot)
     seen = unbent(robot, of.q[:n_l]) if spec.variant == "bending_outside" else of.q[:n_l]
-    found = closures(robot, seen)
+    found = closures(robot, seen, by_name(of))
     of = with_rod_inertia(robot, of, found, lumped=spec.variant == "lumped_rod")
     if spec.variant in STIFF:
         rows = [*(closure.rows for closure in found), *(of.q[i] for i in within)]
         if spec.variant != "rigid_loop":
             of = series_stiffness(robot, of, found, constant=spec.variant == "constant_stiffness")
     else:
-        of = cut(robot, of, found)
+        of = cut(of, found)
         stretched = elastic(found)
         rows = [closure.rows for closure in found if closure not in stretched]
     for name in spec.independent:
         if name not in of.coordinates:
             raise StudyError(f"model.independent: '{name}' is no coordinate; {did_you_mean(name, of.coordinates)}")
-    return elastic_model(robot, replace(of, phi=ca.vertcat(ca.SX(0, 1), *rows)), spec.independent)
+    return elastic_model(robot, replace(of, phi=ca.vertcat(of.phi, *rows)), spec.independent)
+
+
+def _refuse_moving_start(robot: Robot, parameters: Collection[str]) -> None:
+    """The stiffness of that variant is the one at the start posture, which hangs on the geometry."""
+    moving = [name for name in robot.geometry if name in parameters]
+    if moving:
+        raise StudyError(
+            f"model.variant: constant_stiffness holds the posture of the robot's own geometry, so that {moving[0]} "
+            "cannot be identified with it; choose series_stiffness or exact"
+        )

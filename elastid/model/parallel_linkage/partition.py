@@ -80,7 +80,7 @@ def _tier(model: ElasticModel, coordinate: str) -> int:
         return 1
     if joint.motor is None:
         return 2
-    return 3 if kind == "joint" and joint.is_flexible else 4
+    return 3 if kind == "joint" and joint in model.robot.flexible else 4
 
 
 def _dependent(model: ElasticModel, chosen: Sequence[str], rank: int, reached: int) -> str:

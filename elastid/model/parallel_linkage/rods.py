@@ -22,7 +22,7 @@ from elastid.robot import Robot
 
 def with_rod_inertia(robot: Robot, of: Equations, found: Sequence[Closure], lumped: bool = False) -> Equations:
     """The equations with mass and weight of all rods; lumped: a point mass at each end, (1 - a) m and a m."""
-    theta, gravity = by_name(robot, of), ca.DM(robot.gravity)
+    theta, gravity = by_name(of), ca.DM(robot.gravity)
     for closure in found:
         rod, name = closure.loop.rod, closure.loop.name
         if rod is None:
@@ -32,7 +32,7 @@ def with_rod_inertia(robot: Robot, of: Equations, found: Sequence[Closure], lump
         if lumped:
             masses = ((1 - a) * m, first), (a * m, second)
         else:
-            masses = (m, (1 - a) * first + a * second), (inertia / rod.length**2, second - first)
+            masses = (m, (1 - a) * first + a * second), (inertia / closure.length**2, second - first)
         for mass, point in masses:
             of = _with_mass(of, mass, point)
         of = with_energies(of, -m * ca.dot(gravity, (1 - a) * first + a * second), ca.SX(of.D.shape[0], of.D.shape[1]))
@@ -51,34 +51,32 @@ def elastic(found: Sequence[Closure]) -> list[Closure]:
     return [closure for closure in found if closure.loop.rod is not None and closure.loop.rod.is_elastic]
 
 
-def cut(robot: Robot, of: Equations, found: Sequence[Closure]) -> Equations:
+def cut(of: Equations, found: Sequence[Closure]) -> Equations:
     """Elastic rods as springs and dampers between their end points."""
-    theta = by_name(robot, of)
+    theta = by_name(of)
     for closure in elastic(found):
-        rod, name = closure.loop.rod, closure.loop.name
-        assert rod is not None
-        s = ca.norm_2(closure.gap) - rod.length
+        name = closure.loop.name
+        s = ca.norm_2(closure.gap) - closure.length
         y = ca.gradient(s, of.q)
         of = with_energies(of, theta[f"k_{name}"] * s**2 / 2, theta[f"d_{name}"] * y @ y.T)
         of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], s))
     return of
 
 
-def stretching(robot: Robot, of: Equations, found: Sequence[Closure]) -> tuple[Equations, list[ca.SX]]:
+def stretching(of: Equations, found: Sequence[Closure]) -> tuple[Equations, list[ca.SX]]:
     """Elastic rods with a coordinate `rod <name>` each; and the rows that close all loops, stretched as they are."""
     with_rod = elastic(found)
     n = len(of.coordinates)
     of = with_coordinates(of, [f"rod {closure.loop.name}" for closure in with_rod])
-    theta, rows = by_name(robot, of), []
+    theta, rows = by_name(of), []
     for closure in found:
         if closure not in with_rod:
             rows.append(closure.rows)
             continue
-        rod, name, i = closure.loop.rod, closure.loop.name, n + with_rod.index(closure)
-        assert rod is not None
+        name, i = closure.loop.name, n + with_rod.index(closure)
         y = ca.DM(len(of.coordinates), 1)
         y[i] = 1
         of = with_energies(of, theta[f"k_{name}"] * of.q[i] ** 2 / 2, theta[f"d_{name}"] * ca.sparsify(y @ y.T))
         of = with_strains(of, Strain(f"k_{name}", theta[f"k_{name}"], of.q[i]))
-        rows.append(rod_row(closure, rod.length + of.q[i]))
+        rows.append(rod_row(closure, closure.length + of.q[i]))
     return of, rows

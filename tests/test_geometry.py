@@ -1,0 +1,304 @@
+"""Geometry as named numbers: where bodies, joints, compensators and loops sit, in the linear model and in a fit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+
+from elastid.errors import StudyError
+from elastid.export.mujoco import mjcf
+from elastid.fit.choose import choose, named_geometry
+from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.transfer import Kernel, frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.kinematics import skeleton
+from elastid.model.serial import serial
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import (
+    Anchor,
+    Body,
+    Compensator,
+    Frame,
+    GasSpring,
+    Joint,
+    Loop,
+    Motor,
+    Pin,
+    Placement,
+    Robot,
+    Rod,
+    Spring,
+)
+
+LINES = np.geomspace(0.7, 90, 8)
+
+
+def bending_arm() -> Robot:
+    """A gas spring on the shoulder, an upper arm that bends at 0.35 m, an elbow; a tool with an accelerometer."""
+    gas = GasSpring(6000.0, 0.6, 0.4, 1.2, "draw")
+    ends = Anchor("base", (-0.15, 0.02, -0.5)), Anchor("root", (-0.1, 0.01, 0.1))
+    motor = Motor(2e-3, 60, 1e-3)
+    bend = Joint("1b", "y", Spring(6e4, 30), point=(0.0, 0.0, 0.35))
+    twist = Joint("1t", (0.1, 0.0, 1.0), Spring(2e4, 20), point=(0.02, 0.01, 0.3))
+    return Robot(
+        "bending arm",
+        (
+            Body(
+                "root",
+                "base",
+                Placement((0.03, 0, 0.02)),
+                (Joint("1", "y", Spring(3e4, 60), motor),),
+                15,
+                (0, 0, 0.2),
+                1.0,
+            ),
+            Body("tip", "root", Placement(), (bend, twist), 20, (0.01, 0.02, 0.6), (1.0, 1.1, 0.4)),
+            Body(
+                "fore",
+                "tip",
+                Placement((0, 0.1, 0.8)),
+                (Joint("2", "y", Spring(2e4, 40), motor),),
+                25,
+                (0.3, 0, 0),
+                1.0,
+            ),
+        ),
+        frames=(Frame("tool", "fore", Placement((0.6, 0.05, 0.1), (0.2, 0.1, -0.3))),),
+        compensators=(Compensator("gas", ends, gas=gas),),
+    )
+
+
+def linkage(rod: Rod, spatial: bool) -> Robot:
+    """Lower arm that bends, crank and rod to a rear lever: a four-bar, planar or on a turret."""
+    motor = Motor(2e-3, 100, 2e-3)
+    bodies: list[Body] = []
+    base, place = "base", Placement((0.2, -0.08, 0.46))
+    if spatial:
+        turn = Joint("1", "z", Spring(1.5e6, 700), motor)
+        bodies.append(Body("turret", joints=(turn,), mass=100, center_of_mass=(0.02, 0.02, 0.3), inertia=8.0))
+        base = "turret"
+    sideways = (Joint("c2", "x", Spring(1e6, 400), point=(0.0, 0.0, 0.4)),) if spatial else ()
+    bend = Joint("b2", "y", Spring(2e6, 500), point=(0.0, 0.0, 0.4))
+    bodies += [
+        Body("lower", base, place, (Joint("2", "y", Spring(8e5, 400), motor),), 16.0, (0.06, 0.09, 0.2), 0.4),
+        Body("end", "lower", Placement(), (bend, *sideways), 15.0, (0.06, 0.09, 0.6), 0.4),
+        Body("crank", base, place, (Joint("3", "y", Spring(5e5, 250), motor),), 19.4, (-0.45, -0.09, 0.03), 0.7),
+        Body("upper", "end", Placement((0, -0.07, 0.89)), (Joint("elbow", "y"),), 50.0, (0.35, 0.13, 0.14), 5.0),
+    ]
+    ends = Anchor("crank", (-0.33, -0.07, 0.0)), Anchor("upper", (-0.3, 0.0, 0.0))
+    frames = (Frame("tool", "upper", Placement((0.9, 0.0, 0.1))),)
+    return Robot("linkage", tuple(bodies), frames=frames, loops=(Loop("rod", ends, rod=rod),))
+
+
+RIGID, ELASTIC = Rod(0.86, 6.2, 0.4, 0.5), Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000)
+TOOL = ("accelerometer tool z", "frame tool x", "body {} y")
+CASES = {
+    "bending arm": (bending_arm(), ModelSpec(), (0.4, -0.3), "fore"),
+    "constrained, rigid": (linkage(RIGID, False), ModelSpec("constrained"), (0.2, 0.1), "upper"),
+    "constrained, spatial": (linkage(ELASTIC, True), ModelSpec("constrained"), (0.3, 0.2, 0.1), "upper"),
+    "minimal, rigid": (linkage(RIGID, True), ModelSpec("minimal"), (0.3, 0.2, 0.1), "upper"),
+    "minimal, elastic": (linkage(ELASTIC, False), ModelSpec("minimal"), (0.2, 0.1), "upper"),
+    "minimal, lumped": (linkage(ELASTIC, False), ModelSpec("minimal", "lumped_rod"), (0.2, 0.1), "upper"),
+    "series stiffness": (linkage(ELASTIC, False), ModelSpec("minimal", "series_stiffness"), (0.2, 0.1), "upper"),
+    "bending outside": (linkage(RIGID, False), ModelSpec("minimal", "bending_outside"), (0.2, 0.1), "upper"),
+}
+
+
+def measured(robot: Robot, body: str) -> tuple[str, ...]:
+    """The motors, and places that the geometry moves."""
+    return (*robot.motor_locations, *(place.format(body) for place in TOOL))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -> None:
+    """dG/dtheta of all parameters at once, geometry and what it deflects, against differences of fourth order."""
+    robot, spec, angles, body = CASES[case]
+    model = formulate(robot, spec, robot.geometry)
+    outputs, at = measured(robot, body), Configuration("c", angles)
+    linearisation = Linearisation.of(model)
+    linear = linearisation.at(at, model.theta, outputs, "acceleration")
+    kernel = Kernel(linear, LINES, linear.parameters)
+    G, dG = kernel.evaluate(linear.theta_ref)
+    np.testing.assert_allclose(G, frequency_response(linear, linear.theta_ref, LINES), rtol=1e-9)
+    scale = np.abs(G).max(axis=0)
+    found = replace(linearisation, following=None)  # responses alone
+
+    def anew(place: int, by: float) -> np.ndarray:
+        theta = model.theta.copy()
+        theta[place] += by
+        there = found.at(at, theta, outputs, "acceleration")
+        return frequency_response(there, there.theta_ref, LINES)
+
+    for place, name in enumerate(model.parameters):
+        if not (name in robot.geometry or name.startswith(("k_", "m_", "c_", "F0_", "I_rod", "a_"))):
+            continue
+        size = max(abs(model.theta[place]), 0.3)
+        h = 2e-4 * size
+        near, far = (anew(place, step) - anew(place, -step) for step in (h, 2 * h))
+        difference = (8 * near - far) / (12 * h)
+        error = np.abs(dG[place] - difference)
+        allowed = 1e-6 * np.maximum(np.abs(difference).max(axis=0), 1e-2 * scale / size)
+        assert np.all(error <= allowed), (name, (error / allowed).max())
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_coordinates_as_symbols_are_the_coordinates_of_the_robot(case: str) -> None:
+    """The model with all geometry as parameters, at other values of it, is that of the robot described so."""
+    robot, spec, angles, body = CASES[case]
+    outputs, at = measured(robot, body), Configuration("c", angles)
+    numbers = robot.parameters(robot.geometry)
+    rng = np.random.default_rng(0)
+    in_plane = [name for name in robot.geometry if name.endswith(("_x", "_z")) or name == "l_rod"]
+    values = {name: numbers[name][0] + 0.01 * float(rng.uniform(-1, 1)) for name in in_plane}
+    other = robot.with_parameters(values)
+    model, fresh = formulate(robot, spec, robot.geometry), formulate(other, spec)
+    theta = np.array([values.get(name, number) for name, number in zip(model.parameters, model.theta, strict=True)])
+    symbols = linearise(model, at, theta, outputs, "acceleration")
+    described = linearise(fresh, at, fresh.theta, outputs, "acceleration")
+    G = frequency_response(symbols, symbols.theta_ref, LINES)
+    expected = frequency_response(described, described.theta_ref, LINES)
+    np.testing.assert_allclose(G, expected, rtol=1e-7, atol=1e-9 * np.abs(expected).max())
+    assert fresh.parameters == tuple(robot.parameters())
+    assert model.robot_at(theta) == other
+
+
+def test_a_point_of_a_joint_moves_its_axis_and_nothing_else() -> None:
+    """The same robot as one whose body is placed at the point, and mounted back by as much behind its joint."""
+    arm = bending_arm()
+    root, tip, fore = arm.bodies
+    bend, twist = tip.joints
+    apart = (
+        replace(tip, name="bent", joints=(replace(bend, point=(0.0, 0.0, 0.0)),), placement=Placement(bend.point)),
+        replace(tip, joints=(replace(twist, point=(0.0, 0.0, 0.0)),), parent="bent"),
+    )
+    back = tuple(Placement(tuple(-x for x in joint.point)) for joint in (bend, twist))
+    massless = replace(apart[0], mass=0.0, center_of_mass=(0.0, 0.0, 0.0), inertia=0.0, mounting=back[0])
+    last = replace(apart[1], placement=Placement(twist.point), mounting=back[1])
+    other = replace(arm, bodies=(root, massless, last, fore))
+    one, two = serial(arm), serial(other)
+    rng = np.random.default_rng(0)
+    order = [two.coordinates.index(name) for name in one.coordinates]
+    theta = np.array([dict(zip(one.parameters, one.theta, strict=True)).get(n, 0.0) for n in two.parameters])
+    for _ in range(3):
+        q, v = rng.uniform(-0.3, 0.3, (2, one.n_q))
+        p, w = np.zeros(one.n_q), np.zeros(one.n_q)
+        p[order], w[order] = q, v
+        np.testing.assert_allclose(
+            one.mass(q, one.theta).full(), two.mass(p, theta).full()[np.ix_(order, order)], rtol=1e-12, atol=1e-12
+        )
+        np.testing.assert_allclose(
+            one.force(q, v, one.theta).full(), two.force(p, w, theta).full()[order], rtol=1e-10, atol=1e-9
+        )
+        outputs = [f"frame tool {axis}" for axis in "xyz"]
+        expected = two.output_jacobian(p, outputs)[:, order]
+        np.testing.assert_allclose(one.output_jacobian(q, outputs), expected, rtol=1e-12, atol=1e-12)
+    shown = skeleton(arm, np.array([[0.3, 0.2]]))
+    np.testing.assert_allclose(
+        shown.points[0, shown.names.index("center of mass of fore")],
+        skeleton(other, np.array([[0.3, 0.2]])).points[0, -2],
+    )
+    bends_at = shown.points[0, shown.names.index("joint 1b")] - shown.points[0, shown.names.index("joint 1")]
+    np.testing.assert_allclose(bends_at, 0.35 * np.array([np.sin(0.3), 0, np.cos(0.3)]), atol=1e-12)
+
+
+def test_mujoco_sees_the_joints_where_they_are() -> None:
+    """Mass matrix and weight of the exported tree, joints at points of their own included, in MuJoCo's arithmetic."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    arm = bending_arm()
+    rigid = replace(
+        arm, compensators=(), bodies=tuple(replace(b, joints=tuple(map(_stiff, b.joints))) for b in arm.bodies)
+    )
+    engine = mujoco.MjModel.from_xml_string(ET.tostring(mjcf(rigid), encoding="unicode"))
+    data, model = mujoco.MjData(engine), serial(rigid)
+    for q in np.random.default_rng(1).uniform(-0.5, 0.5, (3, model.n_q)):
+        data.qpos[:] = q
+        mujoco.mj_forward(engine, data)
+        M = np.zeros((engine.nv, engine.nv))
+        mujoco.mj_fullM(engine, data, M)
+        np.testing.assert_allclose(model.mass(q, model.theta).full(), M, rtol=1e-9, atol=1e-9)
+        springs = np.array([0, 6e4 * q[1], 2e4 * q[2], 0])
+        weight = model.potential_gradient(q, model.theta).full()[:, 0] - springs
+        np.testing.assert_allclose(weight, data.qfrc_bias, rtol=1e-9, atol=1e-6)
+
+
+def _stiff(joint: Joint) -> Joint:
+    return joint if joint.motor is None else replace(joint, spring=None)
+
+
+def test_names_of_the_geometry() -> None:
+    """Per body, joint, end and axis; in the robot's table only where it is asked for."""
+    arm, mechanism = bending_arm(), linkage(ELASTIC, False)
+    assert {"p_tip_z", "pj_1b_z", "pc1_gas_x", "pc2_gas_z"} <= arm.geometry.keys()
+    assert {"p1_rod_x", "p2_rod_z", "l_rod", "p_upper_z", "pj_elbow_x"} <= mechanism.geometry.keys()
+    assert not arm.geometry.keys() & arm.parameters().keys()
+    assert arm.parameters(("pj_1b_z", "k_1"))["pj_1b_z"] == (0.35, "m")
+    moved = arm.with_parameters({"pj_1b_z": 0.2, "pc2_gas_x": -0.3, "p_fore_z": 0.9})
+    assert moved.bodies[1].joints[0].point == (0.0, 0.0, 0.2)
+    assert moved.compensators[0].ends[1].point == (-0.3, 0.01, 0.1)
+    assert moved.bodies[2].placement.xyz == (0, 0.1, 0.9)
+    with pytest.raises(ValueError, match=r"the length of the rod is -1 m"):
+        mechanism.with_parameters({"l_rod": -1.0})
+    with pytest.raises(ValueError, match="joint 1: it slides, wherever its axis is; leave out point"):
+        Joint("1", "z", Spring(1e3), motion="translation", point=(0.1, 0.0, 0.0))
+    names = named_geometry({"pc1_*": ParameterSpec(), "*": ParameterSpec(), "*_z": ParameterSpec()}, arm)
+    assert names == ("pc1_gas_x", "pc1_gas_y", "pc1_gas_z")
+    tied = {"pc2_gas_x": ParameterSpec(tie=TieSpec("pc1_gas_x", -1.0))}
+    assert named_geometry(tied, arm) == ("pc1_gas_x", "pc2_gas_x")
+    everything = choose(FitSpec(parameters={"*": ParameterSpec(fixed=True), "k_*": ParameterSpec()}), arm)
+    assert set(everything.names) == {*arm.parameters(), "delay"}
+    assert set(choose(FitSpec(), arm).names) == {*arm.parameters(), "delay"}
+
+
+def jointed(pin: Pin | None) -> Robot:
+    """A four-bar whose rod is a body on the crank, joined to the upper arm by a pin or in a point."""
+    motor = Motor(2e-3, 100, 2e-3)
+    bodies = (
+        Body(
+            "lower",
+            joints=(Joint("2", "y", Spring(8e5, 400), motor),),
+            mass=16,
+            center_of_mass=(0, 0, 0.2),
+            inertia=0.4,
+        ),
+        Body(
+            "crank",
+            joints=(Joint("3", "y", Spring(5e5, 250), motor),),
+            mass=19,
+            center_of_mass=(-0.4, 0, 0),
+            inertia=0.7,
+        ),
+        Body("upper", "lower", Placement((0, 0, 0.89)), (Joint("elbow", "y"),), 50, (0.35, 0, 0.14), 5.0),
+        Body("rod", "crank", Placement((-0.33, 0, 0)), (Joint("knee", "y"),), 6, (0, 0, 0.4), 0.5),
+    )
+    ends = Anchor("rod", (0, 0, 0.87)), Anchor("upper", (-0.3, 0, 0))
+    return Robot("jointed", bodies, loops=(Loop("l", ends, pin=pin),))
+
+
+@pytest.mark.parametrize("formulation", ["constrained", "minimal"])
+@pytest.mark.parametrize("pin", [Pin("y", planar=True), Pin("y"), None])
+def test_pins_and_points_of_loops_move_alike(pin: Pin | None, formulation: str) -> None:
+    """However a planar loop is closed: the same response and derivatives; what would open it is named."""
+    robot, spec, at = jointed(pin), ModelSpec(formulation), Configuration("c", (0.2, 0.1))  # type: ignore[arg-type]
+    names = ("p1_l_z", "p2_l_x", "p2_l_z", "p_rod_x", "p_upper_z")
+    model = formulate(robot, spec, names)
+    linear = linearise(model, at, model.theta, model.inputs, "acceleration")
+    _, dG = Kernel(linear, LINES, names).evaluate(linear.theta_ref)
+    for name, slope in zip(names, dG, strict=True):
+        h, value = 1e-4, robot.parameters(names)[name][0]
+
+        def anew(by: float, name: str = name, value: float = value) -> np.ndarray:
+            fresh = formulate(robot.with_parameters({name: value + by}), spec)
+            there = linearise(fresh, at, fresh.theta, fresh.inputs, "acceleration")
+            return frequency_response(there, there.theta_ref, LINES)
+
+        difference = (8 * (anew(h) - anew(-h)) - (anew(2 * h) - anew(-2 * h))) / (12 * h)
+        assert np.abs(slope - difference).max() < 1e-6 * np.abs(difference).max(), name
+    if pin is None or not pin.planar:
+        aside = formulate(robot, spec, ("p1_l_y",))
+        with pytest.raises(StudyError, match="p1_l_y: no motion of the joints keeps the loops of robot jointed closed"):
+            linearise(aside, at, aside.theta, aside.inputs, "acceleration")

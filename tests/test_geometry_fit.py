@@ -1,0 +1,301 @@
+"""Geometry identified: where an arm bends and where springs and rods end, together with their stiffness."""
+
+from __future__ import annotations
+
+import json
+import math
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid import cli
+from elastid.errors import FitError, StudyError
+from elastid.fit.assembly import Assembly
+from elastid.fit.choose import choose
+from elastid.fit.geometry import refusals
+from elastid.fit.identify import identify, predict
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import (
+    Anchor,
+    Body,
+    CoilSpring,
+    Compensator,
+    Frame,
+    Joint,
+    Loop,
+    Motor,
+    Placement,
+    Robot,
+    Rod,
+    Spring,
+)
+
+FREQ = np.linspace(1, 50, 50)
+MOTOR = Motor(2e-3, 60, 1e-3)
+
+
+def bending_arm() -> Robot:
+    """A coil that carries much of the weight, an upper arm of 0.8 m that bends at 0.35 m, an elbow."""
+    ends = Anchor("base", (-0.15, 0, -0.5)), Anchor("root", (-0.1, 0, 0.25))
+    bend = Joint("1b", "y", Spring(6e4, 30), point=(0.0, 0.0, 0.35))
+    shoulder, elbow = Joint("1", "y", Spring(3e4, 60), MOTOR), Joint("2", "y", Spring(2e4, 40), MOTOR)
+    return Robot(
+        "bending arm",
+        (
+            Body("root", joints=(shoulder,), mass=15, center_of_mass=(0, 0, 0.2), inertia=1.0),
+            Body("tip", "root", joints=(bend,), mass=20, center_of_mass=(0, 0, 0.6), inertia=1.0),
+            Body("fore", "tip", Placement((0, 0, 0.8)), (elbow,), 25, (0.3, 0, 0), 1.0),
+        ),
+        frames=(Frame("tool", "fore", Placement((0.6, 0, 0.1))),),
+        compensators=(Compensator("coil", ends, coil=CoilSpring(5e4, 0.4)),),
+    )
+
+
+def linkage() -> Robot:
+    """A lower arm of 0.89 m that bends at 0.4 m, a crank and an elastic rod to the rear lever of the upper arm."""
+    bend = Joint("b2", "y", Spring(2e6, 500), point=(0.0, 0.0, 0.4))
+    gear, lever = Joint("2", "y", Spring(8e5, 400), MOTOR), Joint("3", "y", Spring(5e5, 250), MOTOR)
+    ends = Anchor("crank", (-0.33, 0, 0)), Anchor("upper", (-0.3, 0, 0))
+    return Robot(
+        "linkage",
+        (
+            Body("lower", joints=(gear,), mass=16, center_of_mass=(0, 0, 0.2), inertia=0.4),
+            Body("end", "lower", joints=(bend,), mass=15, center_of_mass=(0, 0, 0.6), inertia=0.4),
+            Body("crank", joints=(lever,), mass=19, center_of_mass=(-0.45, 0, 0.03), inertia=0.7),
+            Body("upper", "end", Placement((0, 0, 0.89)), (Joint("elbow", "y"),), 50, (0.35, 0, 0.14), 5.0),
+        ),
+        loops=(Loop("rod", ends, rod=Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000)),),
+    )
+
+
+POSTURES = ((0.4, -0.3), (-0.5, 0.8), (0.9, 1.0), (0.0, 0.1))
+APART = ((0.0, 0.0), (0.5, -0.1), (-0.4, 0.4), (0.2, 0.9), (0.6, -0.2))
+GYROSCOPES = ("body end y", "body upper y")
+
+
+def measure(
+    robot: Robot,
+    postures: tuple[tuple[float, float], ...],
+    seed: int,
+    further: tuple[str, ...] = (),
+    spec: ModelSpec = ModelSpec(),  # noqa: B008
+) -> list[FrequencyResponse]:
+    """Exact responses in each posture with 2 % noise of known variance."""
+    rng, model, responses = np.random.default_rng(seed), formulate(robot, spec), []
+    linearisation, outputs = Linearisation.of(model), (*model.inputs, *further)
+    for i, angles in enumerate(postures):
+        linear = linearisation.at(Configuration(f"c{i + 1}", angles), model.theta, outputs, "acceleration")
+        exact = to_response(linear, linear.theta_ref, FREQ)
+        std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
+        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
+        responses.append(replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf)))
+    return responses
+
+
+def deviations(result: FitResult, robot: Robot) -> np.ndarray:
+    """Distances of the free parameters from those of a robot, in claimed standard deviations."""
+    table = robot.parameters(robot.geometry)
+    truth = np.array([p.to_x(table[p.name][0]) for p in result.parameters.free])
+    return np.asarray(np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance)))
+
+
+OF_ARM = {
+    "k_*": ParameterSpec(),
+    "d_*": ParameterSpec(),
+    "pj_1b_z": ParameterSpec(start=0.25, bounds=(0.05, 0.75)),
+    "pc1_coil_x": ParameterSpec(start=-0.2, bounds=(-0.4, -0.05)),
+}
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
+    """Both to a few millimetres, with all stiffnesses, from starts 50 to 100 mm away, within the claimed intervals."""
+    truth = bending_arm()
+    start = truth.with_parameters({"k_1": 2e4, "k_1b": 9e4, "k_2": 3e4})
+    result = identify(measure(truth, POSTURES, seed), start, FitSpec(starts=2, parameters=OF_ARM), seed=seed)
+    assert result.status == "converged"
+    assert deviations(result, truth).max() < 3.5
+    assert result.model_error < 1.1
+    for name in ("pj_1b_z", "pc1_coil_x"):
+        low, high = result.interval(name)
+        assert high - low < 0.025
+        assert result.parameters[name].unit == "m"
+    (again, *_) = predict(result, start, measure(truth, POSTURES, seed))
+    (exact, *_) = measure(truth, POSTURES, seed)
+    assert np.abs(again.G / exact.G - 1).max() < 0.2
+
+
+@pytest.mark.parametrize(("formulation", "seed"), [("constrained", 0), ("minimal", 1)])
+def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> None:
+    """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
+    truth, spec = linkage(), ModelSpec(formulation)  # type: ignore[arg-type]
+    wanted = {name: ParameterSpec() for name in ("k_*", "d_*")}
+    wanted["p1_rod_x"] = ParameterSpec(start=-0.30, bounds=(-0.4, -0.2))
+    responses = measure(truth, APART, seed, GYROSCOPES, spec)
+    result = identify(responses, truth, FitSpec(starts=1, parameters=wanted), model=spec, seed=seed)
+    assert result.status == "converged"
+    assert deviations(result, truth).max() < 3.5
+    low, high = result.interval("p1_rod_x")
+    assert high - low < 1e-4
+
+
+def test_the_gradient_is_that_of_differences_and_travels_to_processes() -> None:
+    """What the search solves, with points of an arm that the geometry moves, survives pickling and knows its slope."""
+    robot, places = bending_arm(), ("accelerometer tool z", "frame tool x")
+    spec = FitSpec(parameters=OF_ARM | {"p_fore_z": ParameterSpec(start=0.82)})
+    parameters = choose(spec, robot)
+    assembly = Assembly.of(measure(robot, POSTURES[:2], 0, places), robot, spec, parameters)
+    assert assembly.linearisation.follows
+    problem = assembly.searched(assembly.at(parameters.x, "complex"), "complex")
+    sent = pickle.loads(pickle.dumps(problem))
+    here, there = problem.evaluate(parameters.x), sent.evaluate(parameters.x)
+    assert here.cost == there.cost
+    np.testing.assert_array_equal(here.gradient, there.gradient)
+    for i, unit in enumerate(1e-5 * np.eye(len(parameters.x))):
+        slope = (problem.evaluate(parameters.x + unit).cost - problem.evaluate(parameters.x - unit).cost) / 2e-5
+        assert here.gradient[i] == pytest.approx(slope, rel=1e-5, abs=1e-6 * here.cost)
+    affine = assembly.at(parameters.x, "complex").problem.evaluate(parameters.x)
+    assert affine.cost == pytest.approx(here.cost, rel=1e-12)
+    np.testing.assert_allclose(affine.gradient, here.gradient, rtol=1e-9)
+
+
+def test_a_robot_without_named_geometry_is_not_followed() -> None:
+    """Geometry costs nothing where no study names it."""
+    robot = bending_arm()
+    parameters = choose(FitSpec(), robot)
+    assembly = Assembly.of(measure(robot, POSTURES[:1], 0), robot, FitSpec(), parameters)
+    assert not assembly.linearisation.follows
+    assert assembly.linearisation.model.parameters == tuple(robot.parameters())
+
+
+def refusal(robot: Robot, wanted: dict[str, ParameterSpec], spec: ModelSpec = ModelSpec()) -> str:  # noqa: B008
+    """What a fit of two postures says that it cannot do."""
+    with pytest.raises((FitError, StudyError)) as refused:
+        identify(measure(robot, POSTURES[:2], 0), robot, FitSpec(starts=1, parameters=wanted), model=spec)
+    return str(refused.value)
+
+
+def test_what_nothing_depends_on_is_named() -> None:
+    """Along the axis of a joint, and across the plane in which all that moves lies."""
+    robot = replace(bending_arm(), compensators=())
+    said = refusal(robot, {"k_1": ParameterSpec(), "pj_1b_y": ParameterSpec(), "p_root_x": ParameterSpec()})
+    assert said.startswith("p_root_x, pj_1b_y: without effect on any of the 2 frequency responses")
+    assert "pj_1b_z" not in said
+    assert "a coordinate along the axis of a joint does nothing" in said
+    assert refusal(linkage(), {"p2_rod_y": ParameterSpec()}).startswith("p2_rod_y: without effect")
+
+
+def test_a_robot_that_cannot_stand_at_its_start_is_named() -> None:
+    """Loops that do not close, a rod without length."""
+    said = refusal(linkage(), {"l_rod": ParameterSpec(start=0.4)})
+    assert said.startswith(
+        "fit.parameters.l_rod: the robot cannot stand at the start l_rod = 0.4 m in configuration c1: loop rod does not"
+    )
+    assert "the start is -1 m; give a positive one" in refusal(linkage(), {"l_rod": ParameterSpec(start=-1.0)})
+    apart = {"p1_rod_x": ParameterSpec(start=-2.0, bounds=(-3.0, 0.0))}
+    assert "fit.parameters.p1_rod_x: the robot cannot stand" in refusal(linkage(), apart)
+    variant = ModelSpec("minimal", "constant_stiffness")
+    said = refusal(linkage(), {"p1_rod_x": ParameterSpec()}, variant)
+    assert "p1_rod_x cannot be identified with it; choose series_stiffness or exact" in said
+
+
+def test_bounds_that_bring_both_ends_together_are_named() -> None:
+    """In the posture in which they do, and where; a coil without rest length may pass through."""
+    ends = Anchor("base", (0, 0, 0.5)), Anchor("root", (0, 0, 0.2))
+    robot = replace(bending_arm(), compensators=(Compensator("c", ends, coil=CoilSpring(1e4, 0.1)),))
+    wanted = {"pc1_c_z": ParameterSpec(bounds=(0.1, 0.6)), "pc1_c_x": ParameterSpec(bounds=(-0.3, 0.3))}
+    said = refusal(robot, wanted)
+    assert said == (
+        "fit.parameters.pc1_c_x: within the bounds both ends of compensator c come together in configuration c1, at "
+        "pc1_c_x = 0.07788 m, pc1_c_z = 0.1842 m, where its force has no direction; narrow them, so that its ends stay "
+        "apart"
+    )
+    both = {f"pc{i}_c_z": ParameterSpec(start=0.0) for i in (1, 2)}
+    assert "come together in configuration c1, at its start, where" in refusal(robot, both)
+    without = replace(robot, compensators=(Compensator("c", ends, coil=CoilSpring(1e4)),))
+    parameters = choose(FitSpec(parameters=wanted), without)
+    assert not list(refusals(parameters, without, {"c1": POSTURES[0]}))
+
+
+STUDY = """
+name: balanced arm
+seed: 1
+excitation: {rate_hz: 500, period: 4, band_hz: [0.5, 40], torque_rms: 20}
+estimator: {band_hz: [0.5, 40]}
+experiment:
+  configurations: {a: [0.2], b: [0.9], c: [-0.6]}
+  realisations: 1
+  periods: 2
+  simulated:
+    truth: {k_1: 2.6e4, pc1_balancer_z: 450 mm}
+    noise: {angle_std: 1e-7, torque_std: 0.05}
+validation: {folds: 3}
+fit:
+  starts: 2
+  parameters:
+    k_1: {}
+    d_1: {}
+    fm_1: {}
+    pc1_balancer_z: {start: 0.38 m, bounds: [0.3 m, 0.7 m]}
+robot:
+  name: balanced arm
+  bodies:
+    - name: arm
+      joints:
+        - {name: 1, axis: y, spring: {stiffness: 3e4, damping: 60}, motor: {inertia: 2e-3, ratio: 60, viscous: 1e-3}}
+      mass: 40
+      center_of_mass: [0, 0, 0.5]
+      inertia: 3
+  compensators:
+    - name: balancer
+      ends: [{point: [0, 0, 0.5]}, {body: arm, point: [0, 0, 0.2]}]
+      coil: {stiffness: 2e4, rest_length: 0.1}
+"""
+
+
+def test_a_study_finds_the_anchor_of_a_balancer(tmp_path: Path) -> None:
+    """From YAML to summary, folds and export: the anchor to a millimetre, in m, beside the stiffness of the gear."""
+    path, run = tmp_path / "study.yml", tmp_path / "run"
+    path.write_text(STUDY)
+    assert cli.run_command(["run", str(path), "--run", str(run), "-q"]) == 0
+    found = json.loads((run / "summary.json").read_text())["parameters"]["pc1_balancer_z"]
+    assert found["unit"] == "m"
+    assert found["truth"] == 0.45
+    assert found["value"] == pytest.approx(0.45, abs=1e-3)
+    assert abs(found["value"] - 0.45) < 4 * found["std"]
+    assert "pc1_balancer_z" in (run / "report.html").read_text()
+    for target in ("control", "casadi", "csv"):
+        assert cli.run_command(["export", str(path), "--run", str(run), "--to", target, "-q"]) == 0
+    assert "pc1_balancer_z" in (run / "export" / "csv" / "parameters.csv").read_text()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("fit.parameters", "{pc1_balancr_z: {}}", "did you mean 'pc1_balancer_z'?"),
+        ("fit.parameters", "{pc1_balancer_z: {start: 3 kg}}", "unit 'kg' measures kg, not m"),
+        (
+            "fit.parameters.pc1_balancer_z",
+            "{start: 0.4 m, bounds: [0.05 m, 0.5 m], prior: {mean: 0.3 m, std: 0.1}}",
+            "both ends of compensator balancer come together in configuration a, at pc1_balancer_z = 0.2 m",
+        ),
+        ("experiment.simulated.truth", "{pc1_balancer_w: 1 m}", "no parameter of the robot is called"),
+    ],
+)
+def test_a_study_says_what_is_wrong_with_its_geometry(
+    tmp_path: Path, key: str, value: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "study.yml"
+    path.write_text(STUDY.replace("a: [0.2]", "a: [0.0]"))
+    assert cli.run_command(["check", str(path), "--set", f"{key}={value}"]) == 2
+    assert message in capsys.readouterr().err

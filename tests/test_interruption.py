@@ -1,0 +1,247 @@
+"""A fit that is stopped while it searches: what is done is kept and said, and gone on from to the very same end."""
+
+import json
+import os
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid import stages, validating
+from elastid.console import Console
+from elastid.fit.profile import Profile
+from elastid.fit.result import Start
+from elastid.parallel import in_order, resumed
+from elastid.run import Run
+from elastid.store import Finished, read_fit
+from elastid.study import load
+from elastid.validation.comparison import LeftOut, Refit
+
+OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
+
+
+def elastid(*words: str) -> list[str]:
+    options = [word for option in OPTIONS for word in ("--set", option)]
+    return [sys.executable, "-m", "elastid", *words, *options]
+
+
+def tree(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> Path:
+    """The folder of a study with its run up to the fit, never stopped."""
+    folder = tmp_path_factory.mktemp("whole")
+    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
+        (folder / name).write_text(text)
+    run = Run(load(folder / "study.yml", OPTIONS), folder / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate", "fit"):
+        stages.only(run, stage)
+    return folder
+
+
+@pytest.fixture
+def unfitted(whole: Path, tmp_path: Path) -> Path:
+    """A run folder with everything before the fit."""
+    shutil.copytree(whole / "run", tmp_path / "run")
+    for name in ("fit.h5", "summary.json"):
+        (tmp_path / "run" / name).unlink()
+    return tmp_path / "run"
+
+
+@dataclass(frozen=True)
+class Stopped:
+    """How a command ended that was stopped; cpu_s: processor time from the signal to its end."""
+
+    code: int
+    said: str
+    complained: str
+    cpu_s: float
+
+
+def stopped(command: list[str], folder: Path, parts: str, number: signal.Signals) -> Stopped:
+    """Stop a command, as the terminal does it with all its processes, as soon as three such parts are kept."""
+    before = _cpu_of_children()
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while process.poll() is None and len(list(folder.glob(parts))) < 3:
+        time.sleep(0.002)
+    assert process.poll() is None, "it ended before it could be stopped"
+    used = _cpu(process.pid)
+    os.killpg(process.pid, number)
+    said, complained = process.communicate(timeout=120)
+    return Stopped(process.returncode, said, complained, _cpu_of_children() - before - used)
+
+
+def _cpu(pid: int) -> float:
+    stat = Path(f"/proc/{pid}/stat")
+    if not stat.exists():
+        return 0.0
+    fields = stat.read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _cpu_of_children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+@pytest.mark.parametrize(
+    ("parts", "number", "jobs"),
+    [
+        ("start-*.json", signal.SIGINT, "1"),
+        ("start-*.json", signal.SIGINT, "2"),
+        ("bootstrap-*.json", signal.SIGINT, "2"),
+        ("start-*.json", signal.SIGKILL, "1"),
+        ("start-*.json", signal.SIGKILL, "2"),
+    ],
+    ids=["starts", "starts by two", "bootstrap by two", "starts, kill -9", "starts by two, kill -9"],
+)
+def test_a_stopped_fit_goes_on_from_where_it_was(
+    whole: Path, unfitted: Path, parts: str, number: signal.Signals, jobs: str
+) -> None:
+    """Starts that are done are not solved again, whatever the number of processes, and every file is the same."""
+    command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", jobs)
+    end = stopped(command, unfitted / "fit.partial", parts, number)
+    kept = {path.name: path.read_bytes() for path in (unfitted / "fit.partial").glob("*.json")}
+    assert len([name for name in kept if name.startswith(parts.partition("-")[0])]) >= 3
+    assert len(kept) < 60 + 60 + 1 + 200
+    assert not (unfitted / "fit.h5").exists()
+    assert all(json.loads(text) for text in kept.values()), "a half-written part"
+    if number == signal.SIGINT:
+        assert end.code == 130
+        assert end.cpu_s < 1.5
+        assert not list(unfitted.rglob(".*"))
+        n_starts = len([name for name in kept if name.startswith("start-")])
+        assert f"fit: stopped, {n_starts} starts" in end.said
+        assert "what was finished is kept" in end.complained
+        summary = json.loads((unfitted / "summary.json").read_text())
+        assert (summary["status"], summary["message"]) == (
+            "interrupted",
+            f"interrupted after {n_starts} of 60 starts; run the fit again to go on",
+        )
+        assert summary["parameters"]["k_1"]["value"] == pytest.approx(60.0, rel=0.05)
+    else:
+        assert end.code == -9
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "fit: going on from " in done.stdout
+    ours, theirs = tree(unfitted), tree(whole / "run")
+    assert ours.keys() == theirs.keys()
+    assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]
+
+
+def test_parts_of_another_study_are_not_gone_on_from(whole: Path, unfitted: Path) -> None:
+    """Each says what it hangs on; those of the starts of another seed of the noise stay unread."""
+    command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", "1")
+    stopped(command, unfitted / "fit.partial", "start-*.json", signal.SIGINT)
+    done = subprocess.run([*command, "--set", "fit.start_factor=2"], capture_output=True, text=True, check=True)
+    assert "going on" not in done.stdout
+    assert not (unfitted / "fit.partial").exists()
+    x_start = [
+        np.array([start.x_start for start in read_fit(path / "fit.h5").starts]) for path in (unfitted, whole / "run")
+    ]
+    assert np.ptp(x_start[0]) < np.ptp(x_start[1])
+
+
+def test_a_stopped_cross_validation_goes_on(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit without some of the configurations is not done twice; the end is the same to the bit."""
+    refit, calls = validating.refit, []
+
+    def impatient(responses, task):
+        calls.append(task.left_out)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return refit(responses, task)
+
+    monkeypatch.setattr(validating, "refit", impatient)
+    trees = []
+    for name in ("straight", "stopped"):
+        folder = Path(shutil.copytree(whole / "run", tmp_path / name))
+        run = Run(load(whole / "study.yml", (*OPTIONS, "validation.folds=2")), folder, 1, Console(-1))
+        if name == "stopped":
+            with pytest.raises(KeyboardInterrupt):
+                stages.only(run, "validate")
+            assert not (folder / "validation.json").exists()
+        stages.only(run, "validate")
+        trees.append(tree(folder))
+    assert calls == [("a",), ("b",), ("a",), ("b",), ("b",)]
+    straight, stopped = trees
+    assert straight.keys() == stopped.keys()
+    assert [name for name in straight if straight[name] != stopped[name]] == ["run.log"]
+
+
+class Impatient(dict):
+    """Its user loses patience when so many parts are there."""
+
+    def __init__(self, at: int) -> None:
+        super().__init__()
+        self.at = at
+
+    def __setitem__(self, name: str, value: object) -> None:
+        super().__setitem__(name, value)
+        if len(self) == self.at:
+            raise KeyboardInterrupt
+
+
+def test_work_goes_on_with_what_is_not_finished() -> None:
+    """Every item is worked on once over all attempts, and the answer is that of one attempt."""
+    worked: list[int] = []
+
+    def square(item: int) -> int:
+        worked.append(item)
+        return item**2
+
+    kept = Impatient(3)
+    names, items = [f"item-{i}" for i in range(8)], list(range(8))
+    with pytest.raises(KeyboardInterrupt):
+        list(resumed(square, items, names, kept, 1))
+    told: list[tuple[int, int]] = []
+    assert in_order(resumed(square, items, names, kept, 1, lambda *at: told.append(at))) == [i**2 for i in items]
+    assert worked == items
+    assert told == [(n, 8) for n in range(3, 9)]
+
+
+START = Start(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
+PROFILE = Profile("k_1", (-np.inf, 0.3), np.array([0.1, 0.2]), np.array([1.0, np.nan]))
+REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": LeftOut(1 / 7, np.nan, 3.0)})
+
+
+@pytest.fixture
+def finished(tmp_path: Path) -> Finished:
+    """A folder with one of each."""
+    there = Finished(tmp_path / "parts", "one")
+    there.update({"start-0": START, "profile-I_a/b": PROFILE, "refit-0": REFIT})
+    return there
+
+
+def test_parts_come_back_to_the_last_bit(finished: Finished) -> None:
+    """Numbers without end, infinite and undefined ones, names with a slash."""
+    assert set(finished) == {"start-0", "profile-I_a/b", "refit-0"}
+    for name, value in (("start-0", START), ("profile-I_a/b", PROFILE), ("refit-0", REFIT)):
+        assert repr(finished[name]) == repr(value)
+    np.testing.assert_array_equal(finished["start-0"].x, START.x)
+    assert finished.words == "1 start, 1 profile, 1 fit"
+
+
+def test_parts_under_another_key_or_damaged_are_not_there(finished: Finished) -> None:
+    """Nor is what holds something else; they can be written again, and cleared."""
+    assert not Finished(finished.folder, "another")
+    for text in ("", "{", "[]", "{}", '{"key": "one"}', '{"key": "one", "kind": "Start", "value": {"x": 1}}'):
+        (finished.folder / "start-0.json").write_text(text)
+        assert "start-0" not in finished
+    finished["start-0"] = START
+    del finished["refit-0"]
+    assert sorted(finished) == ["profile-I_a/b", "start-0"]
+    with pytest.raises(KeyError):
+        del finished["refit-0"]
+    finished.clear()
+    assert not finished.folder.exists()

@@ -1,0 +1,329 @@
+"""Several robots of one type in one fit: what they share, what each has of its own, and what is said where they mix."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid import cli
+from elastid.errors import DataError, StudyError
+from elastid.export.identified import by_robot
+from elastid.fit.choose import choose
+from elastid.fit.identify import identify, predict
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.transfer import frequency_response, to_response
+from elastid.model.formulation import EXACT
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.validation.comparison import Task, Variant, refit
+
+FREQ = np.linspace(2, 50, 40)
+POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
+
+
+def arm(k_1: float = 3e4, k_2: float = 2e4, fm_1: float = 1e-2, fm_2: float = 1e-2, mass: float = 25.0) -> Robot:
+    """Two links in a vertical plane with elastic gears."""
+    shoulder = Joint("1", "y", Spring(k_1, 60), Motor(2e-3, 60, fm_1))
+    elbow = Joint("2", "y", Spring(k_2, 40), Motor(1e-3, 60, fm_2))
+    upper = Body("upper", joints=(shoulder,), mass=40, center_of_mass=(0, 0, 0.4), inertia=3.0)
+    fore = Body("fore", "upper", Placement((0, 0, 0.8)), (elbow,), mass, (0.3, 0, 0), 1.0)
+    return Robot("arm", (upper, fore))
+
+
+A = arm()
+B = arm(k_1=3.6e4, fm_1=3e-2, fm_2=5e-3)
+ROBOTS = {"A": ("a1", "a2", "a3"), "B": ("b1", "b2", "b3")}
+
+
+def measure(
+    robot: Robot, name: str, seed: int, postures: tuple[tuple[float, float], ...] = POSTURES
+) -> list[FrequencyResponse]:
+    """Responses in each posture with 2 % noise of known variance."""
+    rng, model, responses = np.random.default_rng(seed), serial(robot), []
+    linearisation = Linearisation.of(model)
+    for i, angles in enumerate(postures):
+        linear = linearisation.at(Configuration(f"{name}{i + 1}", angles), model.theta, model.inputs, "acceleration")
+        exact = to_response(linear, linear.theta_ref, FREQ)
+        std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
+        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
+        responses.append(replace(exact, G=exact.G + noise, noise=Covariance(std**2, np.inf)))
+    return responses
+
+
+def both(seed: int, one: Robot = A, other: Robot = B) -> list[FrequencyResponse]:
+    """Two robots, measured in the same postures."""
+    return [*measure(one, "a", 2 * seed), *measure(other, "b", 2 * seed + 1)]
+
+
+SPEC = FitSpec(
+    starts=2,
+    robots=ROBOTS,
+    parameters={
+        "k_1": ParameterSpec(per="robot"),
+        "k_2": ParameterSpec(),
+        "d_*": ParameterSpec(),
+        "fm_*": ParameterSpec(per="robot"),
+    },
+)
+TRUTH = {"k_1@A": 3e4, "k_1@B": 3.6e4, "k_2": 2e4, "fm_1@A": 1e-2, "fm_1@B": 3e-2, "fm_2@A": 1e-2, "fm_2@B": 5e-3}
+
+
+def off(result: FitResult, name: str, truth: float) -> float:
+    i = result.parameters.free_names.index(name)
+    return float(abs(result.x[i] - math.log(truth)) / math.sqrt(result.covariance[i, i]))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
+    """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
+    result = identify(both(seed), arm(k_1=2.5e4, k_2=2.5e4), SPEC, seed=seed)
+    assert result.status == "converged"
+    assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
+    assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
+    assert not [word for word in result.warnings if "same posture" in word or "disagree" in word]
+    place = result.parameters.index("k_1")
+    assert result.theta_of("b3")[place] == result.values["k_1@B"]
+    # A third robot of the type, of which nothing was fitted: the mean of those that were.
+    assert result.theta_of("c1")[place] == pytest.approx(math.sqrt(result.values["k_1@A"] * result.values["k_1@B"]))
+
+
+def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
+    """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
+    data = both(0)
+    result = identify([G for G in data if G.configuration.name != "b3"], arm(), SPEC)
+    (predicted,) = predict(result, arm(), data[-1:])
+    assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
+    own = Variant("own", arm(), SPEC, EXACT)
+    fold = refit(data, Task(own, ("b3",), 0))
+    assert fold.left_out["b3"].misfit < 1.2
+    without = refit(data, Task(own, ROBOTS["B"], 0))
+    assert without.left_out["b1"].misfit > 10
+
+
+def test_one_stiffness_for_both_is_worse_on_what_was_left_out() -> None:
+    shared = replace(SPEC, parameters=SPEC.parameters | {"k_1": ParameterSpec()})
+    data = both(1)
+    own, one = (refit(data, Task(Variant("v", arm(), spec, EXACT), ("a2", "b2"), 0)) for spec in (SPEC, shared))
+    assert one.left_out["a2"].misfit > 5 * own.left_out["a2"].misfit
+
+
+def test_a_group_may_have_a_start_bounds_and_a_prior_of_its_own() -> None:
+    given = SPEC.parameters | {
+        "fm_*": ParameterSpec(start=2e-2, per="robot"),
+        "fm_*@B": ParameterSpec(bounds=(1e-3, 1.0)),
+        "fm_1@B": ParameterSpec(start=4e-2, prior=PriorSpec(3e-2, 0.2)),
+        "k_1@A": ParameterSpec(start=3e4, fixed=True),
+    }
+    parameters = choose(replace(SPEC, parameters=given), arm(), [*ROBOTS["A"], *ROBOTS["B"]])
+    assert parameters["fm_1@A"].value == 2e-2
+    assert parameters["fm_1@A"].prior is None
+    assert (parameters["fm_1@B"].value, parameters["fm_1@B"].upper) == (4e-2, 4e-2 * 1e4)
+    assert parameters["fm_1@B"].prior is not None
+    assert (parameters["fm_2@B"].value, parameters["fm_2@B"].upper) == (2e-2, 1.0)
+    assert not parameters["k_1@A"].is_free
+    assert parameters["k_1@B"].is_free
+    assert parameters.expand(parameters.x, "a2")[parameters.index("k_1")] == 3e4
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"fm_1@C": ParameterSpec()}, "fit.parameters.fm_1@C: there is no group C; there are A, B"),
+        ({"k_2@A": ParameterSpec()}, "fit.parameters.k_2@A: k_2 has no groups"),
+        ({"fm_1@A": ParameterSpec(tie=TieSpec("fm_2"))}, "fm_1@A: per and tie are for all groups together"),
+        ({"fm_1@A": ParameterSpec(start=5.0, bounds=(0.1, 1.0))}, "fm_1@A: the start 5"),
+    ],
+)
+def test_wrong_groups_are_named(given: dict[str, ParameterSpec], message: str) -> None:
+    with pytest.raises(StudyError) as refused:
+        choose(replace(SPEC, parameters=SPEC.parameters | given), arm(), ["a1", "b1"])
+    assert message in str(refused.value)
+
+
+def test_robots_must_be_named_once_and_at_all() -> None:
+    with pytest.raises(StudyError, match=r"fit.parameters.k_1.per: no robots are named"):
+        choose(replace(SPEC, robots={}), arm(), ["a1"])
+    with pytest.raises(ValueError, match="robots: configuration a1 is given to A, B"):
+        FitSpec(robots={"A": ("a1",), "B": ("a1",)})
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize(("k_1", "k_2"), [(1.3, 1.0), (0.8, 1.2), (0.5, 1.0), (1.05, 1.0)])
+def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1: float, k_2: float, seed: int) -> None:
+    """From stiffnesses 5 % to a factor of 2 apart: who disagrees with whom, about what, and what to do."""
+    other = arm(k_1=k_1 * 3e4, k_2=k_2 * 2e4)
+    plain = replace(SPEC, robots={}, parameters={})
+    result = identify(both(seed, A, other), arm(k_1=2.5e4), plain, seed=seed)
+    (word,) = (word for word in result.warnings if "disagree" in word)
+    assert word.startswith("configurations a1, a2, a3 on the one side and b1, b2, b3 on the other disagree")
+    assert "k_1 " in word
+    assert "name them in fit.robots and give what differs `per: robot`" in word
+    (same,) = (word for word in result.warnings if "same posture" in word)
+    assert same.startswith("the same posture under two names: a1 and b1, a2 and b2, a3 and b3; both count")
+    named = replace(plain, robots=ROBOTS)
+    told = identify(both(seed, A, other), arm(k_1=2.5e4), named, seed=seed)
+    (word,) = (word for word in told.warnings if "disagree" in word)
+    assert word.endswith("these are the robots A and B: give what differs `per: robot`")
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_one_robot_with_wrong_masses_is_not_taken_for_two(seed: int) -> None:
+    """A model error that all configurations have is not removed by two sets of parameters."""
+    data = measure(arm(mass=30.0), "a", seed, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
+    result = identify(data, arm(), replace(SPEC, robots={}, parameters={}), seed=seed)
+    assert result.model_error > 1.5
+    assert not [word for word in result.warnings if "disagree" in word]
+
+
+def test_one_measurement_under_two_names_is_refused() -> None:
+    (first, *_), rest = measure(A, "a", 0), measure(A, "b", 1)
+    twin = replace(first, configuration=replace(first.configuration, name="copy"))
+    with pytest.raises(DataError, match="the responses of a1 and copy are the same numbers at the same angles"):
+        identify([first, twin, *rest], arm(), FitSpec(starts=1))
+
+
+def test_an_export_is_of_one_robot_each() -> None:
+    """The linear models of robot B have its numbers: their response is that of the fit, and A's are another's."""
+    data = both(0)
+    ratio = {"beta": RatioSpec(start=2e-3)}
+    tied = SPEC.parameters | {"d_*": ParameterSpec(tie=TieSpec("k_*", by="beta"))}
+    result = identify(data, arm(), replace(SPEC, parameters=tied, ratios=ratio, starts=1))
+    models = by_robot("study", arm(), result, data)
+    assert {name: tuple(G.configuration.name for G in of.measured) for name, of in models.items()} == ROBOTS
+    for name, model in models.items():
+        assert model.robot.parameters()["k_1"][0] == result.values[f"k_1@{name}"]
+        names = [p.name for p in model.parameters]
+        assert f"fm_1@{name}" in names
+        assert not {"k_1", "fm_1", f"fm_1@{'BA'['AB'.index(name)]}"} & set(names)
+        for linear, fitted in zip(model.linear, predict(result, arm(), model.measured), strict=True):
+            np.testing.assert_allclose(frequency_response(linear, model.theta, FREQ), fitted.G, rtol=1e-9)
+
+
+STUDY = """
+name: two robots
+experiment:
+  configurations:
+    {a1: [0.3, 0.2], a2: [0.9, -0.6], a3: [-0.5, 1.0], b1: [0.3, 0.2], b2: [0.9, -0.6], b3: [-0.5, 1.0]}
+  responses:
+    columns: {frequency: freq_hz, real: "re_{y}_{u}", imaginary: "im_{y}_{u}", std: "std_{y}_{u}"}
+    channels:
+      - {role: u, at: motor 1, channel: 1}
+      - {role: u, at: motor 2, channel: 2}
+      - {role: y, at: motor 1, channel: 1, quantity: acceleration}
+      - {role: y, at: motor 2, channel: 2, quantity: acceleration}
+    files:
+      - {path: a1.csv, configuration: a1}
+      - {path: a2.csv, configuration: a2}
+      - {path: a3.csv, configuration: a3}
+      - {path: b1.csv, configuration: b1}
+      - {path: b2.csv, configuration: b2}
+      - {path: b3.csv, configuration: b3}
+validation: {folds: 2}
+report: {formats: [png]}
+compare: {folds: 2, variants: [{name: one stiffness, set: ["fit.parameters.k_1={}"]}]}
+fit:
+  starts: 2
+  robots: {A: [a1, a2, a3], B: [b1, b2, b3]}
+  parameters:
+    k_1: {per: robot}
+    k_2: {}
+    d_*: {}
+    fm_*: {per: robot}
+    fm_1@B: {start: 2e-2, bounds: [1e-3, 1], prior: {mean: 2.5e-2 N*m*s/rad, std: 0.5}}
+robot:
+  name: arm
+  bodies:
+    - name: upper
+      joints:
+        - {name: 1, axis: y, spring: {stiffness: 3.3e4, damping: 60}, motor: {inertia: 2e-3, ratio: 60, viscous: 1e-2}}
+      mass: 40
+      center_of_mass: [0, 0, 0.4]
+      inertia: 3
+    - name: fore
+      parent: upper
+      placement: {xyz: [0, 0, 0.8]}
+      joints:
+        - {name: 2, axis: y, spring: {stiffness: 1.6e4, damping: 40}, motor: {inertia: 1e-3, ratio: 60, viscous: 1e-2}}
+      mass: 25
+      center_of_mass: [0.3, 0, 0]
+      inertia: 1
+"""
+
+
+def write(folder: Path, response: FrequencyResponse) -> None:
+    """A response as a CSV file of another program."""
+    variance = response.noise.variance if response.noise is not None else np.zeros(response.G.shape)
+    places = [(0, 0), (0, 1), (1, 0), (1, 1)]
+    with (folder / f"{response.configuration.name}.csv").open("w", newline="") as file:
+        table = csv.writer(file)
+        table.writerow(["freq_hz", *(f"{part}_{y + 1}_{u + 1}" for y, u in places for part in ("re", "im", "std"))])
+        for f, G, v in zip(response.freq_hz, response.G, variance, strict=True):
+            numbers = [(G[e].real, G[e].imag, math.sqrt(v[e])) for e in places]
+            table.writerow([f, *(n for three in numbers for n in three)])
+
+
+def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Six files of two robots: values by robot in table, summary, page; folds, comparison; a model each to export."""
+    for response in both(3):
+        write(tmp_path, response)
+    path, run = tmp_path / "study.yml", tmp_path / "run"
+    path.write_text(STUDY)
+    assert cli.run_command(["check", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "2 robots of this type: A (a1, a2, a3), B (b1, b2, b3)" in said
+    assert "fm_1@B" in said
+    assert cli.run_command(["run", str(path), "--run", str(run)]) == 0
+    table = capsys.readouterr().out
+    found = json.loads((run / "summary.json").read_text())["parameters"]
+    page = (run / "report.html").read_text()
+    for name, truth in TRUTH.items():
+        assert name in table
+        assert name in page
+        low, high = found[name]["interval95"]
+        assert low**2 / high < truth < high**2 / low, name
+    assert "predicted with" in table
+    assert cli.run_command(["compare", str(path), "--run", str(run), "-q"]) == 0
+    ranking = json.loads((run / "compare.json").read_text())
+    assert [row["name"] for row in ranking["models"]] == ["two robots", "one stiffness"]
+    assert cli.run_command(["export", str(path), "--run", str(run), "--to", "csv"]) == 0
+    assert "a model for each of A (a1, a2, a3), B (b1, b2, b3), which have parameters" in capsys.readouterr().out
+    for robot in ROBOTS:
+        rows = list(csv.reader((run / "export" / "csv" / robot / "parameters.csv").read_text().splitlines()))
+        values = {row[0]: row[2] for row in rows}
+        assert float(values[f"k_1@{robot}"]) == found[f"k_1@{robot}"]["value"]
+        assert float(values["k_2"]) == found["k_2"]["value"]
+        assert (run / "export" / "csv" / robot / f"{robot.lower()}2-fitted.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [
+        ("fit.robots", "{A: [a1, a2], B: [b1, b2, b3]}", "configuration a3 is of none of these robots"),
+        ("fit.robots", "{A: [a1, a2, a3, b9], B: [b1, b2, b3]}", "no configuration is called 'b9'"),
+        ("fit.robots", "{A: [a1, a2, a3, b1], B: [b1, b2, b3]}", "configuration b1 is given to A, B"),
+        ("fit.robots", "{A/1: [a1, a2, a3], B: [b1, b2, b3]}", "the name 'A/1' cannot name a file"),
+        ("fit.parameters.fm_2", "{per: {cold: [a1, zz]}}", "no configuration is called 'zz'"),
+        ("fit.parameters.fm_1@C", "{start: 1e-2}", "fit.parameters.fm_1@C: there is no group C; there are A, B"),
+        ("fit.parameters.fm_1@B", "{start: 2 kg}", "unit 'kg' measures kg"),
+    ],
+)
+def test_a_study_says_what_is_wrong_with_its_robots(
+    tmp_path: Path, key: str, value: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for names in ROBOTS.values():
+        for name in names:
+            (tmp_path / f"{name}.csv").write_text("freq_hz\n")
+    path = tmp_path / "study.yml"
+    path.write_text(STUDY)
+    assert cli.run_command(["check", str(path), "--set", f"{key}={value}"]) == 2
+    assert message in capsys.readouterr().err
