@@ -365,10 +365,11 @@ def test_springs_that_start_far_off_are_no_wrong_unit(noisy) -> None:
 
 
 def test_one_measurement_under_two_names_is_named(noisy) -> None:
-    """A file given twice counts twice: to the fit it is as good as two measurements that agree perfectly."""
+    """A file given for another posture, too; two measurements of one posture differ by their noise."""
     again = replace(noisy[0], configuration=Configuration("again", noisy[1].configuration.angles))
     result = identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
-    assert "configurations c1 and again hold the very same numbers at 60 of 60 lines" in result.warnings[0]
+    said = "configurations c1 and again hold the very same numbers at 60 of 60 lines"
+    assert any(word.startswith(said) for word in result.warnings)
     apart = measure(arm(), rng=np.random.default_rng(12))[1]
     repeated = replace(apart, configuration=again.configuration)
     result = identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
