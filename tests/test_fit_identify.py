@@ -125,7 +125,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified
     np.testing.assert_allclose(again.x, identified.x, rtol=0, atol=1e-9)
     np.testing.assert_allclose(again.covariance, identified.covariance, rtol=1e-6)
     np.testing.assert_array_equal([s.x_start for s in again.starts], [s.x_start for s in identified.starts])
-    assert seen[-1] == (6, 6)
+    assert (6, 6) in seen
 
 
 def test_predict_gives_the_fitted_response_where_each_was_measured(noisy, identified):
@@ -365,11 +365,12 @@ def test_springs_that_start_far_off_are_no_wrong_unit(noisy) -> None:
 
 
 def test_one_measurement_under_two_names_is_named(noisy) -> None:
-    """A file given twice counts twice: to the fit it is as good as two measurements that agree perfectly."""
-    again = replace(noisy[0], configuration=Configuration("again", noisy[0].configuration.angles))
+    """A file given for another posture, too; two measurements of one posture differ by their noise."""
+    again = replace(noisy[0], configuration=Configuration("again", noisy[1].configuration.angles))
     result = identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
-    assert "configurations c1 and again hold the very same numbers at 60 of 60 lines" in result.warnings[0]
-    apart = measure(arm(), rng=np.random.default_rng(12))[0]
+    said = "configurations c1 and again hold the very same numbers at 60 of 60 lines"
+    assert any(word.startswith(said) for word in result.warnings)
+    apart = measure(arm(), rng=np.random.default_rng(12))[1]
     repeated = replace(apart, configuration=again.configuration)
     result = identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
     assert not any("the very same numbers" in word for word in result.warnings)

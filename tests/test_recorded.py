@@ -343,9 +343,11 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
     """A damaged MATLAB file, a text without numbers, a format that contradicts itself."""
     (tmp_path / "bad.mat").write_bytes(b"MATLAB 5.0 MAT-file, but not really".ljust(200, b"x"))
     (tmp_path / "words.csv").write_text("no,numbers\nin,here\n")
+    (tmp_path / "empty.csv").write_text("\n")
     for name, text, error, message in (
         ("bad.mat", TextFormatSpec(), DataError, "not a MATLAB file that can be read"),
         ("words.csv", TextFormatSpec(), DataError, "no numbers in its 2 lines"),
+        ("empty.csv", TextFormatSpec(), DataError, "the file is empty"),
         ("words.csv", TextFormatSpec(",", ","), StudyError, "delimiter and decimal are both ','"),
     ):
         with pytest.raises(error, match=message):

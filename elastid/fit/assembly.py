@@ -61,8 +61,11 @@ class Assembly:
         weights = tuple(weigh(response, spec) for response in responses)
         if spec.weights.normalise:
             weights = normalised(weights, responses)
-        equations = formulate(robot, model, parameters.names)
-        return cls(tuple(responses), weights, Linearisation.of(equations), parameters, spec)
+        linearisation = Linearisation.of(formulate(robot, model, parameters.names))
+        moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
+        if not linearisation.is_affine_in(moved):
+            linearisation = Linearisation.of(linearisation.model, follows=True)
+        return cls(tuple(responses), weights, linearisation, parameters, spec)
 
     @property
     def notes(self) -> tuple[str, ...]:

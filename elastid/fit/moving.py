@@ -1,9 +1,10 @@
-r"""The fit of a robot whose stiffness depends on where gravity deflects it to: linearised anew at every x.
+r"""The fit of a robot whose linearisation holds near its point only: linearised anew at every x.
 
 .. math:: x \to \theta \to q_0(\theta) \to M, D, K\,(q_0, \theta) \to G, \qquad dG / dx \text{ along the whole chain}
 
 The tangent stiffness of a nonlinear spring changes by factors between what a start says and what is true; a model that
-is affine about the nominal parameters would lead all starts into one valley.
+is affine about the nominal parameters would lead all starts into one valley. So it is where masses and their places are
+identified together: M holds m c^2.
 """
 
 from __future__ import annotations

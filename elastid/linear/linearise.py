@@ -63,8 +63,8 @@ class Linearisation:
         return not moved or not any(ca.which_depends(ca.vec(triangles), ca.vertcat(*moved), 2))
 
     @classmethod
-    def of(cls, model: ElasticModel) -> Linearisation:
-        """Differentiate a model."""
+    def of(cls, model: ElasticModel, follows: bool = False) -> Linearisation:
+        """Differentiate a model; follows: the operating point, too, even where all springs are linear."""
         q, theta = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
         lambda_ = ca.SX.sym("lambda", model.n_c)
         rows, columns = np.tril_indices(model.n_q)
@@ -72,7 +72,8 @@ class Linearisation:
         matrices = (model.mass(q, theta), model.damping(q, theta), model.stiffness(q, lambda_, theta))
         triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
         slopes = ca.jacobian(ca.vec(triangles), theta)
-        following = following_of(model, triangles, q, lambda_, theta) if _moves_with_parameters(model) else None
+        moves = _moves_with_parameters(model) or (follows and model.n_c == 0)
+        following = following_of(model, triangles, q, lambda_, theta) if moves else None
         return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), following)
 
     def at(
