@@ -25,7 +25,8 @@ def study() -> Iterator[ModuleType]:
 def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: ModuleType, seed: int) -> None:
     """The three-mass axis: shares and scatters within three and a half standard deviations of what chance does."""
     n = 60
-    found = study.calibrated(study.DataSets(study.three_mass(), seed), n, 1)
+    plant = study.three_mass()
+    found = study.calibrated(study.DataSets(plant, seed), n, 1, plant.parameters.free_names)
     assert (found["sets"], found["failed"]) == (n, 0)
     # Estimates of one data set are correlated: its four intervals count as one.
     assert found["coverage"] > 0.95 - 3.5 * np.sqrt(0.95 * 0.05 / n)
@@ -36,7 +37,8 @@ def test_a_few_dozen_intervals_hold_the_truth_as_often_as_chance_allows(study: M
 @pytest.mark.slow
 def test_of_a_thousand_intervals_93_to_97_percent_hold_the_truth(study: ModuleType) -> None:
     """Of the three-mass axis, all parameters alike; the estimates scatter by the Cramer-Rao bound."""
-    found = study.calibrated(study.DataSets(study.three_mass(), 2), 1000, 1)
+    plant = study.three_mass()
+    found = study.calibrated(study.DataSets(plant, 2), 1000, 1, plant.parameters.free_names)
     assert (found["sets"], found["failed"]) == (1000, 0)
     assert 0.93 < found["coverage"] < 0.97
     np.testing.assert_allclose(found["coverage_by_parameter"], 0.95, atol=0.03)

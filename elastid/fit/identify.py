@@ -8,7 +8,7 @@ and solved again until nothing moves. Where springs are nonlinear the search its
 
 from __future__ import annotations
 
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import MutableMapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,18 +18,15 @@ from elastid.arrays import FloatArray
 from elastid.errors import DataError, FitError
 from elastid.fit import geometry
 from elastid.fit.assembly import Assembly, Settled, linearised, settle, widening
-from elastid.fit.between import is_in_error
 from elastid.fit.certainty import Certainty, certainty
 from elastid.fit.choose import choose
-from elastid.fit.disagreement import disagreement
+from elastid.fit.diagnosis import diagnosed, with_status
 from elastid.fit.elastic import ElasticFit
-from elastid.fit.explained import apart_words, explained
-from elastid.fit.findings import at_bound, findings, status_and_message
+from elastid.fit.findings import at_bound
 from elastid.fit.inputs import alike_words, check_responses, posture_words
 from elastid.fit.intervals import further_intervals
-from elastid.fit.misread import foreign_words, frequency_words, misread_words
 from elastid.fit.multistart import Interrupted, multistart, spread
-from elastid.fit.physical import border_words, possible
+from elastid.fit.physical import possible
 from elastid.fit.result import FitResult, Start
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights import check_masks
@@ -44,10 +41,6 @@ from elastid.robot import Robot
 
 # A parameter whose effect is this small beside the strongest one's has none; rounding leaves about 1e-16.
 NO_EFFECT = 1e-9
-# Residuals so many times what the noise explains make one look for channels that were misread.
-FAR_BEYOND_NOISE = 10.0
-# So does a model that explains less than this share of responses whose noise is unknown.
-FAIRLY_EXPLAINED = 0.9
 
 
 def identify(
@@ -70,6 +63,38 @@ def identify(
     FitError for a parameter that reaches no response and where no start leads anywhere; Interrupted, with the starts
     that were done, on Ctrl-C once the search has begun.
     """
+    finished = {} if finished is None else finished
+    assembly, ranked, hits = _searched(responses, robot, spec, model, seed, jobs, progress, finished)
+    try:
+        settled, sure, result = _settled(assembly, ranked, hits)
+        result = diagnosed(result, settled, sure, _notes(assembly, settled), spec.robots)
+        return further_intervals(result, settled, spec, seed, jobs, progress, finished)
+    except KeyboardInterrupt:
+        raise Interrupted(ranked) from None
+
+
+def estimated(
+    responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT, seed: int = 0
+) -> FitResult:
+    """The same estimate and status, for fits that are many and compared: no look at what may be wrong with the
+    responses, no interval beyond the covariance.  Arguments and errors as `identify`.
+    """
+    assembly, ranked, hits = _searched(responses, robot, spec, model, seed, 1, silent, {})
+    settled, sure, result = _settled(assembly, ranked, hits)
+    return with_status(result, settled, sure)
+
+
+def _searched(
+    responses: Sequence[FrequencyResponse],
+    robot: Robot,
+    spec: FitSpec,
+    model: ModelSpec,
+    seed: int,
+    jobs: int,
+    progress: Progress,
+    finished: MutableMapping[str, Any],
+) -> tuple[Assembly, tuple[Start, ...], int]:
+    """What is fitted, where all starts ended, and how many of them at the best."""
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
     check_masks(responses, spec)
@@ -90,31 +115,22 @@ def identify(
     stages = [assembly.searched(stage, criterion) for stage in (*widening(first, spec.continuation), first)]
     stages += [assembly.searched(fit, spec.criterion)] if first is not fit else []
     starts = possible(spread(parameters, spec.starts, spec.start_factor, seed), fit.shapes, parameters)
-    finished = {} if finished is None else finished
     ranked, hits = multistart(stages, starts, jobs, progress, spec.solver, finished)
-    try:
-        return _concluded(assembly, ranked, hits, seed, jobs, progress, finished)
-    except KeyboardInterrupt:
-        raise Interrupted(ranked) from None
+    return assembly, ranked, hits
 
 
-def _concluded(
-    assembly: Assembly,
-    ranked: tuple[Start, ...],
-    hits: int,
-    seed: int,
-    jobs: int,
-    progress: Progress,
-    finished: MutableMapping[str, Any],
-) -> FitResult:
-    """What is made of the best start: settled, with its certainty and the intervals that the study asks for."""
-    spec, responses = assembly.spec, assembly.responses
-    settled = settle(assembly, ranked[0], spec.criterion)
-    sure = certainty(settled.fit, responses, settled.weights, settled.end.x)
-    twice = alike_words(responses) or posture_words(responses, assembly.parameters, spec.robots)
-    notes = (*twice, *assembly.notes, *settled.notes, *assembly.spring_words(settled.end.x))
-    result = _result(settled, sure, ranked, hits, notes, spec.robots)
-    return further_intervals(result, settled, spec, seed, jobs, progress, finished)
+def _settled(assembly: Assembly, ranked: tuple[Start, ...], hits: int) -> tuple[Settled, Certainty, FitResult]:
+    """The best start at rest, with its certainty, as a result that does not know yet how it ended."""
+    settled = settle(assembly, ranked[0], assembly.spec.criterion)
+    sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
+    return settled, sure, _result(settled, sure, ranked, hits)
+
+
+def _notes(assembly: Assembly, settled: Settled) -> tuple[str, ...]:
+    """What is known before the result is looked at: what counts twice, what was left out, what still moves."""
+    responses = assembly.responses
+    twice = alike_words(responses) or posture_words(responses, assembly.parameters, assembly.spec.robots)
+    return (*twice, *assembly.notes, *settled.notes, *assembly.spring_words(settled.end.x))
 
 
 def predict(
@@ -156,20 +172,13 @@ def _span(parameters: ParameterSet) -> FloatArray:
     )
 
 
-def _result(
-    settled: Settled,
-    sure: Certainty,
-    ranked: tuple[Start, ...],
-    hits: int,
-    notes: tuple[str, ...],
-    robots: Mapping[str, Sequence[str]],
-) -> FitResult:
+def _result(settled: Settled, sure: Certainty, ranked: tuple[Start, ...], hits: int) -> FitResult:
     fit, end = settled.fit, settled.end
     dof = fit.problem.dof
     # Without any noise (a simulation) there is nothing to compare with but the weights.
     expected = sure.expected_cost if sure.expected_cost > 1e-12 * dof else dof
-    result = FitResult(
-        parameters=fit.parameters,
+    return FitResult(
+        parameters=fit.parameters.with_means(end.x),
         x=end.x,
         covariance=sure.covariance,
         cost=end.cost,
@@ -187,16 +196,3 @@ def _result(
         informing_hz=sure.informed.band_hz,
         weakest=sure.informed.weakest,
     )
-    # Where no noise was measured, the residuals are the only measure of it, and no excuse for themselves.
-    noise_is_known = any(weights.noise is not None for weights in settled.weights)
-    share = explained(fit, end.x, result.cost_expected if noise_is_known else 0.0)
-    suspect = result.model_error > FAR_BEYOND_NOISE if noise_is_known else share < FAIRLY_EXPLAINED
-    misread = misread_words(fit, end.x, end.cost) if suspect else ()
-    status, message = status_and_message(result, end, sure.unreached, share, noise_is_known, bool(misread))
-    apart = apart_words(fit, end.x) if result.model_error > 1 else ()
-    if not apart and not misread and is_in_error(result.cost, result.cost_expected, dof):
-        apart = disagreement(fit, end.x, end.cost, result.cost_expected, robots)
-    apart = apart or (foreign_words(fit, end.x) if suspect and not misread else ())
-    found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
-    words = (*misread, *frequency_words(result), *apart, *notes, *found)
-    return replace(result, parameters=fit.parameters.with_means(end.x), status=status, message=message, warnings=words)

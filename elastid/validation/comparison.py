@@ -29,7 +29,7 @@ from elastid.arrays import FloatArray, frozen
 from elastid.errors import ElastidError, StudyError
 from elastid.fit.choose import choose
 from elastid.fit.groups import OF, is_of_one
-from elastid.fit.identify import identify, predict
+from elastid.fit.identify import estimated, predict
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
 from elastid.fit.weights import weigh
 from elastid.model.spec import ModelSpec
@@ -141,9 +141,9 @@ def refit(responses: Sequence[FrequencyResponse], task: Task) -> Refit:
     kept, out = _divided(responses, task.left_out)
     variant = task.variant
     masks = _masks(variant.fit.mask, [r.configuration.name for r in kept])
-    spec = replace(variant.fit, mask=masks, profile=(), bootstrap=0)  # no interval is asked for
+    spec = replace(variant.fit, mask=masks)
     try:
-        result = identify(kept, variant.robot, spec, model=variant.model, seed=task.seed)
+        result = estimated(kept, variant.robot, spec, model=variant.model, seed=task.seed)
         modelled = predict(result, variant.robot, out, variant.model)
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})
