@@ -215,7 +215,12 @@ def run(study: str, folder: Path, *options: str) -> tuple[int, dict[str, Any]]:
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
-    ("study", "seed"), [("linkage_arm.yml", 2), ("linkage_arm.yml", 3), ("irb4400_linkage.yml", 1)]
+    ("study", "seed"),
+    [
+        ("linkage_arm.yml", 2),
+        pytest.param("linkage_arm.yml", 3, marks=pytest.mark.slow),
+        ("irb4400_linkage.yml", 1),
+    ],
 )
 def test_shipped_linkages_are_identified_from_the_simulated_rig(study: str, seed: int, tmp_path: Path):
     """Gears, rod and bending within 3 standard deviations and 5 % of the truth, with friction, noise and gravity."""
