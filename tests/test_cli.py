@@ -385,6 +385,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
     assert [name for name in whole if whole[name] != stopped[name]] == ["run.log"]
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
 

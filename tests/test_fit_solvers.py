@@ -106,6 +106,7 @@ def test_an_error_in_the_problem_is_raised_as_it_is():
     assert len(calls) == 4  # nothing is evaluated after it
 
 
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_in_the_problem_stops_the_solve():
     """SIGINT while the model is evaluated."""
     calls = []
