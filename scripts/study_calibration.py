@@ -43,7 +43,7 @@ from elastid.arrays import BoolArray, FloatArray
 from elastid.fit.assembly import Settled, settle
 from elastid.fit.certainty import Certainty, certainty, inverse_information
 from elastid.fit.intervals import bent_names, profile_ends
-from elastid.fit.result import Start
+from elastid.fit.result import QUANTILE, Start
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
 from elastid.parallel import ordered, silent
 from elastid.response import FrequencyResponse
@@ -94,7 +94,7 @@ def _holds(settled: Settled, sure: Certainty, x: FloatArray) -> BoolArray:
     problem, there, variance = settled.fit.problem, settled.end.x, np.diag(sure.covariance)
     names, _ = bent_names(problem, there, variance)
     low, high = profile_ends(problem, there, variance, names, 1, silent).T
-    reach = 1.959964 * np.sqrt(variance)
+    reach = QUANTILE * np.sqrt(variance)
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))
 
 
@@ -163,7 +163,7 @@ def calibrated(sets: DataSets, n_sets: int, jobs: int, names: tuple[str, ...]) -
         "failed": int(np.sum(~good)),
         "coverage": float(holds.mean()),
         "coverage_by_parameter": holds.mean(axis=0).round(4).tolist(),
-        "symmetric_by_parameter": np.mean(np.abs(error) < 1.959964 * stated, axis=0).round(4).tolist(),
+        "symmetric_by_parameter": np.mean(np.abs(error) < QUANTILE * stated, axis=0).round(4).tolist(),
         "bound": bound.round(5).tolist(),
         "scatter_over_bound": (scatter / bound).round(4).tolist(),
         "stated_over_bound": (np.sqrt(np.mean(stated**2, axis=0)) / bound).round(4).tolist(),

@@ -20,11 +20,11 @@ import numpy as np
 from elastid.arrays import FloatArray
 from elastid.errors import FitError
 from elastid.fit.problem import Evaluation, LeastSquares
+from elastid.fit.result import QUANTILE
 from elastid.fit.solvers import FINE, solve
 from elastid.parallel import Progress, in_order, resumed, silent
 from elastid.parameters import ParameterSet
 
-QUANTILE = 1.959964
 # The search for an end of the interval: steps of so many standard deviations, each FURTHER than the one before, at most
 # so many; then halved until the end is known within ENOUGH standard deviations.
 FIRST_STEP = 2.0

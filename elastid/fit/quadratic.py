@@ -14,8 +14,8 @@ import numpy as np
 
 from elastid.arrays import FloatArray
 from elastid.fit.problem import LeastSquares
+from elastid.fit.result import QUANTILE
 
-QUANTILE = 1.959964
 # The step h that shows the curvature at the optimum, as a part of the interval: small, but V must rise beyond rounding.
 SMALL = 0.1
 

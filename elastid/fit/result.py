@@ -14,6 +14,8 @@ from elastid.parameters import ParameterSet
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
 Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_conditioned", "model_error"]
 
+# 95 % of a normal distribution lie within so many standard deviations.
+QUANTILE = 1.959964
 
 _FURTHER = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
 
@@ -114,7 +116,7 @@ class FitResult:
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
         parameter = self.parameters.free[i]
-        reach = 1.959964 * float(np.sqrt(self.covariance[i, i]))
+        reach = QUANTILE * float(np.sqrt(self.covariance[i, i]))
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
