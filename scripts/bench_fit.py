@@ -47,7 +47,7 @@ from elastid.fit.residuals import RESIDUALS, as_real
 from elastid.fit.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.weights import vec
-from elastid.linear.elimination import is_compiled
+from elastid.linear.elimination import is_worth_it
 from elastid.linear.linearise import Linearisation
 from elastid.linear.transfer import to_response
 from elastid.model.serial import serial
@@ -341,8 +341,8 @@ def main() -> None:
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread\n")
 
-    compiled = is_compiled()
-    with patch("elastid.linear.transfer.is_compiled", return_value=False):
+    compiled = is_worth_it(F, n)
+    with patch("elastid.linear.transfer.is_worth_it", return_value=False):
         plain, _ = assemble(Q, F)
         plain.rough(x0)
     kernel = kernel_times(fit, plain, 3 if quick else 15)

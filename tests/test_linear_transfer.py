@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from elastid.errors import StudyError
+from elastid.linear.elimination import is_compiled
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation, linearise
@@ -19,6 +20,15 @@ from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
+needs_numba = pytest.mark.skipif(not is_compiled(), reason="numba is not installed")
+
+
+@pytest.fixture(params=[False, pytest.param(True, marks=needs_numba)], ids=["NumPy", "compiled"])
+def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kernels whose loops are compiled, however few lines they have, and kernels without."""
+    monkeypatch.setattr("elastid.linear.transfer.is_worth_it", lambda n_lines, n: request.param)
+
+
 angles = st.tuples(*[st.floats(-2, 2)] * 3)
 
 
@@ -162,6 +172,7 @@ def test_modes_are_where_the_dynamic_stiffness_is_singular():
         assert np.abs(phi).max() == pytest.approx(1)
 
 
+@pytest.mark.usefixtures("loops")
 def test_kernel_equals_the_formula():
     """Kernel and formula agree to rounding, for outputs on motors, joints and bodies, away from theta_ref."""
     outputs = ("motor 3", "body fore z", "motor 1", "joint 3z")
@@ -176,6 +187,7 @@ def test_kernel_equals_the_formula():
         np.testing.assert_allclose(kernel.evaluate(theta)[0], G, atol=tolerance)
 
 
+@pytest.mark.usefixtures("loops")
 @pytest.mark.parametrize("outputs", [None, ("body fore z", "motor 2", "joint 3", "motor 1")])
 def test_derivatives_equal_central_differences_for_every_parameter(outputs):
     """dG of stiffness, damping, friction, rotors, masses, centres of mass, inertias, delay: to 1e-6 of the largest."""

@@ -18,6 +18,13 @@ from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 # |pivot| beside the sizes of its terms, below which the quotients would cost digits.
 SMALL_PIVOT = 1e-3
+# Lines times coordinates squared, from which a fit of some hundred evaluations is faster with compiled loops.
+MANY = 20_000
+
+
+def is_worth_it(n_lines: int, n: int) -> bool:
+    """Whether so many lines of n coordinates win back the second that loading the loops takes, and they are there."""
+    return n_lines * n**2 >= MANY and is_compiled()
 
 
 @cache

@@ -24,7 +24,7 @@ import numpy as np
 
 from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.linear.condensed import Leaves
-from elastid.linear.elimination import Elimination, is_compiled
+from elastid.linear.elimination import Elimination, is_worth_it
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
@@ -207,7 +207,7 @@ class Kernel:
         n = self.model.n
         matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
         coupled = np.any(matrices != 0, axis=0)
-        return Elimination.of(coupled) if is_compiled() else Leaves.of(coupled)
+        return Elimination.of(coupled) if is_worth_it(self.freq_hz.size, n) else Leaves.of(coupled)
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
