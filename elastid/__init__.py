@@ -37,21 +37,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elastid.experiment.plan import Plan, make_plan
-    from elastid.experiment.recorded.rig import RecordedRig
+    from elastid.experiment.plan.plan import Plan, make_plan
     from elastid.experiment.simulated.rig import SimulatedRig
     from elastid.fit.identify import identify, predict
     from elastid.fit.result import FitResult
-    from elastid.frf.estimators import estimate
+    from elastid.frf.estimate import estimate
     from elastid.linear.linearise import linearise
-    from elastid.linear.transfer import frequency_response
+    from elastid.linear.response.transfer import frequency_response
     from elastid.model.formulation import formulate
     from elastid.model.serial import serial
     from elastid.record import Configuration, Record
+    from elastid.recorded.rig import RecordedRig
     from elastid.response import FrequencyResponse
     from elastid.robot import Robot
     from elastid.study import load as load_study
-    from elastid.validation.frequency import validate
+    from elastid.validation.agreement import validate
 
 __version__ = "0.1.0"
 
@@ -59,21 +59,21 @@ _HOME = {
     "Configuration": "elastid.record",
     "FitResult": "elastid.fit.result",
     "FrequencyResponse": "elastid.response",
-    "Plan": "elastid.experiment.plan",
+    "Plan": "elastid.experiment.plan.plan",
     "Record": "elastid.record",
-    "RecordedRig": "elastid.experiment.recorded.rig",
+    "RecordedRig": "elastid.recorded.rig",
     "Robot": "elastid.robot",
     "SimulatedRig": "elastid.experiment.simulated.rig",
-    "estimate": "elastid.frf.estimators",
+    "estimate": "elastid.frf.estimate",
     "formulate": "elastid.model.formulation",
-    "frequency_response": "elastid.linear.transfer",
+    "frequency_response": "elastid.linear.response.transfer",
     "identify": "elastid.fit.identify",
     "linearise": "elastid.linear.linearise",
     "load_study": "elastid.study",
-    "make_plan": "elastid.experiment.plan",
+    "make_plan": "elastid.experiment.plan.plan",
     "predict": "elastid.fit.identify",
     "serial": "elastid.model.serial",
-    "validate": "elastid.validation.frequency",
+    "validate": "elastid.validation.agreement",
 }
 
 __all__ = [  # noqa: RUF022  (in the order of the work)

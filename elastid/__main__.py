@@ -1,6 +1,6 @@
 """python -m elastid."""
 
-from elastid.cli import main
+from elastid.app.cli import main
 
 if __name__ == "__main__":
     main()

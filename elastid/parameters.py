@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray, frozen
-from elastid.units import of_translation
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.units import of_translation
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]
 Motion: TypeAlias = Literal["position", "velocity", "acceleration"]

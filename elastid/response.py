@@ -8,14 +8,85 @@ Both wings end in this value. All on the link side, outputs of one quantity (acc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, frozen
-from elastid.quality import Quality
-from elastid.record import Configuration, Motion, motion_unit
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.record import MOTION_ORDER, Configuration, Motion, motion_unit
+
+
+@dataclass(frozen=True)
+class Levels:
+    """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
+
+    amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
+    """
+
+    freq_hz: FloatArray
+    amplitude: FloatArray
+    noise: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in fields(self):
+            object.__setattr__(self, name.name, frozen(getattr(self, name.name)))
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Of the same F lines as the response, but for even and odd.
+
+    coherence (F, n_y, n_u) and multiple_coherence (F, n_y), of single periods.  singular_values (F, min(n_y, n_u)) of
+    G, largest first.  input_singular_values (F, n_u) of the experiments' inputs, each input relative to its RMS: their
+    ratio is the condition of the input matrix.  input_noise (F, n_u) and output_noise (F, n_y): variance in one period.
+    excited: the outputs.  stochastic (F, n_y): RMS amplitude of the stochastic nonlinear distortion in them, or None.
+    even, odd: what nonlinearities of even and odd order leave at lines that were not excited, Y - G U, or None.
+    """
+
+    coherence: FloatArray
+    multiple_coherence: FloatArray
+    singular_values: FloatArray
+    input_singular_values: FloatArray
+    input_noise: FloatArray
+    output_noise: FloatArray
+    excited: Levels
+    stochastic: FloatArray | None = None
+    even: Levels | None = None
+    odd: Levels | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in (*LINE_ARRAYS, "stochastic"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def condition(self) -> FloatArray:
+        """Condition (F,) of the input matrix, each input relative to its RMS; inf where it is singular."""
+        largest, smallest = self.input_singular_values[:, 0], self.input_singular_values[:, -1]
+        with np.errstate(over="ignore"):
+            condition: FloatArray = np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0)
+        return condition
+
+    def lines(self, keep: BoolArray) -> Quality:
+        """The same on some of the response's lines; keep (F,) is True where a line stays."""
+        cut = {name: getattr(self, name)[keep] for name in LINE_ARRAYS}
+        excited = Levels(*(getattr(self.excited, field.name)[keep] for field in fields(Levels)))
+        stochastic = None if self.stochastic is None else self.stochastic[keep]
+        return replace(self, **cut, excited=excited, stochastic=stochastic)
+
+
+LINE_ARRAYS = (
+    "coherence",
+    "multiple_coherence",
+    "singular_values",
+    "input_singular_values",
+    "input_noise",
+    "output_noise",
+)
+
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
@@ -153,3 +224,31 @@ class FrequencyResponse:
             distortion=cut(self.distortion),
             quality=None if self.quality is None else self.quality.lines(keep),
         )
+
+
+def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyResponse:
+    r"""The same response in position, velocity or acceleration per torque, its covariance with it.
+
+    .. math:: G' = (j\omega)^k G, \qquad cov(vec\, G') = \omega^{2k} cov(vec\, G)
+    """
+    k = MOTION_ORDER[quantity] - MOTION_ORDER[response.quantity]
+    if k == 0:
+        return response
+    gain = ((2j * np.pi * response.freq_hz) ** k)[:, None, None]
+    power = np.abs(gain) ** 2
+    return replace(
+        response,
+        G=gain * response.G,
+        quantity=quantity,
+        noise=_scaled(response.noise, power),
+        total=_scaled(response.total, power),
+        distortion=_scaled(response.distortion, power),
+        quality=None,  # it speaks of the outputs as they were measured
+    )
+
+
+def _scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
+    if covariance is None:
+        return None
+    left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))
+    return replace(covariance, variance=covariance.variance * power, left=left, matrix=matrix)

@@ -15,8 +15,8 @@ import time
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.experiment.design.optimal import Criterion, Relaxed, relaxed, whole
+from elastid.base.arrays import FloatArray
+from elastid.design.optimal import DesignCriterion, RelaxedDesign, relaxed_design, whole
 
 CANDIDATES, PARAMETERS, EXPERIMENTS = 7920, 12, 15
 
@@ -31,10 +31,10 @@ def random_information(guesses: int, candidates: int, rank: int, seed: int = 0) 
     return H
 
 
-def bench(name: str, H: FloatArray, criterion: Criterion) -> tuple[Relaxed, float, float]:
+def bench(name: str, H: FloatArray, criterion: DesignCriterion) -> tuple[RelaxedDesign, float, float]:
     """The relaxed design, the efficiency of the whole experiments, CPU seconds; a line is printed."""
     start = time.process_time()
-    shares = relaxed(H, criterion)
+    shares = relaxed_design(H, criterion)
     between = time.process_time()
     numbers = whole(H, shares.weights, EXPERIMENTS, criterion)
     end = time.process_time()
@@ -54,13 +54,13 @@ def main(quick: bool) -> dict[str, dict[str, float]]:
     full, few = random_information(1, Q, PARAMETERS), random_information(1, Q, 3)
     robust = random_information(8, 200 if quick else 1000, PARAMETERS)
     cases = {
-        f"D, {Q} candidates": (full, Criterion("D", everything)),
-        f"D, {Q} candidates of rank 3": (few, Criterion("D", everything)),
-        f"D, {Q}, 4 of the 12 parameters": (full, Criterion("D", everything[:, :4])),
-        f"A, {Q} candidates": (full, Criterion("A", everything)),
-        f"E, {Q} candidates": (full, Criterion("E", everything)),
-        f"D, {robust.shape[1]}, mean of 8 guesses": (robust, Criterion("D", everything)),
-        f"D, {robust.shape[1]}, worst of 8 guesses": (robust, Criterion("D", everything, "worst")),
+        f"D, {Q} candidates": (full, DesignCriterion("D", everything)),
+        f"D, {Q} candidates of rank 3": (few, DesignCriterion("D", everything)),
+        f"D, {Q}, 4 of the 12 parameters": (full, DesignCriterion("D", everything[:, :4])),
+        f"A, {Q} candidates": (full, DesignCriterion("A", everything)),
+        f"E, {Q} candidates": (full, DesignCriterion("E", everything)),
+        f"D, {robust.shape[1]}, mean of 8 guesses": (robust, DesignCriterion("D", everything)),
+        f"D, {robust.shape[1]}, worst of 8 guesses": (robust, DesignCriterion("D", everything, "worst")),
     }
     results = {}
     for name, (H, criterion) in cases.items():

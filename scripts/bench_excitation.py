@@ -22,7 +22,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.crest import Signals, crest_factors, minimised
 from elastid.excitation.grids import grid_lines, with_detection
 from elastid.excitation.multisine import orthogonal_set

@@ -38,18 +38,18 @@ import casadi as ca
 import numpy as np
 from scipy.optimize import least_squares
 
-from elastid.arrays import FloatArray
-from elastid.fit.assembly import Assembly
-from elastid.fit.choose import choose
-from elastid.fit.elastic import ElasticFit, Part
-from elastid.fit.problem import Evaluation, LeastSquares
-from elastid.fit.residuals import RESIDUALS, as_real
-from elastid.fit.solvers import solve
+from elastid.base.arrays import FloatArray
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.problem.residuals import RESIDUALS, as_real
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.fit.weights import vec
-from elastid.linear.elimination import is_worth_it
+from elastid.fit.weights.weights import vec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.ldl import is_worth_it
+from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
@@ -342,7 +342,7 @@ def main() -> None:
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread\n")
 
     compiled = is_worth_it(F, n)
-    with patch("elastid.linear.transfer.is_worth_it", return_value=False):
+    with patch("elastid.linear.response.transfer.is_worth_it", return_value=False):
         plain, _ = assemble(Q, F)
         plain.rough(x0)
     kernel = kernel_times(fit, plain, 3 if quick else 15)

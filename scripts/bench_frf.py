@@ -28,9 +28,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.fft import rfft
 
-from elastid.arrays import ComplexArray, IntArray
+from elastid.base.arrays import ComplexArray, IntArray
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from elastid import Robot, serial
 from elastid.linear.linearise import Linearisation
-from elastid.model.rigid import inverse_dynamics
+from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration
 from elastid.study import load_robot
 

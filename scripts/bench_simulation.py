@@ -24,15 +24,15 @@ from xml.etree import ElementTree
 import numpy as np
 
 from elastid.export.mujoco import mjcf
-from elastid.friction.placed import frictions
+from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import Commands, closed_loop, simulate
-from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import Gains, tuned
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration
+from elastid.simulation.friction_states import contacts
 from elastid.study import load
 
 RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
@@ -166,7 +166,7 @@ def main() -> None:
     except ImportError:
         with_mujoco = False
     robots = {
-        "demo": load(Path(str(files("elastid") / "templates/serial/study.yml"))).study.robot,
+        "demo": load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot,
         "six_axes": six_axes(),
     }
     seconds, rounds = (1.0, 1) if quick else (5.0, 9)

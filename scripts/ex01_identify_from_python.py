@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from elastid import SimulatedRig, estimate, identify, make_plan
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.simulated.spec import NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.robot import Body, Joint, Motor, Robot, Spring

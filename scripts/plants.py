@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.fit.assembly import Assembly
-from elastid.fit.choose import choose
+from elastid.base.arrays import FloatArray
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.fit.weights import weigh
+from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -75,7 +75,7 @@ def of_study(path: Path, name: str, lines: int = 80) -> Plant:
 
 def demo() -> Plant:
     """The robot of `elastid demo`."""
-    return of_study(Path(str(files("elastid") / "templates" / "serial" / "study.yml")), "demo")
+    return of_study(Path(str(files("elastid") / "app" / "templates" / "serial" / "study.yml")), "demo")
 
 
 @dataclass(frozen=True)

@@ -41,13 +41,13 @@ from typing import Any
 import numpy as np
 from plants import NOISE, Plant, Rig, demo, of_study, responses, three_mass
 
-from elastid.arrays import BoolArray, FloatArray
-from elastid.fit.assembly import Settled, settle
-from elastid.fit.certainty import Certainty, certainty, inverse_information
-from elastid.fit.intervals import bent_names, profile_ends
-from elastid.fit.result import QUANTILE, Start
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.execution import ordered, silent
+from elastid.fit.result import QUANTILE, LocalOptimum
+from elastid.fit.setup.assembly import RelinearisedOptimum, settle
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
-from elastid.parallel import ordered, silent
+from elastid.fit.uncertainty.covariance import Uncertainty, certainty, inverse_information
+from elastid.fit.uncertainty.intervals import bent_names, profile_ends
 from elastid.response import FrequencyResponse
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
@@ -76,7 +76,7 @@ class DataSets:
         data = self.rig.drawn(rng, _truth(self.rig, self.wrong, rng))
         assembly = self.rig.assembly(data, spec)
         x = self.plant.parameters.x
-        settled = settle(assembly, Start(x, x, 0.0, 0, True, "the truth"), "complex")
+        settled = settle(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
         if not settled.end.converged:
             return np.full((3, len(x)), np.nan)
         sure = certainty(settled.fit, data, settled.weights, settled.end.x)
@@ -91,7 +91,7 @@ class DataSets:
         return np.sqrt(np.diag(inverse_information(np.linalg.qr(J, mode="r"))[0]))
 
 
-def _holds(settled: Settled, sure: Certainty, x: FloatArray) -> BoolArray:
+def _holds(settled: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
     """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
     problem, there, variance = settled.fit.problem, settled.end.x, np.diag(sure.covariance)
     names, _ = bent_names(problem, there, variance)

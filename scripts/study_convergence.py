@@ -31,12 +31,12 @@ from typing import Any
 import numpy as np
 from plants import Plant, Rig, demo, of_study, three_mass
 
-from elastid.errors import ElastidError
-from elastid.fit.assembly import settle
+from elastid.base.errors import ElastidError
+from elastid.base.execution import ordered
 from elastid.fit.identify import identify
-from elastid.fit.multistart import HIT
-from elastid.fit.result import Start
-from elastid.parallel import ordered
+from elastid.fit.result import LocalOptimum
+from elastid.fit.setup.assembly import settle
+from elastid.fit.solve.multistart import HIT
 from elastid.robot import Robot
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
@@ -67,7 +67,7 @@ class Runs:
         rig = _rig(self.plant)
         data = rig.drawn(rng)
         x = self.plant.parameters.x
-        best = settle(rig.assembly(data, self.plant.spec), Start(x, x, 0.0, 0, True, "the truth"), "complex").end
+        best = settle(rig.assembly(data, self.plant.spec), LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex").end
         robot = wrong_start(self.plant.robot, self.plant.parameters.free_names, rng)
         spec = replace(self.plant.spec, starts=self.starts, profile=())  # no interval is asked for
         begin = time.perf_counter()

@@ -33,20 +33,20 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
+from elastid.base.execution import ordered
+from elastid.design.candidates import candidates
+from elastid.design.design import Design, DesignProblem, designed
+from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design.configurations import candidates
-from elastid.experiment.design.designing import Brief, Design, designed
-from elastid.experiment.design.spec import CandidateSpec, DesignSpec
-from elastid.experiment.plan import Chosen, Plan, make_plan
+from elastid.experiment.plan.plan import Chosen, Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.parallel import ordered
 from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.study import load
 
@@ -61,12 +61,12 @@ class Programme:
     (Q, F, n_u) that their lines had in the design, limits kept.
     """
 
-    brief: Brief
+    brief: DesignProblem
     configurations: tuple[Chosen, ...]
     amplitude: FloatArray
 
     @classmethod
-    def of(cls, brief: Brief, design: Design) -> Programme:
+    def of(cls, brief: DesignProblem, design: Design) -> Programme:
         """The plan of a design."""
         experiment = replace(brief.experiment, periods=design.plan.periods, configurations={})
         chosen = tuple(Chosen(c, M) for c, M in zip(design.plan.configurations, design.plan.realisations, strict=True))
@@ -142,14 +142,14 @@ def slippery(robot: Robot) -> Robot:
     return replace(robot, bodies=bodies)
 
 
-def three_axes(count: int) -> Brief:
+def three_axes(count: int) -> DesignProblem:
     """The demo's arm: 17 unknowns, stiffness and damping of seven springs and the friction of three motors."""
-    template = Path(str(files("elastid"))) / "templates" / "serial" / "study.yml"
+    template = Path(str(files("elastid"))) / "app" / "templates" / "serial" / "study.yml"
     robot = load(template).study.robot
     return brief(robot, (160.0, 160.0, 80.0), count)
 
 
-def six_axes(count: int) -> Brief:
+def six_axes(count: int) -> DesignProblem:
     """An arm with a spherical wrist: six elastic gears, four further elastic joints, 26 unknowns."""
 
     def axis(name: str, about: Axis, ratio: float, motor: float, k: float, d: float, limit: float) -> Joint:
@@ -179,11 +179,11 @@ def six_axes(count: int) -> Brief:
     return brief(robot, (160.0, 160.0, 80.0, 25.0, 20.0, 12.0), count)
 
 
-def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> Brief:
+def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> DesignProblem:
     """A study in which the design chooses all, in the robot time of `count` configurations of two periods of 2 s."""
     noise = NoiseSpec(torque_std=6.0, encoder_counts=65536)
     simulated = SimulatedSpec(carrier=CarrierSpec(math.radians(1)), noise=noise, substeps=2)
-    return Brief(
+    return DesignProblem(
         robot=slippery(robot),
         excitation=MultisineSpec(500.0, 2.0, (2.0, 60.0), torque_rms, flat="information"),
         experiment=ExperimentSpec(realisations=2, periods=2, ramp=0.0, simulated=simulated),
@@ -231,7 +231,7 @@ def spread(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return std, chance
 
 
-def random_choice(brief: Brief, count: int, seed: int) -> Brief:
+def random_choice(brief: DesignProblem, count: int, seed: int) -> DesignProblem:
     """With configurations drawn from the candidates that the design chooses from, and a flat spectrum."""
     assert brief.design is not None
     there = candidates(brief.design.candidates, brief.robot, brief.seed, math.radians(1)).configurations
@@ -240,7 +240,7 @@ def random_choice(brief: Brief, count: int, seed: int) -> Brief:
     return replace(flat(brief), design=None, experiment=replace(brief.experiment, configurations=only))
 
 
-def flat(brief: Brief) -> Brief:
+def flat(brief: DesignProblem) -> DesignProblem:
     """With the same torque at all lines."""
     return replace(brief, excitation=replace(brief.excitation, flat="torque"))
 
@@ -256,7 +256,9 @@ def compared(names: Sequence[str]) -> list[int]:
     return [i for i, name in enumerate(names) if not name.startswith("fm_")]
 
 
-def study(brief: Brief, count: int, repetitions: tuple[int, int], plans: int, of_random: int, jobs: int) -> Outcome:
+def study(
+    brief: DesignProblem, count: int, repetitions: tuple[int, int], plans: int, of_random: int, jobs: int
+) -> Outcome:
     """Planned against random plans of `count` configurations; simulations and draws of noise, those of random plans."""
     design = designed(brief, jobs)
     print(f"{brief.robot.name}: {design.plan.robot_time_s:g} s of robot time; {design.forecast.choice}", flush=True)

@@ -14,11 +14,11 @@ import json
 import numpy as np
 from scipy.special import exp1
 
-from elastid.arrays import ComplexArray
+from elastid.base.arrays import ComplexArray
 from elastid.excitation.multisine import orthogonal_set
-from elastid.frf.blocks import Block, Gathered, Scatter
+from elastid.frf.covariance import equation_error, noise_covariance, total_covariance, total_error
+from elastid.frf.experiment_blocks import Block, Gathered, Scatter
 from elastid.frf.methods import METHODS, arithmetic_mean, h1, h2, harmonic_mean, logarithmic_mean
-from elastid.frf.uncertainty import equation_error, noise_covariance, total_covariance, total_error
 
 LEVELS_DB = ((3, 6), (6, 6), (8, 6), (10, 10), (20, 20))
 

@@ -39,16 +39,16 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from elastid.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan import Experiment, make_plan
+from elastid.experiment.plan.plan import Experiment, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.frf.estimators import estimate
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.serial import serial
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring

@@ -39,13 +39,13 @@ import numpy as np
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse

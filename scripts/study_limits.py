@@ -24,15 +24,15 @@ from typing import Any
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.errors import StudyError
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.execution import ordered
+from elastid.design.limits import QUANTITIES, peaks_of_run, within_limits
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.limits import QUANTITIES, peaks_of_run, within_limits
-from elastid.experiment.plan import make_plan
+from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.parallel import ordered
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 
 

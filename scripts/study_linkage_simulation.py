@@ -25,13 +25,13 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
-from elastid.simulation.constrained import energy, projection, violation
+from elastid.simulation.baumgarte import energy, projection, violation
 from elastid.simulation.dynamics import acceleration, runge_kutta
 from elastid.study import load_robot
 

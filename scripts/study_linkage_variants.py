@@ -26,9 +26,9 @@ from ruamel.yaml import YAML
 from scipy.linalg import eigh
 from scipy.optimize import least_squares
 
-from elastid.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec, Variant
 from elastid.record import Configuration

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import expm
 
-from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.multisine import synthesise
 from elastid.frf.local.response import local_response
 from elastid.frf.local.transient import settled_spectra

@@ -14,9 +14,10 @@ from unittest.mock import create_autospec
 import numpy as np
 import pytest
 
-from elastid import cli, scaffold, stages
-from elastid.interrupt import insisting
-from elastid.run import ARTEFACTS, SUMMARIES, Run
+from elastid.app import cli, scaffold
+from elastid.app.process import insisting
+from elastid.app.run import ARTEFACTS, SUMMARIES, Run
+from elastid.app.stages import stages
 from elastid.store import read_fit
 
 STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
@@ -331,8 +332,8 @@ def test_a_full_disk_is_one_sentence(
 # The run receives the signal where a stage is about to write its result, or in the middle of measuring.
 DRIVER = """
 import os, sys
-from elastid import stages
-from elastid.cli import run_command
+from elastid.app.stages import stages
+from elastid.app.cli import run_command
 
 def stop(*_, **__):
     os.kill(os.getpid(), int(sys.argv[2]))
@@ -347,7 +348,7 @@ if stage == "measure":
 else:
     name = dict(design="write_plan", estimate="write_responses", fit="write_fit", validate="write_validation")
     if stage == "report":
-        import elastid.report.page as page
+        import elastid.report.page.page as page
         page.html = stop
     elif stage != "none":
         setattr(stages, name[stage], stop)
@@ -421,7 +422,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")
 def test_the_workers_of_a_killed_run_end(tiny: Path, here: Path) -> None:
     """kill -9 of the parent leaves no process behind that waits for work for ever."""
-    code = "from elastid.parallel import ordered; import time; ordered(time.sleep, [60.0, 60.0], 2)"
+    code = "from elastid.base.execution import ordered; import time; ordered(time.sleep, [60.0, 60.0], 2)"
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         assert _wait_until(lambda: len(_descendants(parent.pid)) >= 3)

@@ -9,23 +9,23 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from elastid import stages
-from elastid.console import Console
-from elastid.errors import StudyError
-from elastid.experiment.design.configurations import candidates
-from elastid.experiment.design.spec import CandidateSpec
-from elastid.experiment.plan import make_plan
+from elastid.app.console import Console
+from elastid.app.overview import overview
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import StudyError
+from elastid.design.candidates import candidates
+from elastid.design.spec import CandidateSpec
+from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.hardware import filtered
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.frf.estimators import estimate
-from elastid.linear.chain import sensor_elements
+from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response
+from elastid.linear.measurement_chain import sensor_elements
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.kinematics import frame_jacobians, skeleton, tool_jacobian
 from elastid.model.serial import serial
-from elastid.overview import overview
 from elastid.robot import Body, Chain, Frame, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.run import Run
 from elastid.store import read_forecast
 from elastid.study import load
 

@@ -10,23 +10,25 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid import cli, comparing, stages
-from elastid.arrays import FloatArray
-from elastid.comparing import compare, variants
-from elastid.console import Console
-from elastid.errors import StudyError
+from elastid.app import cli
+from elastid.app import compare as comparing
+from elastid.app.compare import compare, variants
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Robot
-from elastid.robot.variants import stiffened
-from elastid.run import Run
+from elastid.robot.simplified import stiffened
 from elastid.store import write_responses
 from elastid.study import load
-from elastid.validation.comparison import folds, for_robot
+from elastid.validation.compare import folds, for_robot
 
 ROBOT = """\
 name: two axes

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.linear.condensed import Leaves
-from elastid.linear.elimination import Elimination, is_compiled
+from elastid.linear.response.condensation import Leaves
+from elastid.linear.response.ldl import Elimination, is_compiled
 
 SOLVERS = [
     Leaves,

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from elastid.errors import StudyError
-from elastid.experiment.design.configurations import candidates, dexterity
-from elastid.experiment.design.spec import BoxSpec, CandidateSpec
+from elastid.base.errors import StudyError
+from elastid.design.candidates import candidates, dexterity
+from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.kinematics import skeleton
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
 

@@ -11,19 +11,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.cli import run_command
-from elastid.errors import StudyError
+from elastid.app.cli import run_command
+from elastid.base.errors import StudyError
+from elastid.design.design import DesignProblem, designed
+from elastid.design.friction_effects import friction_level
+from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design.designing import Brief, designed
-from elastid.experiment.design.friction_level import friction_level
-from elastid.experiment.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
-from elastid.experiment.plan import Plan, make_plan
+from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
@@ -53,7 +53,7 @@ TWO = Robot(
     gravity=(0, 0, 0),
 )
 NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-5)
-BRIEF = Brief(
+BRIEF = DesignProblem(
     robot=TWO,
     excitation=MultisineSpec(500.0, 1.0, (3.0, 60.0), (5.0, 2.0)),
     experiment=ExperimentSpec(ramp=0.0, simulated=SimulatedSpec(noise=NOISE)),
@@ -64,13 +64,13 @@ BRIEF = Brief(
 )
 
 
-def _measured(brief: Brief, plan: Plan, seed: int) -> list[FrequencyResponse]:
+def _measured(brief: DesignProblem, plan: Plan, seed: int) -> list[FrequencyResponse]:
     rig = SimulatedRig(brief.robot, brief.experiment, plan, seed)
     runs = {c.name: [e for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations}
     return [estimate([rig.measure(run) for run in each], EstimatorSpec(), plan.lines) for each in runs.values()]
 
 
-def _with(**changes: object) -> Brief:
+def _with(**changes: object) -> DesignProblem:
     assert BRIEF.design is not None
     return replace(BRIEF, design=replace(BRIEF.design, **changes))  # type: ignore[arg-type]
 
@@ -88,14 +88,14 @@ def test_fits_scatter_as_the_forecast_said() -> None:
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 
-def _shaped(brief: Brief, **excitation: object) -> Brief:
+def _shaped(brief: DesignProblem, **excitation: object) -> DesignProblem:
     return replace(brief, excitation=replace(brief.excitation, **{"flat": "information", **excitation}))  # type: ignore[arg-type]
 
 
 GIVEN = replace(BRIEF, design=None, experiment=replace(BRIEF.experiment, configurations={"a": (0.3, 0.8)}))
 
 
-def _mean_std(brief: Brief) -> float:
+def _mean_std(brief: DesignProblem) -> float:
     return float(np.exp(np.mean(np.log(np.diag(designed(brief).forecast.covariance))) / 2))
 
 
@@ -162,7 +162,7 @@ def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust:
         ),
     ],
 )
-def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: Brief, message: str) -> None:
+def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: DesignProblem, message: str) -> None:
     """Noise, its source, and the number of experiments."""
     with pytest.raises(StudyError, match=message):
         designed(_shaped(brief))
@@ -326,7 +326,7 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
         (replace(_with(parameters=("c_*",)), fit=UNSEEN), "no candidate tells anything about c_fore_z"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_designed_is_refused_with_what_would_fit(brief: Brief, message: str) -> None:
+def test_what_cannot_be_designed_is_refused_with_what_would_fit(brief: DesignProblem, message: str) -> None:
     """One message each."""
     with pytest.raises(StudyError, match=message):
         designed(brief)

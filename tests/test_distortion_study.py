@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import stages
-from elastid.console import Console
-from elastid.quality import Levels
-from elastid.report.quality_figures import levels
-from elastid.response import FrequencyResponse
-from elastid.run import Run
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.report.figures.response_quality import levels
+from elastid.response import FrequencyResponse, Levels
 from elastid.store import read_plan, read_responses
 from elastid.study import load
 

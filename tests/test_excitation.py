@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.excitation.grids import chosen_lines, grid_lines, line_frequencies, with_detection, zippered
-from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.excitation.spectrum import amplitudes, shape
+from elastid.excitation.multisine import amplitudes, orthogonal_set, shape, synthesise
 
 
 def test_full_grid_holds_every_line_of_the_band_and_its_edges() -> None:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from elastid.errors import StudyError
-from elastid.overview import overview
+from elastid.app.overview import overview
+from elastid.base.errors import StudyError
 from elastid.study import load
 
 

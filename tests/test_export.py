@@ -12,30 +12,30 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from elastid.arrays import ComplexArray, FloatArray
-from elastid.cli import run_command
-from elastid.errors import StudyError
-from elastid.experiment.recorded.spec import ChannelSpec
-from elastid.experiment.responses.reading import link_side_response, read_table
-from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
-from elastid.export.identified import Identified, identified
+from elastid.app.cli import run_command
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.export.fitted import Identified, identified
 from elastid.export.targets import TARGETS
-from elastid.fit.choose import choose
 from elastid.fit.result import FitResult
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.linear.statespace import state_space
-from elastid.linear.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
+from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Motor, Placement, Robot, Spring
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[1]
 ROBOTS = {
     "manutec": ROOT / "configs" / "robots" / "manutec_r3.yml",
-    "arm": ROOT / "elastid" / "templates" / "serial" / "robot.yml",
+    "arm": ROOT / "elastid" / "app" / "templates" / "serial" / "robot.yml",
     "bench": ROOT / "configs" / "robots" / "two_inertia_bench.yml",
     "table": ROOT / "configs" / "robots" / "kr300_twelve_springs.yml",
 }
@@ -235,7 +235,7 @@ def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
 
 
 def test_the_command_offers_every_target() -> None:
-    from elastid.cli import _TARGETS
+    from elastid.app.cli import _TARGETS
 
     assert list(TARGETS) == _TARGETS
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import stages
-from elastid.console import Console
-from elastid.errors import StudyError
-from elastid.experiment.plan import make_plan
-from elastid.overview import overview
-from elastid.run import Run
+from elastid.app.console import Console
+from elastid.app.overview import overview
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.plan import make_plan
 from elastid.store import read_fit, read_forecast, read_plan, read_responses
 from elastid.study import load
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from elastid.fit.between import between_configurations, is_in_error
-from elastid.fit.evidence import Evidence
+from elastid.fit.uncertainty.jackknife import between_configurations, is_in_error
+from elastid.fit.uncertainty.line_sums import Evidence
 
 
 def evidence_of(J, r) -> Evidence:

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 
-from elastid.fit.bootstrap import bootstrap
-from elastid.fit.problem import Evaluation, LeastSquares
-from elastid.fit.profile import profiles
-from elastid.fit.propagation import response_deviation, uncertain_modes
-from elastid.fit.quadratic import bent
-from elastid.fit.weights import weigh
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.uncertainty.bootstrap import bootstrap
+from elastid.fit.uncertainty.intervals import bent
+from elastid.fit.uncertainty.profile import profiles
+from elastid.fit.uncertainty.propagation import response_deviation, uncertain_modes
+from elastid.fit.weights.weights import weigh
 from elastid.linear.modes import modes
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, ParameterSet
 
 X = parameters().x

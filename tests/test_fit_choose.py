@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from elastid.errors import StudyError
-from elastid.fit.choose import choose
+from elastid.base.errors import StudyError
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 

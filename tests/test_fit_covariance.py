@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from three_mass import FREQ, NO_FLOOR, circular, fit_of, measured, noise_of, parameters, plant
 
-from elastid.errors import DataError, StudyError
-from elastid.fit.certainty import certainty
-from elastid.fit.elastic import elastic_fit
-from elastid.fit.robust import robust_factors
-from elastid.fit.solvers import solve
+from elastid.base.errors import DataError, StudyError
+from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.setup.assembly import robust_factors
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
-from elastid.fit.weights import check_masks, normalised, weigh
-from elastid.linear.transfer import frequency_response
+from elastid.fit.uncertainty.covariance import certainty
+from elastid.fit.weights.weights import check_masks, normalised, weigh
+from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, FrequencyResponse
 
 FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="full"))

@@ -20,16 +20,16 @@ from three_mass import (
     plant,
 )
 
-from elastid.errors import StudyError
-from elastid.fit.certainty import certainty
-from elastid.fit.elastic import elastic_fit
-from elastid.fit.evidence import correlation_length
-from elastid.fit.residuals import logarithmic
-from elastid.fit.solvers import solve
+from elastid.base.errors import StudyError
+from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.residuals import logarithmic
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
-from elastid.fit.weights import weigh
+from elastid.fit.uncertainty.covariance import certainty
+from elastid.fit.uncertainty.line_sums import correlation_length
+from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import Slope
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Prior, Tie
 from elastid.response import Covariance
 

@@ -6,20 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.errors import DataError, FitError, StudyError
-from elastid.fit.assembly import Assembly
-from elastid.fit.choose import choose
+from elastid.app.stages.stages import TRUSTED
+from elastid.base.errors import DataError, FitError, StudyError
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
-from elastid.fit.solvers import Method, solve
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.solve.solvers import Method, solve
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.stages import TRUSTED
 
 FREQ = np.linspace(2, 60, 60)
 CONFIGURATIONS = ((0.0, 0.0), (0.6, -0.7), (-0.4, 0.9))

@@ -9,12 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.fit.choose import choose
 from elastid.fit.identify import Assembly, identify
 from elastid.fit.result import FitResult
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse

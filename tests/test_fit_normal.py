@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from three_mass import FREQ, circular
 
-from elastid.fit.assembly import Assembly
-from elastid.fit.choose import choose
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.errors import DataError, StudyError
-from elastid.fit.assembly import Assembly
-from elastid.fit.choose import choose
+from elastid.base.errors import DataError, StudyError
 from elastid.fit.identify import identify, predict
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, RatioSpec, TieSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration

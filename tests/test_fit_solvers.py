@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from elastid.arrays import FloatArray
-from elastid.errors import FitError
-from elastid.fit.multistart import multistart, spread
-from elastid.fit.problem import Evaluation, LeastSquares
-from elastid.fit.solvers import FINE, solve
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.solve.multistart import multistart, spread
+from elastid.fit.solve.solvers import FINE, solve
 from elastid.parameters import Parameter, ParameterSet
 
 T = np.linspace(0, 1, 50)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.errors import DataError, StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
-from elastid.fit.variance import smoothed
-from elastid.fit.weights import check_masks, weigh
+from elastid.fit.weights.smoothed_variance import smoothed
+from elastid.fit.weights.weights import check_masks, weigh
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.errors import DataError, StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
 

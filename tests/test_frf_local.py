@@ -14,20 +14,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import kstest
 
-from elastid import stages
-from elastid.console import Console
-from elastid.errors import DataError
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import DataError
 from elastid.excitation.multisine import synthesise
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
 from elastid.frf.local import regression
-from elastid.frf.local.bandwidth import modes, wide_windows
+from elastid.frf.local.bandwidth import local_modes, wide_windows
 from elastid.frf.local.regression import local_fit
 from elastid.frf.local.response import local_response
 from elastid.frf.local.transient import settled_spectra
-from elastid.frf.local.windows import Terms, windows
+from elastid.frf.local.windows import WindowTerms, windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Motion, Record
-from elastid.run import Run
 from elastid.store import read_fit
 from elastid.study import load
 
@@ -212,7 +212,7 @@ def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() 
     bins, n_u, n_z, E = 3000, 2, 3, 2
     Z = rng.normal(size=(E, bins, n_z)) + 1j * rng.normal(size=(E, bins, n_z))
     R = _phases(rng, E, bins, n_u)
-    terms = Terms(n_u, 2, 0, transient=True)
+    terms = WindowTerms(n_u, 2, 0, transient=True)
     n_w = terms.width(6, E, n_z)
     # Windows that share no bin.
     lines = np.arange(n_w, bins - n_w, n_w + 1)
@@ -229,7 +229,7 @@ def test_poles_that_fit_mere_noise_are_not_taken() -> None:
     bins = 20000
     Z = rng.normal(size=(1, bins, 1)) + 1j * rng.normal(size=(1, bins, 1))
     R = np.zeros((1, bins, 0), dtype=np.complex128)
-    ladder = [Terms(0, 2, poles, transient=True) for poles in (0, 2)]
+    ladder = [WindowTerms(0, 2, poles, transient=True) for poles in (0, 2)]
     where = windows(np.arange(bins), np.arange(20, bins - 20, 4), ladder[1].width(6, 1, 1))
     greedy, careful = (local_fit(Z, R, where, steps) for steps in (ladder[1:], ladder))
     assert np.mean(greedy.scatter.real) / greedy.dof < 2 * 0.9
@@ -344,16 +344,16 @@ def test_modes_are_found_with_their_bandwidth() -> None:
     """2 zeta f_0 of two modes to 3 %, on a fine grid."""
     freq_hz = np.linspace(20, 120, 4001)
     G = _modes(freq_hz, np.eye(2))
-    found = modes(freq_hz, G, np.zeros(G.shape))
+    found = local_modes(freq_hz, G, np.zeros(G.shape))
     np.testing.assert_allclose(found.freq_hz, [45, 80], rtol=5e-3)
     np.testing.assert_allclose(found.bandwidth_hz, 2 * 0.02 * found.freq_hz, rtol=0.03)
-    assert len(modes(freq_hz, G, np.full(G.shape, np.abs(G).max() ** 2 / 100)).freq_hz) == 0
+    assert len(local_modes(freq_hz, G, np.full(G.shape, np.abs(G).max() ** 2 / 100)).freq_hz) == 0
 
 
 def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     """With the numbers; a polynomial where one mode is narrower, a rational function where it holds too many modes."""
     G = _modes(FREQ, np.eye(2), zeta=0.05)
-    found = modes(FREQ, G, np.zeros(G.shape))
+    found = local_modes(FREQ, G, np.zeros(G.shape))
     span = np.full(len(FREQ), 9.0)
     (word,) = wide_windows(found, FREQ, span, poles=0)
     assert "the bandwidth of 2 of 2 modes: 9 Hz at 45 Hz, where the mode is 4." in word

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.experiment.recorded.rig import RecordedRig
-from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.frf.estimators import estimate
-from elastid.frf.periods import trusted
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import period_spectra
 from elastid.record import Record
+from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 

@@ -11,10 +11,10 @@ from scipy.fft import rfft
 from scipy.signal import csd
 from scipy.special import exp1
 
-from elastid.errors import DataError, StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.blocks import Block
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
+from elastid.frf.experiment_blocks import Block
 from elastid.frf.methods import (
     AVERAGED,
     METHODS,

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.frf.pairing import pairing_words
+from elastid.frf.checks.exchanged_channels import pairing_words
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.errors import DataError, StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import synthesise
-from elastid.frf.estimators import estimate
+from elastid.frf.estimate import estimate
 from elastid.frf.lines import analysed_lines, excited
-from elastid.frf.periods import trusted
+from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import period_spectra
 from elastid.record import MOTION_ORDER, Configuration, Motion, Record

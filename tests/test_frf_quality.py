@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from elastid.app.stages.stages import _estimated
 from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.checks.quality import coherences
+from elastid.frf.covariance import distortion_covariance, positive
 from elastid.frf.distortion import detection_lines, interpolated
-from elastid.frf.estimators import estimate
-from elastid.frf.quality import coherences
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.uncertainty import distortion_covariance, positive
 from elastid.record import Configuration, Record
-from elastid.report.quality_figures import coherence, levels
+from elastid.report.figures.response_quality import coherence, levels
 from elastid.response import Covariance
-from elastid.stages import _estimated
 from elastid.store import read_configurations, write_records
 
 RATE, N = 1000.0, 1024

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.errors import DataError
+from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.frf.estimators import LOCAL, estimate
+from elastid.frf.estimate import LOCAL, estimate
 from elastid.frf.methods import METHODS
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
 from elastid.friction.law import Curve, Law, phi_1
-from elastid.friction.placed import coulomb_levels, frictions
+from elastid.friction.robot_friction import coulomb_levels, frictions
 from elastid.friction.static import SLIDING_VELOCITY, Tustin
 from elastid.robot import (
     Body,

@@ -11,22 +11,22 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid import stages
-from elastid.console import Console
-from elastid.errors import StudyError
-from elastid.experiment.recorded.coupled_gears import to_joints
-from elastid.experiment.recorded.spec import ChannelSpec
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import StudyError
+from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.fit.identify import identify
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
-from elastid.linear.transfer import frequency_response, to_response
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
+from elastid.recorded.link_side import to_joints
 from elastid.response import Covariance
 from elastid.robot import Body, GearCoupling, Joint, Motor, Placement, Robot, Spring
-from elastid.robot.variants import stiffened
-from elastid.run import Run
+from elastid.robot.simplified import stiffened
 from elastid.store import read_records
 from elastid.study import load
 

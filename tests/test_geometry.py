@@ -8,12 +8,12 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import pytest
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.export.mujoco import mjcf
-from elastid.fit.choose import choose, named_geometry
+from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
 from elastid.linear.linearise import Linearisation, linearise
-from elastid.linear.transfer import Kernel, frequency_response
+from elastid.linear.response.transfer import Kernel, frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.kinematics import skeleton
 from elastid.model.serial import serial

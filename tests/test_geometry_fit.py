@@ -11,16 +11,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import cli
-from elastid.errors import FitError, StudyError
-from elastid.fit.assembly import Assembly
-from elastid.fit.choose import choose
-from elastid.fit.geometry import refusals
+from elastid.app import cli
+from elastid.base.errors import FitError, StudyError
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.geometry import refusals
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration

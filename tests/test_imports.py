@@ -8,20 +8,20 @@ import pytest
 
 HEAVY = {"casadi", "scipy", "h5py", "matplotlib", "control", "pandas", "jinja2"}
 SPECS = [
-    "elastid.errors",
+    "elastid.base.errors",
     "elastid.robot",
     "elastid.parameters",
     "elastid.record",
     "elastid.response",
     "elastid.excitation.spec",
-    "elastid.experiment.spec",
+    "elastid.experiment.specs.experiment",
     "elastid.frf.spec",
     "elastid.fit.spec",
     "elastid.model.spec",
     "elastid.report.spec",
     "elastid.validation.spec",
     "elastid.study",
-    "elastid.overview",
+    "elastid.app.overview",
 ]
 
 
@@ -34,7 +34,7 @@ def loaded_after(code: str) -> set[str]:
 
 def test_help_loads_neither_numpy_nor_pydantic() -> None:
     """Nothing but click."""
-    loaded = loaded_after("from elastid.cli import run_command; run_command(['--help'])")
+    loaded = loaded_after("from elastid.app.cli import run_command; run_command(['--help'])")
     assert "click" in loaded
     assert not loaded & (HEAVY | {"numpy", "pydantic", "ruamel", "rich"})
 
@@ -43,7 +43,7 @@ def test_help_loads_neither_numpy_nor_pydantic() -> None:
 def test_check_loads_no_heavy_package(tiny: Path, edit: str) -> None:
     """Whether the study is right or wrong."""
     tiny.write_text(tiny.read_text().replace("seed: 1", edit or "seed: 1"))
-    loaded = loaded_after(f"from elastid.cli import run_command; run_command(['check', {str(tiny)!r}])")
+    loaded = loaded_after(f"from elastid.app.cli import run_command; run_command(['check', {str(tiny)!r}])")
     assert {"numpy", "pydantic"} <= loaded
     assert not loaded & (HEAVY | {"rich"})
 
@@ -51,5 +51,7 @@ def test_check_loads_no_heavy_package(tiny: Path, edit: str) -> None:
 def test_specs_and_values_load_no_heavy_package() -> None:
     """A section of a study is plain data, wherever it lives; value types know neither YAML nor pydantic."""
     assert not loaded_after("; ".join(f"import {module}" for module in SPECS)) & HEAVY
-    values = "; ".join(f"import {module}" for module in SPECS if module not in ("elastid.study", "elastid.overview"))
+    values = "; ".join(
+        f"import {module}" for module in SPECS if module not in ("elastid.study", "elastid.app.overview")
+    )
     assert not loaded_after(values) & (HEAVY | {"pydantic", "ruamel", "click"})

@@ -14,15 +14,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import stages, validating
-from elastid.console import Console
-from elastid.fit.profile import Profile
-from elastid.fit.result import Start
-from elastid.parallel import in_order, resumed
-from elastid.run import Run
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.app.stages import validation as validating
+from elastid.base.execution import in_order, resumed
+from elastid.fit.result import LocalOptimum
+from elastid.fit.uncertainty.profile import Profile
 from elastid.store import Finished, read_fit
 from elastid.study import load
-from elastid.validation.comparison import LeftOut, Refit
+from elastid.validation.compare import LeftOut, Refit
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
 
@@ -210,7 +211,7 @@ def test_work_goes_on_with_what_is_not_finished() -> None:
     assert told == [(n, 8) for n in range(3, 9)]
 
 
-START = Start(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
+START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
 PROFILE = Profile("k_1", (-np.inf, 0.3), np.array([0.1, 0.2]), np.array([1.0, np.nan]))
 REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": LeftOut(1 / 7, np.nan, 3.0)})
 

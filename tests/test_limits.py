@@ -13,23 +13,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.cli import run_command
-from elastid.errors import StudyError
+from elastid.app.cli import run_command
+from elastid.base.errors import StudyError
+from elastid.design.limits import QUANTITIES, LimitUse, nearest_run, peaks_of_run, within_limits
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.limits import QUANTITIES, Peaks, nearest_run, peaks_of_run, within_limits
-from elastid.experiment.movement import check_movement, movement
-from elastid.experiment.plan import Plan, make_plan
-from elastid.experiment.prior import closed_loop_response
-from elastid.experiment.references import references
+from elastid.experiment.plan.movement import check_movement, movement
+from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.plan.references import references
+from elastid.experiment.simulated.closed_loop import closed_loop_response
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import CarrierSpec, NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.frf.estimators import estimate
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.serial import serial
-from elastid.report.limit_figures import peaks_against_limits, time_signals
+from elastid.report.figures.limits import peaks_against_limits, time_signals
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store import read_peaks, read_plan, read_rehearsal, write_plan
 
@@ -59,7 +59,7 @@ def experiment(carrier: CarrierSpec | None = None, **changes: Any) -> Experiment
 
 def designed(
     carrier: CarrierSpec | None = None, robot: Robot | None = None, **changes: Any
-) -> tuple[Plan, Peaks, SimulatedRig]:
+) -> tuple[Plan, LimitUse, SimulatedRig]:
     """Plan, peaks, and a rig of another seed that carries it out."""
     machine, spec = robot or arm(), experiment(carrier)
     excitation = replace(EXCITATION, **changes)

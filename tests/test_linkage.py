@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
-from elastid.linear.transfer import Kernel, frequency_response
+from elastid.linear.response.transfer import Kernel, frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.model.parallel_linkage.assembly import rates
+from elastid.model.parallel_linkage.closed_posture import rates
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Anchor, Body, Joint, Loop, Motor, Pin, Placement, Robot, Rod, Spring

@@ -8,7 +8,7 @@ import pytest
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration

@@ -10,22 +10,22 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from elastid.arrays import ComplexArray, FloatArray
-from elastid.errors import StudyError
-from elastid.experiment.recorded.spec import ChannelSpec
-from elastid.experiment.responses.reading import link_side_response, read_table
-from elastid.experiment.responses.spec import ResponseFileSpec, ResponsesSpec
-from elastid.export.identified import Identified, identified
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.export.fitted import Identified, identified
 from elastid.export.targets import TARGETS
-from elastid.fit.choose import choose
 from elastid.fit.result import FitResult
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response, to_response
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
+from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.study import load_robot
 
 ROBOTS = Path(__file__).parents[1] / "configs" / "robots"

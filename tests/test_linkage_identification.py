@@ -11,25 +11,25 @@ import pytest
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
-from elastid import cli
-from elastid.comparing import compare
-from elastid.console import Console
+from elastid.app import cli
+from elastid.app.compare import compare
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.design.design import DesignProblem, designed
+from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design.designing import Brief, designed
-from elastid.experiment.design.spec import CandidateSpec, DesignSpec
-from elastid.experiment.simulated.spec import NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.response import Covariance
 from elastid.robot import Robot
-from elastid.run import Run
 from elastid.store import write_responses
 from elastid.study import load
 
@@ -119,7 +119,7 @@ def test_an_approximate_model_is_told_from_the_exact_one():
 def forecast(**changes: object) -> tuple[list[float], float]:
     """Of the planar arm's springs: sines of the angle between lever and rod, and how k_3 and k_rod will correlate."""
     noise = NoiseSpec(torque_std=10, angle_std=1e-5)
-    brief = Brief(
+    brief = DesignProblem(
         robot=planar(),
         excitation=MultisineSpec(500.0, 2.0, (2.0, 40.0), (300.0, 300.0), grid="odd-quasi-log"),
         experiment=ExperimentSpec(realisations=1, simulated=SimulatedSpec(noise=noise, substeps=6)),

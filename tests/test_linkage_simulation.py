@@ -11,14 +11,14 @@ from ruamel.yaml import YAML
 
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
-from elastid.model.parallel_linkage.assembly import assembled
+from elastid.model.parallel_linkage.closed_posture import assembled
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import BASE, Robot, unit_axis
-from elastid.simulation.constrained import constrained_acceleration, energy, projection, violation
+from elastid.simulation.baumgarte import constrained_acceleration, energy, projection, violation
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path
 from elastid.simulation.dynamics import acceleration, runge_kutta
 

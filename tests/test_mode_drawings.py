@@ -14,26 +14,25 @@ from hypothesis import strategies as st
 from matplotlib.colors import to_hex
 from test_report import fit_result, report_content
 
+from elastid.app.summaries import modes_of
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
 from elastid.model.formulation import formulate
 from elastid.model.kinematics import frame_poses
 from elastid.model.stick_figure import StickFigure, stick_figure
-from elastid.outcome import modes_of
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
-from elastid.report import style
-from elastid.report.booklet import front_pages
 from elastid.report.content import ReportContent
-from elastid.report.figures import drawings
-from elastid.report.mode_drawing import SWING, ModeDrawing, mode_drawing
-from elastid.report.mode_row import ModeRow
-from elastid.report.mode_sketches import mode_sketches
-from elastid.report.mode_viewer import mode_viewer
-from elastid.report.mode_words import load_name, shares_in_words, spring_names
+from elastid.report.figures import style
+from elastid.report.figures.drawings import drawings
+from elastid.report.figures.mode_sketches import mode_sketches
+from elastid.report.modes.mode_drawing import SWING, ModeDrawing, mode_drawing
+from elastid.report.modes.mode_row import ModeRow, load_name, shares_in_words, spring_names
 from elastid.report.numbers import number
-from elastid.report.page import html, rendered
+from elastid.report.page.booklet import front_pages
+from elastid.report.page.mode_viewer import mode_viewer
+from elastid.report.page.page import html, rendered
 from elastid.response import FrequencyResponse
 from elastid.robot import (
     Anchor,

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.model.kinematics import frame_jacobians, frame_poses
-from elastid.model.rigid import external_torque, inverse_dynamics
+from elastid.model.rigid_body import external_torque, inverse_dynamics
 from elastid.model.serial import serial
 from elastid.robot import BASE, Body, Frame, Joint, Motor, Payload, Placement, Robot, unit_axis
 from elastid.study import load_robot

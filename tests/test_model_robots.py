@@ -9,7 +9,7 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import antiresonances, modes
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.kinematics import frame_poses
 from elastid.model.serial import serial
 from elastid.record import Configuration

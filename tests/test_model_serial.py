@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pytest
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.serial import serial
 from elastid.record import Configuration

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.export.mujoco import write_mujoco
 from elastid.model.elastic import ElasticModel
-from elastid.model.equations import elastic_model, open_chain
+from elastid.model.open_chain import elastic_model, open_chain
 from elastid.model.serial import serial
 from elastid.robot import BASE, Body, GearCoupling, Joint, Motor, Placement, Robot, Spring, unit_axis
 

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.arrays import FloatArray
-from elastid.experiment.design.optimal import Criterion, Letter, Over, relaxed, whole
+from elastid.base.arrays import FloatArray
+from elastid.design.optimal import DesignCriterion, Letter, Over, relaxed_design, whole
 
 LETTERS: tuple[Letter, ...] = ("D", "A", "E")
 
@@ -32,7 +32,7 @@ def _quadratic() -> tuple[FloatArray, FloatArray]:
 def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_middle(letter: Letter, ends: float) -> None:
     """1, x, x^2 on [-1, 1]: 1/3, 1/3, 1/3 for D; 1/4, 1/2, 1/4 for A; 1/5, 3/5, 1/5 for E (Pukelsheim, chapter 9)."""
     x, H = _quadratic()
-    found = relaxed(H, Criterion(letter, np.eye(3)), tolerance=1e-5)
+    found = relaxed_design(H, DesignCriterion(letter, np.eye(3)), tolerance=1e-5)
     assert found.weights[x == -1] == pytest.approx(ends, abs=2e-3)
     assert found.weights[x == 1] == pytest.approx(ends, abs=2e-3)
     assert found.weights[np.abs(x) < 0.035].sum() == pytest.approx(1 - 2 * ends, abs=5e-3)
@@ -43,7 +43,7 @@ def test_quadratic_regression_puts_its_textbook_weights_at_the_ends_and_the_midd
 def test_d_optimal_sensitivity_of_the_textbook_case_is_the_number_of_parameters() -> None:
     """Kiefer and Wolfowitz: max Tr(M^-1 H_i) = d = 3 at the optimum, and no less for any other design."""
     _, H = _quadratic()
-    found = relaxed(H, Criterion("D", np.eye(3)), tolerance=1e-5)
+    found = relaxed_design(H, DesignCriterion("D", np.eye(3)), tolerance=1e-5)
     M = np.einsum("q,qij->ij", found.weights, H[0])
     assert np.einsum("ij,qji->q", np.linalg.inv(M), H[0]).max() == pytest.approx(3 * (1 + found.excess), rel=1e-9)
     assert 0 <= found.excess < 1e-4
@@ -62,8 +62,8 @@ def test_no_design_exceeds_the_certified_bound(
 ) -> None:
     """Random shares, sparse and dense, on any criterion, subset and number of guesses."""
     H = _random(seed, guesses)
-    criterion = Criterion(letter, np.eye(4)[:, :wanted], over)
-    found = relaxed(H, criterion)
+    criterion = DesignCriterion(letter, np.eye(4)[:, :wanted], over)
+    found = relaxed_design(H, criterion)
     rng = np.random.default_rng(seed + 1)
     for concentration in (0.03, 0.1, 1.0):
         shares = rng.dirichlet(np.full(H.shape[1], concentration), 20)
@@ -78,8 +78,8 @@ def test_no_design_exceeds_the_certified_bound(
 def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to_97_percent(rank: int) -> None:
     """7920 candidates, 12 parameters, 15 whole experiments."""
     H = _random(0, Q=7920, d=12, rank=rank)
-    criterion = Criterion("D", np.eye(12))
-    found = relaxed(H, criterion)
+    criterion = DesignCriterion("D", np.eye(12))
+    found = relaxed_design(H, criterion)
     assert found.excess <= 1e-3
     assert np.count_nonzero(found.weights > 1e-6) <= 12 * 13 / 2 + 1
     numbers = whole(H, found.weights, 15, criterion)
@@ -90,8 +90,8 @@ def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to
 def test_rounding_for_the_smallest_eigenvalue_costs_less_the_more_experiments_there_are() -> None:
     """15 of 7920 for 12 parameters cannot follow shares of seventy candidates, 60 come closer."""
     H = _random(0, Q=7920, d=12, rank=12)
-    criterion = Criterion("E", np.eye(12))
-    found = relaxed(H, criterion)
+    criterion = DesignCriterion("E", np.eye(12))
+    found = relaxed_design(H, criterion)
     efficiency = []
     for count in (15, 60):
         numbers = whole(H, found.weights, count, criterion)
@@ -103,10 +103,10 @@ def test_rounding_for_the_smallest_eigenvalue_costs_less_the_more_experiments_th
 @pytest.mark.parametrize("letter", LETTERS)
 def test_whole_experiments_come_close_to_the_best_of_all_combinations(letter: Letter) -> None:
     """Four of nine candidates, by brute force."""
-    criterion = Criterion(letter, np.eye(3))
+    criterion = DesignCriterion(letter, np.eye(3))
     for seed in range(4):
         H = _random(seed, Q=9, d=3)
-        numbers = whole(H, relaxed(H, criterion).weights, 4, criterion)
+        numbers = whole(H, relaxed_design(H, criterion).weights, 4, criterion)
         every = combinations_with_replacement(range(9), 4)
         best = max(float(criterion.value(H[:, list(four)].sum(axis=1))) for four in every)
         assert float(criterion.value(np.einsum("q,sqij->sij", numbers, H))) >= best - 1e-6
@@ -115,26 +115,26 @@ def test_whole_experiments_come_close_to_the_best_of_all_combinations(letter: Le
 def test_d_optimum_does_not_hang_on_the_units_of_the_parameters() -> None:
     """Scaling a parameter scales its row and column."""
     H, scale = _random(3), np.diag([1.0, 1e3, 1e-2, 7.0])
-    criterion = Criterion("D", np.eye(4))
-    one, other = relaxed(H, criterion), relaxed(scale @ H @ scale, criterion)
+    criterion = DesignCriterion("D", np.eye(4))
+    one, other = relaxed_design(H, criterion), relaxed_design(scale @ H @ scale, criterion)
     np.testing.assert_allclose(one.weights, other.weights, atol=1e-3)
 
 
 def test_what_is_known_already_is_not_measured_again() -> None:
     """Two candidates, one for each parameter: knowledge about the first moves all weight to the second."""
     H = np.array([[[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]])
-    criterion = Criterion("D", np.eye(2))
-    np.testing.assert_allclose(relaxed(H, criterion).weights, [0.5, 0.5], atol=1e-3)
+    criterion = DesignCriterion("D", np.eye(2))
+    np.testing.assert_allclose(relaxed_design(H, criterion).weights, [0.5, 0.5], atol=1e-3)
     known = np.array([[[5.0, 0], [0, 1e-9]]])
-    assert whole(H, relaxed(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
+    assert whole(H, relaxed_design(H, criterion, known / 2).weights, 2, criterion, known).tolist() == [0, 2]
 
 
 def test_a_subset_criterion_serves_the_subset() -> None:
     """The variance of the wanted parameters is smaller than where all count, that of the others larger."""
     H = _random(5, Q=60)
-    every, some = Criterion("D", np.eye(4)), Criterion("D", np.eye(4)[:, :1])
+    every, some = DesignCriterion("D", np.eye(4)), DesignCriterion("D", np.eye(4)[:, :1])
     variances = [
-        np.diag(np.linalg.inv(np.einsum("q,qij->ij", relaxed(H, criterion).weights, H[0])))
+        np.diag(np.linalg.inv(np.einsum("q,qij->ij", relaxed_design(H, criterion).weights, H[0])))
         for criterion in (every, some)
     ]
     assert variances[1][0] < 0.95 * variances[0][0]
@@ -145,7 +145,7 @@ def test_the_worst_guess_fares_better_where_the_worst_counts() -> None:
     """At the price of the mean."""
     H = _random(2, S=3, Q=40)
     H[1] *= np.array([1.0, 1.0, 0.05, 0.05])[:, None] * np.array([1.0, 1.0, 0.05, 0.05])
-    mean, worst = Criterion("D", np.eye(4)), Criterion("D", np.eye(4), "worst")
-    by_mean, by_worst = (np.einsum("q,sqij->sij", relaxed(H, c).weights, H) for c in (mean, worst))
+    mean, worst = DesignCriterion("D", np.eye(4)), DesignCriterion("D", np.eye(4), "worst")
+    by_mean, by_worst = (np.einsum("q,sqij->sij", relaxed_design(H, c).weights, H) for c in (mean, worst))
     assert worst.value(by_worst) >= worst.value(by_mean)
     assert mean.value(by_worst) <= mean.value(by_mean) + 1e-3

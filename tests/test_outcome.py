@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from elastid.experiment.simulated.spec import SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.outcome import truth
+from elastid.app.summaries import truth
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.study import Study
 

@@ -8,18 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import cli
-from elastid.errors import StudyError
-from elastid.experiment.plan import make_plan
-from elastid.experiment.recorded.rig import RecordedRig
-from elastid.experiment.recorded.spec import ChannelSpec
+from elastid.app import cli
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.frf.estimators import estimate
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import Kernel, frequency_response
+from elastid.linear.response.transfer import Kernel, frequency_response
 from elastid.model.kinematics import frame_poses
 from elastid.model.serial import serial
 from elastid.record import Configuration, Record
+from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Frame, Joint, Motor, Placement, Robot, Spring
 from elastid.store import read_records, read_responses, write_records, write_responses

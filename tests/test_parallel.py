@@ -7,7 +7,7 @@ from pickle import PicklingError
 
 import pytest
 
-from elastid.parallel import ordered
+from elastid.base.execution import ordered
 
 
 class Heavy:
@@ -37,9 +37,9 @@ def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tm
     """The workers read the script again, and would start workers of their own."""
     script = tmp_path / "script.py"
     work = "print(ordered(abs, [-1, -2], 2))\n"
-    script.write_text(f"from elastid.parallel import ordered\n{work}")
+    script.write_text(f"from elastid.base.execution import ordered\n{work}")
     run = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=60)
     assert run.returncode != 0
     assert "ElastidError: a script that works in several processes is read by each of them: put what it" in run.stderr
-    script.write_text(f"from elastid.parallel import ordered\nif __name__ == '__main__':\n    {work}")
+    script.write_text(f"from elastid.base.execution import ordered\nif __name__ == '__main__':\n    {work}")
     assert subprocess.run([sys.executable, str(script)], capture_output=True, text=True).stdout == "[1, 2]\n"

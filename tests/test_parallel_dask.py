@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from three_mass import fit_of, measured, noise_of, parameters, plant
 
-from elastid.errors import ElastidError
-from elastid.fit.multistart import multistart, spread
-from elastid.parallel import on_dask, ordered
+from elastid.base.errors import ElastidError
+from elastid.base.execution import on_dask, ordered
+from elastid.fit.solve.multistart import multistart, spread
 
 distributed = pytest.importorskip("distributed")
 
@@ -41,6 +41,6 @@ def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
 @pytest.mark.filterwarnings("default")
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     """Nobody listens there."""
-    monkeypatch.setattr("elastid.parallel.ANSWER_S", 0.5)
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
     with on_dask("tcp://127.0.0.1:9"), pytest.raises(ElastidError, match=r"no Dask scheduler answers at tcp://127"):
         ordered(abs, [1, 2], 1)

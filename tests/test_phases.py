@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.excitation.crest import Signals, _norm, crest_factors, minimised, peaks
 from elastid.excitation.grids import grid_lines, with_detection
 from elastid.excitation.multisine import experiments

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan import Plan, make_plan
-from elastid.experiment.simulated.spec import SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
 
 LIMITS = Limits(angle=(-math.pi / 2, math.pi / 2))

@@ -8,21 +8,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import LinearConstraint, minimize
 
-from elastid.arrays import FloatArray
-from elastid.experiment.design.optimal import Criterion, Letter
-from elastid.experiment.design.powers import Source, best_powers, even_powers
+from elastid.base.arrays import FloatArray
+from elastid.design.optimal import DesignCriterion, Letter
+from elastid.design.optimal_powers import PowerSource, best_powers, even_powers
 
-Groups = list[list[list[Source]]]
+Groups = list[list[list[PowerSource]]]
 
 
 def drawn(seed: int, groups: int, guesses: int = 1, lines: int = 12, n_u: int = 2, n_x: int = 4) -> Groups:
     """Random sources with coupled inputs, outputs of unlike noise, and a floor that power does not lower."""
     rng = np.random.default_rng(seed)
 
-    def source() -> Source:
+    def source() -> PowerSource:
         J = rng.standard_normal((2, n_x, lines, n_u, n_u)) * np.exp(rng.standard_normal((lines, 1, 1)))
         T = np.eye(n_u) + 0.4 * rng.random((lines, n_u, n_u))
-        return Source(
+        return PowerSource(
             J[0] + 1j * J[1],
             np.exp(rng.standard_normal((lines, n_u))),
             T**2,
@@ -51,8 +51,10 @@ def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> 
     x = np.linspace(-1, 1, 201)
     one = np.ones((201, 1, 1))
     J = np.vander(x, 3).T.reshape(3, 201, 1, 1).astype(complex)
-    source = Source(J, one[:, :, 0], one, 0 * one, one > 0)
-    best = best_powers([[[source]]], one[None, None, :, :, 0], Criterion("D", np.eye(3)), np.zeros((1, 3, 3)), 0.01)
+    source = PowerSource(J, one[:, :, 0], one, 0 * one, one > 0)
+    best = best_powers(
+        [[[source]]], one[None, None, :, :, 0], DesignCriterion("D", np.eye(3)), np.zeros((1, 3, 3)), 0.01
+    )
     assert best.gap < 0.01
     assert best.P.sum() == pytest.approx(1.0)
     thirds = [best.P[0, where, 0].sum() for where in (x < -0.7, abs(x) < 0.3, x > 0.7)]
@@ -64,7 +66,7 @@ def test_quadratic_regression_puts_its_power_at_the_ends_and_in_the_middle() -> 
 def test_an_independent_solver_finds_the_same(letter: Letter, seed: int) -> None:
     """Two configurations, overlapping limits, a floor: within the certified gap of SciPy's trust-region optimum."""
     groups, cost = drawn(seed, 2), priced(seed, 2)
-    criterion, known = Criterion(letter, np.eye(4)), np.zeros((1, 4, 4))
+    criterion, known = DesignCriterion(letter, np.eye(4)), np.zeros((1, 4, 4))
     best = best_powers(groups, cost, criterion, known, 0.1, 1e-3)
     even = even_powers(cost)
 
@@ -92,7 +94,7 @@ def test_an_independent_solver_finds_the_same(letter: Letter, seed: int) -> None
 def test_nothing_within_the_limits_exceeds_the_certified_bound(seed: int, letter: Letter, over: str) -> None:
     """Robust and smallest-eigenvalue criteria as well; limits are kept and every line keeps its least power."""
     groups, cost = drawn(seed, 2, guesses=3), priced(seed, 2)
-    criterion, known = Criterion(letter, np.eye(4)[:, :3], over), np.zeros((3, 4, 4))  # type: ignore[arg-type]
+    criterion, known = DesignCriterion(letter, np.eye(4)[:, :3], over), np.zeros((3, 4, 4))  # type: ignore[arg-type]
     best = best_powers(groups, cost, criterion, known, 0.2)
     used = np.einsum("kofl,kfl->ko", cost, best.P)
     assert used.max() <= 1 + 1e-9

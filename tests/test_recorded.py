@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from elastid.errors import DataError, ElastidError, StudyError
+from elastid.app.inspection import described as inspected
+from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.recorded.log_files import contents, read_channels
-from elastid.experiment.recorded.periodicity import repetition
-from elastid.experiment.recorded.rig import RecordedRig
-from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec, TextFormatSpec
-from elastid.experiment.recorded.text_logs import described_format, guessed
-from elastid.experiment.spec import ExperimentSpec
-from elastid.inspection import described as inspected
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec, TextFormatSpec
 from elastid.record import Record
+from elastid.recorded.files.logs import contents, read_channels
+from elastid.recorded.files.text import described_format, guessed
+from elastid.recorded.periodicity import repetition
+from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"

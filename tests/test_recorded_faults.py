@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from elastid.arrays import ComplexArray, FloatArray
-from elastid.errors import DataError, StudyError
-from elastid.experiment.recorded.rig import RecordedRig
-from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.frf.estimators import estimate
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
+from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
 from elastid.store import read_records, read_responses, write_records, write_responses

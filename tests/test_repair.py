@@ -7,19 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.arrays import FloatArray
-from elastid.errors import DataError
-from elastid.repair.clock import clock_drift, resampled
-from elastid.repair.delay import delay
-from elastid.repair.dropped import DOUBLED, DROPPED, realigned
-from elastid.repair.extremes import CLIPPED, clipped
-from elastid.repair.finding import Finding, Log, counts
-from elastid.repair.grid import GAPS, on_grid
-from elastid.repair.interpolation import at_times
-from elastid.repair.missing import FILLED, filled
-from elastid.repair.quantisation import quantised, step
-from elastid.repair.repeats import flat
-from elastid.repair.spikes import REPLACED, despiked
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.recorded.repair.clipping import CLIPPED, clipped
+from elastid.recorded.repair.clock import clock_drift, resampled
+from elastid.recorded.repair.delay import delay
+from elastid.recorded.repair.finding import Finding, Log, counts
+from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED, realigned
+from elastid.recorded.repair.missing import FILLED, filled
+from elastid.recorded.repair.quantisation import quantised, step
+from elastid.recorded.repair.repeats import flat
+from elastid.recorded.repair.sample_times import GAPS, at_times, on_grid
+from elastid.recorded.repair.spikes import REPLACED, despiked
 
 N, P = 500, 6
 LINES = np.arange(2, 150)

@@ -11,28 +11,28 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from elastid.experiment.plan import Plan
-from elastid.fit.result import FitResult, Start
+from elastid.experiment.plan.plan import Plan
+from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
 from elastid.report.content import ModeRow, ReportContent
-from elastid.report.excitation_figures import excitation
-from elastid.report.explorer import explorer
-from elastid.report.figures import drawings
-from elastid.report.fit_figures import identifiability, multistart
-from elastid.report.forest import forest
-from elastid.report.frf_figures import frf_magnitude, frf_phase
-from elastid.report.mode_figures import mode_shapes
+from elastid.report.figures.drawings import drawings
+from elastid.report.figures.fit import identifiability, multistart
+from elastid.report.figures.limits import excitation
+from elastid.report.figures.mode_shapes import mode_shapes
+from elastid.report.figures.parameters import forest
+from elastid.report.figures.responses import frf_magnitude, frf_phase
+from elastid.report.figures.singular_values import singular_values
+from elastid.report.figures.validation import errors, replay_title, replayed
 from elastid.report.numbers import number
-from elastid.report.page import ROOM, EmbeddedFigure, fewer_colors, html, rendered, within, write_report
+from elastid.report.page.explorer import explorer
+from elastid.report.page.page import ROOM, EmbeddedFigure, fewer_colors, html, rendered, within, write_report
 from elastid.report.parameter_rows import parameter_rows
-from elastid.report.singular_figures import singular_values
-from elastid.report.validation_figures import errors, replay_title, replayed
 from elastid.response import Covariance, FrequencyResponse
-from elastid.validation.folds import Fold
-from elastid.validation.frequency import validate
-from elastid.validation.noise import above_2sigma
+from elastid.validation.agreement import validate
+from elastid.validation.cross_validation import Fold
 from elastid.validation.replay import Replay
+from elastid.validation.residual_tests import above_2sigma
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
@@ -93,7 +93,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
         cost_expected=202.0,
         status="at_bound",
         message="The fit ended with d_1 at its lower bound.",
-        starts=tuple(Start(parameters.x, x, cost, 20, cost < 1000, "") for cost in costs),
+        starts=tuple(LocalOptimum(parameters.x, x, cost, 20, cost < 1000, "") for cost in costs),
         hits=hits,
         at_bound=np.arange(n) == 2,
         singular_values=np.array([2.0, 1.0, 0.5, 0.01])[:n],

@@ -15,20 +15,19 @@ import numpy as np
 import pytest
 from scipy.io import loadmat, savemat
 
-from elastid import stages
-from elastid.arrays import ComplexArray, FloatArray
-from elastid.console import Console
-from elastid.errors import DataError, ElastidError, StudyError
-from elastid.experiment.recorded.spec import ChannelSpec
-from elastid.experiment.responses.reading import link_side_response, read_table
-from elastid.experiment.responses.spec import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
-from elastid.frf.conversion import in_quantity
-from elastid.inspection import described
+from elastid.app.console import Console
+from elastid.app.inspection import described
+from elastid.app.run import Run
+from elastid.app.scaffold import new
+from elastid.app.stages import stages
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import DataError, ElastidError, StudyError
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
-from elastid.response import Covariance, FrequencyResponse
+from elastid.recorded.responses.reading import link_side_response, read_table
+from elastid.response import Covariance, FrequencyResponse, in_quantity
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.run import Run
-from elastid.scaffold import new
 from elastid.store import read_responses
 from elastid.study import load
 

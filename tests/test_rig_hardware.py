@@ -10,11 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import butter, freqs, welch
 
-from elastid.errors import DataError, StudyError
-from elastid.experiment.plan import Plan
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import drawn, friction_of_a_run
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import (
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import (
     CarrierSpec,
     ColoredNoiseSpec,
     ControllerSpec,
@@ -24,18 +25,17 @@ from elastid.experiment.simulated.spec import (
     TorqueRippleSpec,
     WarmingSpec,
 )
-from elastid.experiment.spec import ExperimentSpec
-from elastid.fit.choose import choose
-from elastid.fit.elastic import elastic_fit
-from elastid.fit.solvers import solve
+from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
-from elastid.fit.weights import weigh
-from elastid.friction.placed import frictions
-from elastid.linear.chain import DifferenceElement, elements
+from elastid.fit.weights.weights import weigh
+from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
+from elastid.linear.measurement_chain import DifferenceElement, elements
+from elastid.linear.response.transfer import Kernel, frequency_response
 from elastid.linear.statespace import state_space
-from elastid.linear.transfer import Kernel, frequency_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import (
@@ -52,7 +52,7 @@ from elastid.robot import (
     Spring,
     TemperatureDependence,
 )
-from elastid.simulation.contacts import contacts
+from elastid.simulation.friction_states import contacts
 
 ARM = (0.3,)
 

@@ -10,15 +10,15 @@ from test_compare import ROBOT
 from test_gears import wrist
 from test_linkage import linkage
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.robot.variants import elastic_coordinates, further_elastic, stiffened
+from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened
 
 LINES = np.geomspace(1, 60, 30)
 SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")

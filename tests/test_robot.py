@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))

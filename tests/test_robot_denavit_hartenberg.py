@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.model.kinematics import frame_poses
-from elastid.model.rigid import inverse_dynamics
+from elastid.model.rigid_body import inverse_dynamics
 from elastid.model.serial import serial
 from elastid.robot import Placement, Robot
 from elastid.study import load_robot

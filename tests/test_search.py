@@ -13,19 +13,21 @@ from hypothesis import strategies as st
 from test_compare import ROBOT, STUDY, measured
 from test_report import report_content
 
-from elastid import cli, comparing, searching
-from elastid.comparing import variants
-from elastid.errors import StudyError
+from elastid.app import cli
+from elastid.app import compare as comparing
+from elastid.app import elasticity_search as searching
+from elastid.app.compare import variants
+from elastid.app.elasticity_search import search_elasticity, trial_table
+from elastid.app.run import Run
+from elastid.base.errors import StudyError
 from elastid.linear.linearise import linearise
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
-from elastid.report.page import html
-from elastid.run import Run
-from elastid.searching import search_elasticity, trial_table
+from elastid.report.page.page import html
 from elastid.store.comparison import read_comparison
 from elastid.study import load
-from elastid.validation.comparison import Row
-from elastid.validation.search import found, found_words, search
+from elastid.validation.compare import Row
+from elastid.validation.elasticity_search import found, found_words, search
 
 # In the truth 1x is as good as rigid; the study may find it so, since its bounds are wide.
 STIFF = "robot.bodies.0.joints.1.spring.stiffness=4e8"

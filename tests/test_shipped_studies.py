@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastid import cli
+from elastid.app import cli
 from elastid.fit.identify import predict
 from elastid.store import read_fit, read_plan, read_responses
 from elastid.study import load

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from elastid.errors import DataError, StudyError
-from elastid.experiment.plan import Plan
-from elastid.experiment.recorded.spec import ChannelSpec, FileSpec, RecordedSpec
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.errors import DataError
-from elastid.friction.placed import PlacedLaw
+from elastid.base.errors import DataError
+from elastid.friction.robot_friction import PlacedLaw
 from elastid.friction.static import SLIDING_VELOCITY, Tustin, coulomb
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
@@ -19,10 +19,10 @@ from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import CHUNK, ClosedLoop, Commands, closed_loop, simulate
-from elastid.simulation.contacts import Contacts, contacts
 from elastid.simulation.controller import Gains, feed_forward, rigid_motion, tuned
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import acceleration, fastest_rate, runge_kutta
+from elastid.simulation.friction_states import Contacts, contacts
 
 FREE = np.array([[-np.inf, np.inf]] * 2)
 LENGTH, MASS, OFFSET = 0.8, (30.0, 20.0), (0.4, 0.35)

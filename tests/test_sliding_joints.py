@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
+from elastid.base.units import Measured
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.study import load
-from elastid.units import Measured
 
 FREQ = np.linspace(1, 80, 60)
 

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from elastid.errors import StudyError
-from elastid.fit.choose import choose
-from elastid.overview import overview
+from elastid.app.overview import overview
+from elastid.base.errors import StudyError
+from elastid.fit.setup.parameter_choice import choose
 from elastid.study import Study, load
 
-TEMPLATE = Path(__file__).parents[1] / "elastid" / "templates" / "serial"
+TEMPLATE = Path(__file__).parents[1] / "elastid" / "app" / "templates" / "serial"
 CYLINDER = """
 compensators:
   - name: cyl

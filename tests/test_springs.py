@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from elastid.errors import StudyError
-from elastid.experiment.plan import Plan
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.simulated.spec import SimulatedSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
-from elastid.linear.preload import preloads, spring_words
-from elastid.linear.transfer import Kernel, frequency_response
+from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.linear.spring_preload import preloads, spring_words
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.record import Configuration

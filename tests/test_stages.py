@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from elastid import provenance, stages
-from elastid.console import Console
-from elastid.errors import FitError, StudyError
-from elastid.experiment.plan import Experiment
+from elastid.app import provenance
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import FitError, StudyError
+from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
-from elastid.run import Run
 from elastid.store import read_fit, read_plan, read_records, read_responses, read_stamp
 from elastid.study import load
 

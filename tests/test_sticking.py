@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from elastid.experiment.design.sticking import sticking
-from elastid.experiment.plan import make_plan
-from elastid.experiment.simulated.spec import CarrierSpec
+from elastid.design.friction_effects import sticking
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.study import load
 
 

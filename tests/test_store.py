@@ -11,13 +11,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 
-from elastid.errors import DataError
-from elastid.experiment.plan import Plan
-from elastid.fit.result import FitResult, Start
+from elastid.base.errors import DataError
+from elastid.experiment.plan.plan import Plan
+from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.quality import Levels, Quality
 from elastid.record import Configuration, Record
-from elastid.response import Covariance, FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 from elastid.store import (
     Stamp,
     read_configurations,
@@ -34,8 +33,8 @@ from elastid.store import (
     write_responses,
     write_validation,
 )
-from elastid.validation.folds import Fold
-from elastid.validation.frequency import Agreement, Peak, Validation
+from elastid.validation.agreement import Agreement, Peak, Validation
+from elastid.validation.cross_validation import Fold
 from elastid.validation.replay import Replay
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
@@ -188,7 +187,7 @@ def some_fit(n_starts=2):
             Parameter("delay", 0.0, "s", -1e-3, 1e-3),
         )
     )
-    start = Start(np.array([1.0, 0.0]), np.array([2.0, 1e-4]), 12.5, 7, True, "Solve_Succeeded")
+    start = LocalOptimum(np.array([1.0, 0.0]), np.array([2.0, 1e-4]), 12.5, 7, True, "Solve_Succeeded")
     return FitResult(
         parameters,
         np.array([2.0, 1e-4]),

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.study import load, schema
 
 CONFIGS = Path(__file__).parents[1] / "configs"
-TEMPLATES = Path(__file__).parents[1] / "elastid" / "templates"
+TEMPLATES = Path(__file__).parents[1] / "elastid" / "app" / "templates"
 
 
 def errors(study: Path, *overrides: str) -> list[str]:

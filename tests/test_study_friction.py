@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from elastid import stages
-from elastid.console import Console
-from elastid.errors import StudyError
-from elastid.experiment.design.sticking import sticking
-from elastid.experiment.plan import make_plan
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.app.summaries import truth
+from elastid.base.errors import StudyError
+from elastid.design.friction_effects import sticking
+from elastid.experiment.plan.plan import make_plan
 from elastid.friction.dynamic import Bristle, SwitchedMaxwellSlip
-from elastid.friction.placed import frictions
-from elastid.outcome import truth
-from elastid.run import Run
+from elastid.friction.robot_friction import frictions
 from elastid.study import load
 
 FRICTION = """\

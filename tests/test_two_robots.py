@@ -11,21 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import cli
-from elastid.errors import DataError, StudyError
-from elastid.export.identified import by_robot
-from elastid.fit.choose import choose
+from elastid.app import cli
+from elastid.base.errors import DataError, StudyError
+from elastid.export.fitted import by_robot
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
+from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import frequency_response, to_response
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import EXACT
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.validation.comparison import Task, Variant, refit
+from elastid.validation.compare import RefitTask, Variant, refit
 
 FREQ = np.linspace(2, 50, 40)
 POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
@@ -104,16 +104,16 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     (predicted,) = predict(result, arm(), data[-1:])
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = Variant("own", arm(), SPEC, EXACT)
-    fold = refit(data, Task(own, ("b3",), 0))
+    fold = refit(data, RefitTask(own, ("b3",), 0))
     assert fold.left_out["b3"].misfit < 1.2
-    without = refit(data, Task(own, ROBOTS["B"], 0))
+    without = refit(data, RefitTask(own, ROBOTS["B"], 0))
     assert without.left_out["b1"].misfit > 10
 
 
 def test_one_stiffness_for_both_is_worse_on_what_was_left_out() -> None:
     shared = replace(SPEC, parameters=SPEC.parameters | {"k_1": ParameterSpec()})
     data = both(1)
-    own, one = (refit(data, Task(Variant("v", arm(), spec, EXACT), ("a2", "b2"), 0)) for spec in (SPEC, shared))
+    own, one = (refit(data, RefitTask(Variant("v", arm(), spec, EXACT), ("a2", "b2"), 0)) for spec in (SPEC, shared))
     assert one.left_out["a2"].misfit > 5 * own.left_out["a2"].misfit
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from elastid.units import TABLE, factor, to_si, units_of
+from elastid.base.units import TABLE, factor, to_si, units_of
 
 
 @given(st.sampled_from(sorted(TABLE)), st.floats(-1e6, 1e6))

@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid import stages
-from elastid.console import Console
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.app.summaries import model_std_of, modes_of, validation_summary
 from elastid.fit.spec import FitSpec
-from elastid.outcome import model_std_of, modes_of, validation_summary
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
-from elastid.run import Run
 from elastid.store import read_fit, read_responses, read_validation
 from elastid.study import load
+from elastid.validation.agreement import agreement
 from elastid.validation.cost import Excess, cost_words
-from elastid.validation.folds import Fold, fold_words, folded
-from elastid.validation.frequency import agreement
+from elastid.validation.cross_validation import Fold, fold_words, folded
 
 FREQ_HZ = np.arange(2.0, 82.0, 0.5)
 NO_FLOOR = FitSpec(weights=replace(FitSpec().weights, floor=0.0))

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
-from elastid.validation.frequency import agreement, are_white, validate
-from elastid.validation.noise import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality
-from elastid.validation.resonances import antiresonances, matched, resonances
+from elastid.validation.agreement import agreement, are_white, validate
+from elastid.validation.residual_tests import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality
+from elastid.validation.resonances import antiresonances, paired_resonances, resonances
 
 FREQ_HZ = np.arange(11.0, 251.0)
 J_MOTOR, J_LOAD, STIFFNESS = 8e-4, 6e-4, 95.0
@@ -162,9 +162,9 @@ def test_a_stiffness_two_percent_too_high_shifts_the_modelled_peaks_by_one_perce
 
 def test_peaks_are_matched_with_their_mutual_nearest_only():
     """A modelled peak serves one measured peak; what is more than a quarter away is no partner."""
-    partner = matched(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
+    partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
     np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
-    assert np.isnan(matched(np.array([5.0]), np.array([]))).all()
+    assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
 
 
 @pytest.mark.parametrize("scatter", [None, 2])

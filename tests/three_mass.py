@@ -5,15 +5,15 @@
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.fit.certainty import Certainty, certainty
-from elastid.fit.elastic import ElasticFit, elastic_fit
-from elastid.fit.result import Start
-from elastid.fit.solvers import solve
+from elastid.base.arrays import FloatArray
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit
+from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.fit.weights import weigh
+from elastid.fit.uncertainty.covariance import Uncertainty, certainty
+from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import LinearModel, Slope
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
@@ -81,7 +81,7 @@ def fit_of(response, model, spec=NO_FLOOR, free=None, criterion="complex") -> El
     return elastic_fit([response], [model], [weigh(response, spec)], free or parameters(), criterion)
 
 
-def estimate(response, model, spec=NO_FLOOR, criterion="complex") -> tuple[Start, Certainty]:
+def estimate(response, model, spec=NO_FLOOR, criterion="complex") -> tuple[LocalOptimum, Uncertainty]:
     weights = weigh(response, spec)
     fit = elastic_fit([response], [model], [weights], parameters(), criterion)
     end = solve(fit.problem, parameters().x)

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.optimize import minimize
 
-from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.phases import random_phases, schroeder
 from elastid.excitation.spec import Effort
 

@@ -14,8 +14,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import FloatArray, IntArray, frozen
-from elastid.errors import StudyError
+from elastid.base.arrays import FloatArray, IntArray, frozen
+from elastid.base.errors import StudyError
 
 Grid: TypeAlias = Literal["full", "odd", "odd-odd", "odd-random", "quasi-log", "odd-quasi-log", "lines"]
 

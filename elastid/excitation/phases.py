@@ -15,8 +15,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray
-from elastid.errors import StudyError
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import StudyError
 from elastid.excitation.grids import zippered
 
 Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
+from elastid.base.section import section
+from elastid.base.units import Frequency, JointTorque, Time
 from elastid.excitation.grids import Grid
 from elastid.excitation.phases import Orthogonal
-from elastid.section import section
-from elastid.units import Frequency, JointTorque, Time
 
 # A day at 1 kHz; whatever is longer is a slip of the pen.
 MOST_SAMPLES = 1e8

@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 
 Sweep: TypeAlias = Literal["linear-sweep", "log-sweep", "prbs"]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import casadi as ca
 
-from elastid.export.identified import Identified
+from elastid.export.fitted import Identified
 from elastid.store import replacing, text_file
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.export.identified import Identified
+from elastid.export.fitted import Identified
 from elastid.store import replacing, text_file
 
 _LOADER = '''"""Loads {npz}: the identified model of {name}, one state space for each configuration.

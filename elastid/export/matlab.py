@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from elastid.export.identified import Identified
-from elastid.linear.transfer import frequency_response
+from elastid.export.fitted import Identified
+from elastid.linear.response.transfer import frequency_response
 from elastid.store import replacing, text_file
 
 # A MAT-file of version 5 begins with 116 bytes of free text, where SciPy writes the time of the day.

@@ -17,9 +17,9 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.errors import StudyError
-from elastid.export.identified import Identified
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.export.fitted import Identified
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control
-from elastid.export.identified import Identified
+from elastid.export.csv import write_csv
+from elastid.export.fitted import Identified
 from elastid.export.matlab import write_matlab
 from elastid.export.mujoco import write_mujoco
-from elastid.export.text import write_csv
 
 Writer = Callable[[Path, Identified], tuple[Path, ...]]
 

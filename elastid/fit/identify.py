@@ -14,27 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.errors import DataError, FitError
-from elastid.fit import geometry
-from elastid.fit.assembly import Assembly, Settled, linearised, settle, widening
-from elastid.fit.certainty import Certainty, certainty
-from elastid.fit.choose import choose
-from elastid.fit.diagnosis import diagnosed, with_status
-from elastid.fit.elastic import ElasticFit
-from elastid.fit.findings import at_bound
-from elastid.fit.inputs import alike_words, check_responses, posture_words
-from elastid.fit.intervals import further_intervals
-from elastid.fit.multistart import Interrupted, multistart, spread
-from elastid.fit.physical import possible
-from elastid.fit.result import FitResult, Start
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, FitError
+from elastid.base.execution import Progress, silent
+from elastid.fit.diagnosis.diagnosis import diagnosed, with_status
+from elastid.fit.diagnosis.findings import at_bound
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.inertia_barrier import possible
+from elastid.fit.result import FitResult, LocalOptimum
+from elastid.fit.setup import geometry
+from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, linearised, settle, widening
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.setup.response_checks import alike_words, check_responses, posture_words
+from elastid.fit.solve.multistart import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights import check_masks
+from elastid.fit.uncertainty.covariance import Uncertainty, certainty
+from elastid.fit.uncertainty.intervals import further_intervals
+from elastid.fit.weights.weights import check_masks
 from elastid.linear.linearise import Linearisation
-from elastid.linear.transfer import to_response
+from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
-from elastid.parallel import Progress, silent
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -93,7 +93,7 @@ def _searched(
     jobs: int,
     progress: Progress,
     finished: MutableMapping[str, Any],
-) -> tuple[Assembly, tuple[Start, ...], int]:
+) -> tuple[Assembly, tuple[LocalOptimum, ...], int]:
     """What is fitted, where all starts ended, and how many of them at the best."""
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
@@ -119,14 +119,16 @@ def _searched(
     return assembly, ranked, hits
 
 
-def _settled(assembly: Assembly, ranked: tuple[Start, ...], hits: int) -> tuple[Settled, Certainty, FitResult]:
+def _settled(
+    assembly: Assembly, ranked: tuple[LocalOptimum, ...], hits: int
+) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
     """The best start at rest, with its certainty, as a result that does not know yet how it ended."""
     settled = settle(assembly, ranked[0], assembly.spec.criterion)
     sure = certainty(settled.fit, assembly.responses, settled.weights, settled.end.x)
     return settled, sure, _result(settled, sure, ranked, hits)
 
 
-def _notes(assembly: Assembly, settled: Settled) -> tuple[str, ...]:
+def _notes(assembly: Assembly, settled: RelinearisedOptimum) -> tuple[str, ...]:
     """What is known before the result is looked at: what counts twice, what was left out, what still moves."""
     responses = assembly.responses
     twice = alike_words(responses) or posture_words(responses, assembly.parameters, assembly.spec.robots)
@@ -172,7 +174,7 @@ def _span(parameters: ParameterSet) -> FloatArray:
     )
 
 
-def _result(settled: Settled, sure: Certainty, ranked: tuple[Start, ...], hits: int) -> FitResult:
+def _result(settled: RelinearisedOptimum, sure: Uncertainty, ranked: tuple[LocalOptimum, ...], hits: int) -> FitResult:
     fit, end = settled.fit, settled.end
     dof = fit.problem.dof
     # Without any noise (a simulation) there is nothing to compare with but the weights.

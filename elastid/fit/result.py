@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray, frozen
+from elastid.base.arrays import BoolArray, FloatArray, frozen
 from elastid.parameters import ParameterSet
 
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
@@ -21,7 +21,7 @@ _FURTHER = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
 
 
 @dataclass(frozen=True)
-class Start:
+class LocalOptimum:
     """One start of the multistart: where it began and ended in x, its V, and how its solver ended."""
 
     x_start: FloatArray
@@ -57,7 +57,7 @@ class FitResult:
     cost_expected: float
     status: Status
     message: str
-    starts: tuple[Start, ...]
+    starts: tuple[LocalOptimum, ...]
     hits: int
     at_bound: BoolArray
     singular_values: FloatArray

@@ -6,9 +6,9 @@ import math
 from dataclasses import field
 from typing import Literal, TypeAlias
 
+from elastid.base.section import section
+from elastid.base.units import Frequency, Quantity
 from elastid.parameters import Tie
-from elastid.section import section
-from elastid.units import Frequency, Quantity
 
 Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.frf.blocks import Gathered
-from elastid.frf.uncertainty import equation_error
-from elastid.quality import Levels
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.frf.covariance import equation_error
+from elastid.frf.experiment_blocks import Gathered
+from elastid.response import Levels
 
 # The fast method averages over so many odd detection lines, or over more where the outputs are many.
 _LEAST_WINDOW = 3

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.errors import DataError, StudyError
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import line_spectra

@@ -19,9 +19,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray
-from elastid.errors import DataError, StudyError
-from elastid.frf.blocks import Block, added, pooled
+from elastid.base.arrays import BoolArray, ComplexArray
+from elastid.base.errors import DataError, StudyError
+from elastid.frf.experiment_blocks import Block, added, pooled
 
 # Power signal-to-noise ratio of one block's element above which its logarithm is safe: 8 dB.
 LOG_GATE = 10**0.8

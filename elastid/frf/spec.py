@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Literal, TypeAlias
 
+from elastid.base.section import section
+from elastid.base.units import Frequency
 from elastid.record import Motion
-from elastid.section import section
-from elastid.units import Frequency
 
 Method: TypeAlias = Literal[
     "auto",

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.fft import rfft
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.errors import DataError
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 

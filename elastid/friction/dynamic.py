@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from elastid.friction.law import Curve, Expression, relaxed
+from elastid.friction.law import Curve, Expression, exponential_step
 
 # z / zbar from which an element of the smooth Maxwell slip begins to slip; at 1 it slips altogether, so that steady
 # sliding takes g(v) exactly. (A switch centred at 1 saturates beyond it, and is 3 to 5 % wrong for ever.)
@@ -54,7 +54,7 @@ class Bristle:
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
         """z e^-a + v step phi_1(-a), a = sigma_0 |v| step / g: exact at constant v, and |z| <= F_s / sigma_0 always."""
-        return relaxed(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
+        return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """A spring and a damper to ground."""
@@ -111,7 +111,7 @@ class SmoothMaxwellSlip:
         """The switch held over the step; no element leaves its bound, so that |z_i| <= nu_i F_s / sigma_0i."""
         gain, slope = self._linear(v, z, curve)
         bound = ca.fmax(self.elements.bounds(v, curve), ca.fabs(z))
-        return ca.fmax(-bound, ca.fmin(bound, relaxed(z, gain, slope, step)))
+        return ca.fmax(-bound, ca.fmin(bound, exponential_step(z, gain, slope, step)))
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """All elements stick."""
@@ -155,7 +155,7 @@ class SwitchedMaxwellSlip:
         """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
         deflection, slips, bound, sign = self._seen(v, z, curve)
         slope = self.elements.C / curve.level(v)
-        slid = relaxed(deflection, slope * bound * sign, slope, step)
+        slid = exponential_step(deflection, slope * bound * sign, slope, step)
         moved = deflection + v * step
         arrives = sign * moved >= bound
         stuck = ca.if_else(arrives, sign * bound, moved)

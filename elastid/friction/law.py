@@ -62,7 +62,7 @@ class Law(Protocol):
         """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: how fast the law can move its place."""
 
 
-def relaxed(z: Expression, rate: Expression, slope: Expression, step: float) -> ca.SX:
+def exponential_step(z: Expression, rate: Expression, slope: Expression, step: float) -> ca.SX:
     """Solution of z' = rate - slope z after `step`, both constant: z e^-x + rate step phi_1(-x), x = slope step."""
     x = slope * step
     return z * ca.exp(-x) + rate * step * phi_1(x)

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import FloatArray, IntArray, frozen
-from elastid.errors import StudyError
+from elastid.base.arrays import FloatArray, IntArray, frozen
+from elastid.base.errors import StudyError
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.assembly import assembled
-from elastid.model.parallel_linkage.partition import motions, null_space
+from elastid.model.parallel_linkage.closed_posture import assembled
+from elastid.model.parallel_linkage.null_space import motions, null_space
 from elastid.record import Configuration
 
 MAX_STEPS = 60

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.arrays import FloatArray, frozen
-from elastid.linear.chain import Element
+from elastid.base.arrays import FloatArray, frozen
+from elastid.linear.measurement_chain import Element
 from elastid.record import Configuration, Motion
 
 DELAY = "delay"

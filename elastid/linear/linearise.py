@@ -25,13 +25,13 @@ from functools import cache
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray, IntArray
-from elastid.linear.chain import elements
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.following import Following, following_of, total
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.linear.measurement_chain import elements
+from elastid.linear.operating_point_slopes import Following, following_of, total
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.partition import motions
+from elastid.model.parallel_linkage.null_space import motions
 from elastid.record import Configuration, Motion
 from elastid.robot.gears import gearboxes
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.linear.linear_model import LinearModel
 
 # |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.

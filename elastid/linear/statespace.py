@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray, frozen
-from elastid.errors import StudyError
-from elastid.linear.chain import LagElement
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.errors import StudyError
 from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.measurement_chain import LagElement
 from elastid.record import Configuration, Motion
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.robot import Robot
 from elastid.robot.gears import Gearbox, gearboxes
 

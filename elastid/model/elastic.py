@@ -33,8 +33,8 @@ from functools import cached_property
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray, IntArray, frozen
-from elastid.errors import StudyError
+from elastid.base.arrays import FloatArray, IntArray, frozen
+from elastid.base.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
 
 

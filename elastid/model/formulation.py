@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.constrained import constrained
 from elastid.model.parallel_linkage.minimal import minimal

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray
-from elastid.errors import StudyError
-from elastid.model.knots import Knot, knots
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import StudyError
 from elastid.model.multibody import Attachment, Tree, tree
-from elastid.model.parallel_linkage.assembly import followed, rates
+from elastid.model.parallel_linkage.closed_posture import followed, rates
+from elastid.model.skeleton import Knot, knots
 from elastid.robot import TOOL, Robot
 
 

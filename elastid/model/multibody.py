@@ -21,7 +21,7 @@ from typing import Any, TypeAlias
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 
 # (3,), m: an array where all its coordinates are numbers, else a column of SX.
@@ -30,7 +30,7 @@ NUMBERS: Mapping[str, ca.SX] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Frame:
+class BodyFrame:
     """A joint's frame: constant rotation R (3, 3) and origin p (3,) in the parent frame, then a turn about `axis`.
 
     parent: index of the frame it is carried by, -1 for the base.  axis: 0, 1, 2 of its own x, y, z.  slides: the joint
@@ -69,7 +69,7 @@ class Inertia:
 class Tree:
     """The robot as frames (one a joint, in the robot's order), attachments (one a body), and those of named frames."""
 
-    frames: tuple[Frame, ...]
+    frames: tuple[BodyFrame, ...]
     attachments: tuple[Attachment, ...]
     named: tuple[Attachment, ...] = ()
 
@@ -79,7 +79,7 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
 
     theta: names to symbols; coordinates among them are these symbols, all others numbers.
     """
-    frames: list[Frame] = []
+    frames: list[BodyFrame] = []
     seats = {BASE: Attachment(-1, np.eye(3), np.zeros(3))}
     for body in robot.all_bodies:
         place = located(f"p_{body.name}", body.placement.xyz, theta)
@@ -87,7 +87,9 @@ def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
         for joint in body.joints:
             axis, align = _aligned(joint)
             point = located(f"pj_{joint.name}", joint.point, theta)
-            frames.append(Frame(seat.frame, _clean(seat.R @ align), _beyond(seat.p, seat.R, point), axis, joint.slides))
+            frames.append(
+                BodyFrame(seat.frame, _clean(seat.R @ align), _beyond(seat.p, seat.R, point), axis, joint.slides)
+            )
             seat = Attachment(len(frames) - 1, align.T, _beyond(np.zeros(3), -align.T, point))
         seats[body.name] = _placed(seat, body.mounting)
     named = tuple(_placed(seats[frame.body], frame.placement) for frame in robot.frames)
@@ -209,7 +211,7 @@ def turns(layout: Tree, q: ca.SX) -> tuple[Turn, ...]:
     return tuple(_turn(frame, q[i]) for i, frame in enumerate(layout.frames))
 
 
-def _turn(frame: Frame, q: ca.SX) -> Turn:
+def _turn(frame: BodyFrame, q: ca.SX) -> Turn:
     if frame.slides:
         return Turn(frame.axis, ca.SX(1), ca.SX(0), ca.SX(frame.p) + ca.DM(frame.R[:, frame.axis]) * q)
     return Turn(frame.axis, ca.cos(q), ca.sin(q), ca.SX(frame.p))
@@ -223,7 +225,7 @@ def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, .
     return tuple(total)
 
 
-def _seen_from_parent(body: Inertia, frame: Frame, turn: Turn) -> Inertia:
+def _seen_from_parent(body: Inertia, frame: BodyFrame, turn: Turn) -> Inertia:
     R, p = ca.DM(frame.R), turn.origin
     h, tensor = R @ turn.forth(body.h), R @ turn.tensor(body.I) @ R.T
     # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
@@ -250,12 +252,12 @@ def mass_matrix(layout: Tree, composite: tuple[Inertia, ...], turned: tuple[Turn
     return M
 
 
-def _along(frame: Frame, moment: ca.SX, force: ca.SX) -> ca.SX:
+def _along(frame: BodyFrame, moment: ca.SX, force: ca.SX) -> ca.SX:
     """What of a moment (3,) about a frame's origin and a force (3,) its joint has to bear."""
     return force[frame.axis] if frame.slides else moment[frame.axis]
 
 
-def _force_on_parent(moment: ca.SX, force: ca.SX, frame: Frame, turn: Turn) -> tuple[ca.SX, ca.SX]:
+def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) -> tuple[ca.SX, ca.SX]:
     """Moment about the origin and force (3,) of a frame, in its parent's axes and about the parent's origin."""
     R = ca.DM(frame.R)
     force = R @ turn.forth(force)

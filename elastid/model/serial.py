@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 
 from elastid.model.elastic import ElasticModel
-from elastid.model.equations import elastic_model, open_chain
+from elastid.model.open_chain import elastic_model, open_chain
 from elastid.robot import Robot
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
-from elastid.section import section
+from elastid.base.section import section
 
 Formulation: TypeAlias = Literal["serial", "constrained", "minimal"]
 Variant: TypeAlias = Literal[

@@ -11,10 +11,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.model.kinematics import frames, placed, point_jacobians
-from elastid.model.knots import knots
 from elastid.model.multibody import tree
+from elastid.model.skeleton import knots
 from elastid.robot import Robot
 
 Kind: TypeAlias = Literal["arm", "mass", "strut"]

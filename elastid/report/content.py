@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from elastid.arrays import FloatArray
-from elastid.experiment.design.forecast import Forecast
-from elastid.experiment.limits import Peaks
-from elastid.experiment.plan import Plan
-from elastid.experiment.rehearsal import Rehearsal
+from elastid.base.arrays import FloatArray
+from elastid.design.forecast import Forecast
+from elastid.design.limits import LimitUse
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.fit.result import FitResult
-from elastid.report.mode_row import ModeRow
+from elastid.report.modes.mode_row import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.validation.comparison import Comparison
-from elastid.validation.frequency import Validation
+from elastid.validation.agreement import Validation
+from elastid.validation.compare import Comparison
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class ReportContent:
     plan: Plan | None = None
     forecast: Forecast | None = None
     robot: Robot | None = None
-    peaks: Peaks | None = None
+    peaks: LimitUse | None = None
     nearest: Rehearsal | None = None
     comparison: Comparison | None = None
     model_std: tuple[FloatArray, ...] = ()

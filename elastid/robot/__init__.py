@@ -31,18 +31,16 @@ l_l (ends of loop l, length of its rod).
 
 from __future__ import annotations
 
-from elastid.robot.assembly import FRAME_AXES, Robot
-from elastid.robot.body import BASE, Body, InertiaTensor
-from elastid.robot.chain import Chain
-from elastid.robot.compensator import Anchor, CoilSpring, Compensator, GasSpring
-from elastid.robot.frame import TOOL, Frame
+from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
 from elastid.robot.friction import Dahl, Friction, LoadDependence, LuGre, MaxwellSlip, TemperatureDependence
 from elastid.robot.gears import GearCoupling
-from elastid.robot.geometry import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
+from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.loop import Loop, Pin, Rod
+from elastid.robot.measurement_chain import Chain
 from elastid.robot.motor import Motor
-from elastid.robot.payload import Payload
+from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
+from elastid.robot.robot import FRAME_AXES, Robot
 from elastid.robot.spring import Spring
 
 __all__ = [

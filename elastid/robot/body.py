@@ -7,12 +7,12 @@ from typing import TypeAlias
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.robot.geometry import Placement, Vector3
+from elastid.base.arrays import FloatArray
+from elastid.base.section import section
+from elastid.base.units import Inertia, Mass
 from elastid.robot.joint import Joint
-from elastid.robot.numbers import Numbers, coordinates
-from elastid.section import section
-from elastid.units import Inertia, Mass
+from elastid.robot.named_numbers import Numbers, coordinates
+from elastid.robot.placement import Placement, Vector3
 
 InertiaTensor: TypeAlias = (
     Inertia | tuple[Inertia, Inertia, Inertia] | tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]
@@ -82,3 +82,42 @@ class Body:
     def geometry(self) -> Numbers:
         """p_: where its first joint is in the parent's frame."""
         return coordinates(f"p_{self.name}", ("placement", "xyz"))
+
+
+# The frame that a payload is fixed to, and whose Jacobian tells singular postures, unless said otherwise.
+TOOL = "tool"
+
+
+@section
+class Frame:
+    """A frame fixed to a body: its placement in the body's frame."""
+
+    name: str
+    body: str
+    placement: Placement = field(default_factory=Placement)
+
+
+PAYLOAD = "payload"
+
+
+@section
+class Payload:
+    """A body called `payload`, fixed to the frame or body `at`; centre of mass and inertia as a body's, in its axes."""
+
+    mass: Mass
+    center_of_mass: Vector3 = (0.0, 0.0, 0.0)
+    inertia: InertiaTensor = 0.0
+    at: str = TOOL
+
+    def __post_init__(self) -> None:
+        """A payload is what a body is."""
+        self.body("", Placement())
+
+    def body(self, parent: str, placement: Placement) -> Body:
+        """The payload as a body, where it is carried."""
+        return Body(PAYLOAD, parent, placement, (), self.mass, self.center_of_mass, self.inertia)
+
+    @property
+    def numbers(self) -> Numbers:
+        """m_payload, c_payload_x ..., I_payload."""
+        return self.body("", Placement()).numbers

@@ -14,14 +14,12 @@ from typing import Literal
 
 import numpy as np
 
-from elastid.robot.assembly import Robot
-from elastid.robot.body import BASE, Body, InertiaTensor
-from elastid.robot.frame import TOOL, Frame
-from elastid.robot.geometry import Acceleration3, Placement, Vector3
+from elastid.base.section import section
+from elastid.base.units import Angle, Length, Mass
+from elastid.robot.body import BASE, TOOL, Body, Frame, InertiaTensor, Payload
 from elastid.robot.joint import Joint
-from elastid.robot.payload import Payload
-from elastid.section import section
-from elastid.units import Angle, Length, Mass
+from elastid.robot.placement import Acceleration3, Placement, Vector3
+from elastid.robot.robot import Robot
 
 
 @section

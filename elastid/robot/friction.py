@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from typing import Annotated, Literal
 
-from elastid.section import section
-from elastid.units import (
+from elastid.base.section import section
+from elastid.base.units import (
     Damping,
     InUnit,
     JointTorque,

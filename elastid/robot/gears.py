@@ -16,9 +16,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from elastid.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.section import section
 from elastid.robot.joint import Joint
-from elastid.section import section
 
 # Reciprocal condition number of eta, its rows scaled to the motors' own ratios, that rounding cannot explain.
 SINGULAR = 1e-10

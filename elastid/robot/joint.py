@@ -7,13 +7,8 @@ from collections.abc import Iterator
 from dataclasses import field, is_dataclass
 from typing import Literal
 
-from elastid.robot.friction import Friction
-from elastid.robot.geometry import Axis, Vector3, unit_axis
-from elastid.robot.motor import Motor
-from elastid.robot.numbers import Numbers, below, coordinates
-from elastid.robot.spring import Spring
-from elastid.section import section
-from elastid.units import (
+from elastid.base.section import section
+from elastid.base.units import (
     Damping,
     JointAcceleration,
     JointPosition,
@@ -22,6 +17,11 @@ from elastid.units import (
     Measured,
     of_translation,
 )
+from elastid.robot.friction import Friction
+from elastid.robot.motor import Motor
+from elastid.robot.named_numbers import Numbers, below, coordinates
+from elastid.robot.placement import Axis, Vector3, unit_axis
+from elastid.robot.spring import Spring
 
 
 @section

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from elastid.robot.compensator import Anchor
-from elastid.robot.geometry import Axis, unit_axis
-from elastid.robot.numbers import Numbers, below, coordinates
-from elastid.section import section
-from elastid.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
+from elastid.base.section import section
+from elastid.base.units import AxialDamping, Inertia, Length, LinearStiffness, Mass
+from elastid.robot.gravity_compensator import Anchor
+from elastid.robot.named_numbers import Numbers, below, coordinates
+from elastid.robot.placement import Axis, unit_axis
 
 
 @section

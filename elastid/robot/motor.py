@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
+from elastid.base.section import section
+from elastid.base.units import Damping, Inertia, Torque
 from elastid.robot.friction import Friction
-from elastid.robot.geometry import Axis, unit_axis
-from elastid.robot.numbers import Numbers, below
+from elastid.robot.named_numbers import Numbers, below
+from elastid.robot.placement import Axis, unit_axis
 from elastid.robot.spring import Spring
-from elastid.section import section
-from elastid.units import Damping, Inertia, Torque
 
 
 @section

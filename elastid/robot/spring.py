@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import math
 
-from elastid.robot.numbers import Numbers
-from elastid.section import section
-from elastid.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
+from elastid.base.section import section
+from elastid.base.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
+from elastid.robot.named_numbers import Numbers
 
 # Field, parameter and unit of what a spring may have beyond stiffness and damping.
 _FURTHER = (

@@ -14,17 +14,15 @@ from xml.parsers import expat
 
 import numpy as np
 
-from elastid.errors import StudyError
-from elastid.robot.assembly import Robot
-from elastid.robot.body import BASE, Body
-from elastid.robot.frame import Frame
-from elastid.robot.geometry import Acceleration3, Placement
+from elastid.base.errors import StudyError
+from elastid.base.section import section
+from elastid.base.units import Damping
+from elastid.robot.body import BASE, Body, Frame, Payload
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.motor import Motor
-from elastid.robot.payload import Payload
+from elastid.robot.placement import Acceleration3, Placement
+from elastid.robot.robot import Robot
 from elastid.robot.spring import Spring
-from elastid.section import section
-from elastid.units import Damping
 
 _MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "translation"}
 

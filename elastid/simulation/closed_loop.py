@@ -11,14 +11,14 @@ from dataclasses import dataclass, fields
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray, frozen
-from elastid.errors import DataError
+from elastid.base.arrays import FloatArray, frozen
+from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
-from elastid.simulation.constrained import projection
-from elastid.simulation.contacts import Contacts
+from elastid.simulation.baumgarte import projection
 from elastid.simulation.controller import Gains, feedback
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
+from elastid.simulation.friction_states import Contacts
 from elastid.simulation.spec import StabilisationSpec
 
 # Samples between two looks at the result: a few hundredths of a second of computing, so that Ctrl-C is heard.

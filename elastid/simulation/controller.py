@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.assembly import followed, rates
+from elastid.model.parallel_linkage.closed_posture import followed, rates
 
 # s: step of the central difference that gives T'.
 STEP = 1e-4

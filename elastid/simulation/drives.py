@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
-from elastid.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,13 @@ from collections.abc import Callable, Sequence
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.friction.static import coulomb_expression
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.partition import motions
-from elastid.model.springs import on_the_flanks
-from elastid.simulation.constrained import constrained_acceleration
-from elastid.simulation.contacts import Contacts
+from elastid.model.nonlinear_springs import on_the_flanks
+from elastid.model.parallel_linkage.null_space import motions
+from elastid.simulation.baumgarte import constrained_acceleration
+from elastid.simulation.friction_states import Contacts
 
 # RK4 damps or keeps |h lambda| up to 2.785 on the negative real axis and 2.828 on the imaginary one.
 STABLE_STEP = 2.5

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from elastid.section import section
-from elastid.units import InUnit
+from elastid.base.section import section
+from elastid.base.units import InUnit
 
 
 @section

@@ -10,13 +10,9 @@
 The same value gives the same bytes: nothing in a file tells the time.
 """
 
-from elastid.store.description import described, kind_of
-from elastid.store.design import read_peaks, read_rehearsal, write_movement, write_torque
-from elastid.store.files import Stamp, read_stamp, remove_leftovers, replacing, text_file
-from elastid.store.finished import Finished
-from elastid.store.forecasts import read_forecast
-from elastid.store.results import read_fit, read_validation, write_fit, write_validation
-from elastid.store.wing import (
+from elastid.store.design import read_forecast, read_peaks, read_rehearsal, write_movement, write_torque
+from elastid.store.files import Stamp, described, kind_of, read_stamp, remove_leftovers, replacing, text_file
+from elastid.store.measured import (
     read_configurations,
     read_plan,
     read_records,
@@ -25,6 +21,8 @@ from elastid.store.wing import (
     write_records,
     write_responses,
 )
+from elastid.store.results import read_fit, read_validation, write_fit, write_validation
+from elastid.store.unfinished import Finished
 
 __all__ = [
     "Finished",

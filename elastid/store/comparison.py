@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from elastid.store.files import Stamp, text_file
-from elastid.validation.comparison import Comparison, Row
-from elastid.validation.search import Trial
+from elastid.validation.compare import Comparison, Row
+from elastid.validation.elasticity_search import Trial
 
 SCHEMA = 1
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from elastid.experiment.limits import QUANTITIES, UNITS, Peaks
-from elastid.experiment.plan import Experiment, Plan
-from elastid.experiment.references import Reference
-from elastid.experiment.rehearsal import Rehearsal
+from elastid.base.units import of_translation
+from elastid.design.forecast import Forecast
+from elastid.design.limits import QUANTITIES, UNITS, LimitUse
+from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.references import Reference
+from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.record import Configuration
 from elastid.store.files import attributes, key, opened, scale, text_file, texts, variable
-from elastid.units import of_translation
 
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
 
@@ -56,7 +57,7 @@ def write_references(file: Any, references: tuple[Reference, ...], inputs: Any) 
             variable(group, what, getattr(reference, what), [time, inputs], f"{words} of each motor, link side", unit)
 
 
-def write_peaks(file: Any, peaks: Peaks, configurations: Any, inputs: Any) -> None:
+def write_peaks(file: Any, peaks: LimitUse, configurations: Any, inputs: Any) -> None:
     """The peaks of the rehearsal in the open plan.h5."""
     group = file.create_group("peaks")
     group.attrs["margin"] = peaks.margin
@@ -70,11 +71,11 @@ def write_peaks(file: Any, peaks: Peaks, configurations: Any, inputs: Any) -> No
     scale(group, "note", peaks.notes, "note")
 
 
-def read_peaks(path: Path) -> Peaks:
+def read_peaks(path: Path) -> LimitUse:
     """The peaks of the rehearsal in plan.h5."""
     with opened(path, "plan") as file:
         group = file["peaks"]
-        return Peaks(
+        return LimitUse(
             texts(file, "configuration"),
             texts(file, "input"),
             group["peak"][:],
@@ -112,4 +113,47 @@ def read_rehearsal(path: Path) -> Rehearsal:
             known["first_sample"],
             group["position"][:],
             group["torque"][:],
+        )
+
+
+GROUP = "forecast"
+
+
+def write_forecast(group: Any, forecast: Forecast) -> None:
+    """Fill the group of an open plan.h5."""
+    parameter = scale(group, "parameter", forecast.parameters, "parameter that the fit identifies")
+    configuration = scale(group, "fitted_configuration", forecast.configurations, "configuration that the fit uses")
+    frequency = scale(group, "freq_hz", forecast.freq_hz, "excited frequency", "Hz")
+    blind = scale(group, "direction", np.arange(len(forecast.blind)), "direction that the plan does not see")
+    variable(group, "unit", forecast.units, [parameter], "unit of the parameter")
+    variable(group, "nominal", forecast.nominal, [parameter], "value for which it is told", "SI")
+    variable(group, "std", forecast.std, [parameter], "expected standard deviation", "SI")
+    variable(group, "log", np.array(forecast.log), [parameter], "whether the covariance is of its logarithm")
+    variable(group, "covariance", forecast.covariance, [parameter, parameter], "expected covariance of x")
+    axes = [configuration, frequency, parameter]
+    variable(group, "share", forecast.share, axes, "part of what is known about a parameter that comes from here")
+    variable(group, "blind", forecast.blind, [blind, parameter], "relative change that the plan does not see")
+    scale(group, "note", forecast.notes, "note")
+    if forecast.choice:
+        group.attrs["choice"] = forecast.choice
+
+
+def read_forecast(path: Path) -> Forecast | None:
+    """The forecast in plan.h5; None where there is none."""
+    with opened(path, "plan") as file:
+        if GROUP not in file:
+            return None
+        group = file[GROUP]
+        return Forecast(
+            parameters=texts(group, "parameter"),
+            units=texts(group, "unit"),
+            nominal=group["nominal"][:],
+            log=tuple(group["log"][:].tolist()),
+            covariance=group["covariance"][:],
+            configurations=texts(group, "fitted_configuration"),
+            freq_hz=group["freq_hz"][:],
+            share=group["share"][:],
+            blind=group["blind"][:],
+            notes=texts(group, "note"),
+            choice=str(attributes(group).get("choice", "")),
         )

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from elastid.fit.result import FitResult, Start
+from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
-from elastid.validation.folds import Fold
-from elastid.validation.frequency import Agreement, Peak, Validation
+from elastid.validation.agreement import Agreement, Peak, Validation
+from elastid.validation.cross_validation import Fold
 from elastid.validation.replay import Replay
 
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
@@ -137,10 +137,10 @@ def _write_starts(group: Any, result: FitResult, free: Any) -> None:
     variable(group, "start_message", [start.message for start in starts], [axis], "how the solver ended")
 
 
-def _read_starts(group: Any) -> tuple[Start, ...]:
+def _read_starts(group: Any) -> tuple[LocalOptimum, ...]:
     columns = [group[f"start_{name}"][:] for name in ("x_start", "x")]
     columns += [group[f"start_{name}"][:].tolist() for name in ("cost", "iterations", "converged")]
-    return tuple(Start(*row) for row in zip(*columns, texts(group, "start_message"), strict=True))
+    return tuple(LocalOptimum(*row) for row in zip(*columns, texts(group, "start_message"), strict=True))
 
 
 _ELEMENT_VARIABLES = {

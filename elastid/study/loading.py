@@ -9,13 +9,13 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from elastid.errors import StudyError
-from elastid.study.checks import check, check_lines
-from elastid.study.messages import booleans, problems, refusal
+from elastid.base.errors import StudyError
+from elastid.study.checks.checks import check, line_problems
+from elastid.study.messages import booleans, problems, study_error
 from elastid.study.quantities import in_si
 from elastid.study.robots import robot_file, with_robot_value
 from elastid.study.sections import Study
-from elastid.study.yaml_source import KeyPath, Place, Source, parse, read_source
+from elastid.study.yaml_source import KeyPath, Place, YamlSource, parse, read_source
 
 
 @dataclass(frozen=True)
@@ -46,19 +46,19 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
         found += [p for p in booleans(source.data, Study) if p.path not in {said.path for said in found}]
         # Where the robot's file cannot be read, that is what is wrong with the robot.
         found = [p for p in found if not robot_errors or p.path != ("robot",)]
-        raise refusal(source, found, robot_errors) from None
+        raise study_error(source, found, robot_errors) from None
     found = booleans(source.data, Study)
     if found:
-        raise refusal(source, found)
+        raise study_error(source, found)
     study, unresolved = in_si(study)
     found = [*check(study, path.parent), *unresolved]
-    found = found or list(check_lines(study))
+    found = found or list(line_problems(study))
     if found:
-        raise refusal(source, found)
+        raise study_error(source, found)
     return LoadedStudy(study, path, source.text, tuple(overrides))
 
 
-def _source(path: Path, overrides: Sequence[str]) -> tuple[Source, str]:
+def _source(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     """All that was written, robot and overrides in their places; and what is wrong with the robot's file."""
     source, robot_errors = read_source(path, str(path)), ""
     if source.data is None:
@@ -88,7 +88,7 @@ def _source(path: Path, overrides: Sequence[str]) -> tuple[Source, str]:
         return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
 
 
-def _with_robot(source: Source, path: Path) -> Source:
+def _with_robot(source: YamlSource, path: Path) -> YamlSource:
     """The robot's file put in the place of its path."""
     robot = source.data.get("robot")
     if not isinstance(robot, str):
@@ -99,10 +99,10 @@ def _with_robot(source: Source, path: Path) -> Source:
         raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
     part = robot_file(file)
     text = f"{source.text.rstrip()}\n\n# {robot}\n{part.text}"
-    return Source({**source.data, **part.data}, {**source.places, **part.places}, text)
+    return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
 
 
-def _split(override: str) -> tuple[KeyPath, Source, str]:
+def _split(override: str) -> tuple[KeyPath, YamlSource, str]:
     option = f"--set {override}"
     dotted, equals, text = override.partition("=")
     if not equals or not dotted.strip():
@@ -115,13 +115,13 @@ def _split(override: str) -> tuple[KeyPath, Source, str]:
     return keys, value, option
 
 
-def _override(source: Source, keys: KeyPath, value: Source, option: str) -> Source:
+def _override(source: YamlSource, keys: KeyPath, value: YamlSource, option: str) -> YamlSource:
     place = Place(2, 0, 0, option)
     data, path = _put(source.data, keys, value.data, option)
     kept = {known: places for known, places in source.places.items() if known[: len(path)] != path}
     added = {path[:i]: (place, place) for i in range(1, len(path) + 1) if path[:i] not in kept}
     below = {(*path, *keys_below): (place, place) for keys_below in value.places}
-    return Source(data, {**kept, **added, **below}, source.text)
+    return YamlSource(data, {**kept, **added, **below}, source.text)
 
 
 def _put(data: Any, keys: KeyPath, value: Any, option: str) -> tuple[Any, KeyPath]:

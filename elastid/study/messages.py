@@ -11,10 +11,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from elastid.errors import StudyError
-from elastid.names import did_you_mean
-from elastid.study.types_of_keys import describe, keys_of, type_at, words_of
-from elastid.study.yaml_source import KeyPath, Place, Source
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.study.reference import describe, keys_of, type_at, words_of
+from elastid.study.yaml_source import KeyPath, Place, YamlSource
 
 PydanticError: TypeAlias = Mapping[str, Any]
 
@@ -127,13 +126,13 @@ def at(data: Any, path: KeyPath) -> Any:
     return data
 
 
-def refusal(source: Source, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
+def study_error(source: YamlSource, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
     """One line for each problem, in the order of the sources; last, what is wrong with the robot's file."""
     lines = sorted({_line(source, problem) for problem in found})
     return StudyError("\n".join([message for _, message in lines] + [robot_errors] * bool(robot_errors)))
 
 
-def _line(source: Source, problem: Problem) -> tuple[Place, str]:
+def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
     value = at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"

@@ -8,16 +8,15 @@ from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import TypeAlias
 
-from elastid.errors import StudyError
-from elastid.fit.choose import choose, named_geometry
-from elastid.fit.groups import OF
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.units import Quantity, to_si
+from elastid.fit.setup.groups import OF
+from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
-from elastid.names import did_you_mean
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
-from elastid.units import Quantity, to_si
 
 _FIT: KeyPath = ("fit", "parameters")
 _TRUTH: KeyPath = ("experiment", "simulated", "truth")

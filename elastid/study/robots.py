@@ -12,12 +12,12 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 from elastid.robot import Robot
 from elastid.robot.denavit_hartenberg import DenavitHartenberg
 from elastid.robot.urdf import UrdfRobot
-from elastid.study.messages import Problem, booleans, problems, refusal
-from elastid.study.yaml_source import Source, read_source
+from elastid.study.messages import Problem, booleans, problems, study_error
+from elastid.study.yaml_source import YamlSource, read_source
 
 
 def load_robot(path: Path) -> Robot:
@@ -28,7 +28,7 @@ def load_robot(path: Path) -> Robot:
     return robot
 
 
-def robot_file(path: Path) -> Source:
+def robot_file(path: Path) -> YamlSource:
     """The file's content under the key `robot`, which the places of its keys do not show."""
     part = read_source(path, str(path), rank=1)
     if not isinstance(part.data, dict):
@@ -37,10 +37,10 @@ def robot_file(path: Path) -> Source:
         ("robot", *keys): (replace(key, hidden=1), replace(value, hidden=1))
         for keys, (key, value) in part.places.items()
     }
-    return Source({"robot": part.data}, places, part.text)
+    return YamlSource({"robot": part.data}, places, part.text)
 
 
-def with_robot_value(source: Source, folder: Path) -> Source:
+def with_robot_value(source: YamlSource, folder: Path) -> YamlSource:
     """The same with a Robot under `robot` where that has another form than its bodies; folder: paths start there.
 
     StudyError for each thing that is wrong with it.
@@ -64,10 +64,10 @@ def with_robot_value(source: Source, folder: Path) -> Source:
     try:
         return replace(source, data={**source.data, "robot": make()})
     except ValueError as error:
-        raise refusal(source, [Problem(("robot",), str(error))]) from None
+        raise study_error(source, [Problem(("robot",), str(error))]) from None
 
 
-def _validated(source: Source, kind: type) -> Any:
+def _validated(source: YamlSource, kind: type) -> Any:
     data = source.data["robot"]
     value: Any = None
     try:
@@ -76,5 +76,5 @@ def _validated(source: Source, kind: type) -> Any:
     except ValidationError as error:
         found = problems(error.errors(include_url=False), kind, data) + booleans(data, kind)
     if found:
-        raise refusal(source, [replace(problem, path=("robot", *problem.path)) for problem in found])
+        raise study_error(source, [replace(problem, path=("robot", *problem.path)) for problem in found])
     return value

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from elastid.base.section import section
+from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.design.spec import DesignSpec
-from elastid.experiment.spec import ExperimentSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.spec import ReportSpec
 from elastid.robot import Robot
-from elastid.section import section
 from elastid.validation.spec import CompareSpec, ValidationSpec
 
 # Names of configurations become names of files with a number, a stamp and an ending; systems end at 255 bytes.

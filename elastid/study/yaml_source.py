@@ -12,7 +12,7 @@ from ruamel.yaml.error import MarkedYAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 from ruamel.yaml.reader import ReaderError
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
@@ -40,7 +40,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Source:
+class YamlSource:
     """data: plain dict, list, str, int, float, bool, None.  places: of each key path, (of its key, of its value)."""
 
     data: Any
@@ -56,7 +56,7 @@ class Source:
         raise KeyError(path)
 
 
-def read_source(path: Path, name: str, rank: int = 0) -> Source:
+def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
     """A YAML file, named `name` in messages; StudyError where it is missing or not YAML."""
     try:
         raw = path.read_bytes()
@@ -73,7 +73,7 @@ def read_source(path: Path, name: str, rank: int = 0) -> Source:
     return parse(text, name, rank)
 
 
-def parse(text: str, name: str, rank: int = 0) -> Source:
+def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     """YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
     root = Place(rank, 1, 1, name)
     yaml = YAML(typ="safe", pure=True)
@@ -89,12 +89,12 @@ def parse(text: str, name: str, rank: int = 0) -> Source:
     except RecursionError:
         raise StudyError(f"{name}:1:1: nested too deeply for a study") from None
     if node is None:
-        return Source(None, {(): (root, root)}, text)
+        return YamlSource(None, {(): (root, root)}, text)
     reader = _Reader(name, rank, yaml.constructor)
     data = reader.value(node, (), root)
     if reader.problems:
         raise StudyError("\n".join(reader.problems))
-    return Source(data, reader.places, text)
+    return YamlSource(data, reader.places, text)
 
 
 def _reason(error: MarkedYAMLError) -> str:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights import weigh
+from elastid.fit.weights.weights import weigh
 from elastid.response import FrequencyResponse
-from elastid.validation.frequency import Agreement, are_white
+from elastid.validation.agreement import Agreement, are_white
 
 # A cost this far from the expected one, relative, beyond its own scatter needs a reason.
 TOLERANCE = 0.1

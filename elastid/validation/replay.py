@@ -24,13 +24,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.excitation.grids import grid_lines, line_frequencies
-from elastid.frf.periods import trusted
+from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import line_spectra, period_spectra
 from elastid.linear.linear_model import LinearModel
-from elastid.linear.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response
 from elastid.record import MOTION_ORDER, Motion, Record, motion_unit
 
 

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 
 # A bump counts as a peak from this prominence on, and from so many standard deviations of it.
 PROMINENCE_DB = 3.0
@@ -39,7 +39,7 @@ def antiresonances(
     return _peaks(freq_hz, G, np.zeros(len(G)) if std is None else std, prominence_db, sign=-1)
 
 
-def matched(measured: FloatArray, modelled: FloatArray, factor: float = 1.25) -> FloatArray:
+def paired_resonances(measured: FloatArray, modelled: FloatArray, factor: float = 1.25) -> FloatArray:
     """For each measured frequency (n,) the modelled one that is its nearest and vice versa, NaN where there is none.
 
     Nearest on a logarithmic axis; two frequencies further apart than `factor` are not the same mode.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from elastid.section import section
+from elastid.base.section import section
 
 
 @section

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.errors import StudyError
-from elastid.experiment.plan import Experiment, Plan
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.sensors import logged_quantity, output_stds
-from elastid.experiment.simulated.spec import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
-from elastid.linear.chain import LagElement, sensor_elements, torque_elements
+from elastid.experiment.specs.simulated import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.linear.equilibrium import OperatingPoint
+from elastid.linear.measurement_chain import LagElement, sensor_elements, torque_elements
 from elastid.robot import Robot
-from elastid.simulation.contacts import Contacts
 from elastid.simulation.drives import Drives, Lag, Ripple
+from elastid.simulation.friction_states import Contacts
 
 
 @dataclass(frozen=True)

@@ -13,29 +13,29 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.errors import DataError, StudyError
-from elastid.experiment.movement import check_movement
-from elastid.experiment.plan import Experiment, Plan
-from elastid.experiment.references import Reference, reference
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, StudyError
+from elastid.base.units import Quantity, of_translation, to_si
+from elastid.experiment.plan.movement import check_movement
+from elastid.experiment.plan.plan import Experiment, Plan
+from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.hardware import Noise, drawn, drives, filtered, friction_of_a_run
 from elastid.experiment.simulated.sensors import logged_quantity, planned, sensed
-from elastid.experiment.simulated.spec import EncoderRippleSpec, SimulatedSpec, TorqueRippleSpec
-from elastid.experiment.spec import ExperimentSpec
-from elastid.friction.placed import frictions
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import EncoderRippleSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
+from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.constrained import violation
-from elastid.simulation.contacts import contacts
 from elastid.simulation.controller import Gains, rigid_path, tuned
 from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
+from elastid.simulation.friction_states import contacts
 from elastid.simulation.spec import StabilisationSpec
-from elastid.units import Quantity, of_translation, to_si
 
 # m between the ends of a loop that a simulation may leave without a word.
 OPEN = 1e-6

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.experiment.simulated.spec import NoiseSpec
+from elastid.base.arrays import FloatArray
+from elastid.experiment.specs.simulated import NoiseSpec
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion

@@ -13,21 +13,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 
 # Power of a peak over its variance, so that noise alone does not halve it on both sides.
 _LEAST_SNR = 40.0
 
 
 @dataclass(frozen=True)
-class Modes:
+class LocalModes:
     """Peaks of a response: where, freq_hz (n,), and how wide at half power, bandwidth_hz (n,)."""
 
     freq_hz: FloatArray
     bandwidth_hz: FloatArray
 
 
-def modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> Modes:
+def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> LocalModes:
     """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again.
 
     Peaks that do not stand out of the variance of G by 16 dB count for none.
@@ -41,10 +41,10 @@ def modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> Modes:
         if below is not None and above is not None:
             found.append((freq_hz[peak], above - below))
     f_0, width = np.array(found).reshape(-1, 2).T
-    return Modes(f_0, width)
+    return LocalModes(f_0, width)
 
 
-def wide_windows(found: Modes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[str]:
+def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[str]:
     """A word on modes that windows of span_hz (F,) at freq_hz are too wide for; poles: degree d, 0 where polynomial."""
     span = np.interp(found.freq_hz, freq_hz, span_hz)
     if poles == 0:

@@ -7,9 +7,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.frf.local.block import LocalFit, fitted
-from elastid.frf.local.windows import Terms, Windows
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.frf.local.least_squares import LocalFit, fitted
+from elastid.frf.local.windows import Windows, WindowTerms
 
 # Numbers in the arrays of one block of lines: 64 MB.
 _BLOCK = 4_000_000
@@ -19,7 +19,7 @@ _CLEAR_GAIN = 9.0
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
-def local_fit(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[Terms]) -> LocalFit:
+def local_fit(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[WindowTerms]) -> LocalFit:
     """The local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
 
     ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
@@ -62,7 +62,7 @@ def _chosen(take: BoolArray, a: LocalFit, b: LocalFit) -> LocalFit:
     return LocalFit(dof=a.dof, **arrays)
 
 
-def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: Terms) -> LocalFit:
+def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
     """One model at all lines, in blocks that bound the memory."""
     E, _, n_z = Z.shape
     F, n_w = where.index.shape

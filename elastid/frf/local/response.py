@@ -17,15 +17,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.errors import DataError
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines, described_lines
-from elastid.frf.local.bandwidth import modes, wide_windows
-from elastid.frf.local.block import LocalFit
+from elastid.frf.local.bandwidth import local_modes, wide_windows
+from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.local.regression import local_fit
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
-from elastid.frf.local.windows import Terms, windows
+from elastid.frf.local.windows import WindowTerms, windows
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse
@@ -91,7 +91,8 @@ def local_response(
         f"{'Hz' if first.rate_is_known else 'of the sampling rate'}), {fit.dof:.3g} degrees of freedom"
     )
     notes += [
-        f"{where_at}: {word}" for word in wide_windows(modes(freq_hz, G, total.variance), freq_hz, span_hz, terms.poles)
+        f"{where_at}: {word}"
+        for word in wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, terms.poles)
     ]
     return FrequencyResponse(
         freq_hz=freq_hz,
@@ -139,14 +140,14 @@ def _condition(B: ComplexArray) -> FloatArray:
     return condition
 
 
-def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[Terms]:
+def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]:
     """The models that lines may take: one polynomial, or polynomial and rational of one order less, and rational."""
     d = spec.local_order
     if spec.method == "local_polynomial":
-        return [Terms(n_u, 2 if d == "auto" else d, 0, transient)]
+        return [WindowTerms(n_u, 2 if d == "auto" else d, 0, transient)]
     d = 3 if d == "auto" else d
     orders = [(d - 1, 0), (d - 1, d - 1), (d, d)] if d > 1 else [(1, 0), (1, 1)]
-    return [Terms(n_u, order, poles, transient) for order, poles in orders]
+    return [WindowTerms(n_u, order, poles, transient) for order, poles in orders]
 
 
 def _signals(spectra: Sequence[SettledSpectra], closed: bool) -> tuple[ComplexArray, ComplexArray]:

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import rfft
 
-from elastid.arrays import ComplexArray, FloatArray, IntArray
-from elastid.frf.local.block import LocalFit
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.local.regression import local_fit
-from elastid.frf.local.windows import Terms, windows
+from elastid.frf.local.windows import WindowTerms, windows
 from elastid.record import MOTION_ORDER, Motion, Record
 
 # Degrees of freedom beyond the number of outputs that the noise is estimated with.
@@ -99,6 +99,6 @@ def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
 
 def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit:
     """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,)."""
-    ladder = [Terms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
+    ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
     where = windows(rest, bins, ladder[-1].width(n_y + _MARGIN, 1, Z.shape[1]))
     return local_fit(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.arrays import FloatArray, IntArray
+from elastid.base.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
 
 
 @dataclass(frozen=True)
-class Terms:
+class WindowTerms:
     r"""What is fitted in a window, of n_u inputs: A(r) Z = B(r) R + T(r).
 
     order: degree of B, and of T where there is a transient.  poles: degree of A, 0 in the polynomial method.

@@ -18,16 +18,16 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from elastid.arrays import FloatArray
-from elastid.errors import StudyError
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
 from elastid.model.drivetrain import motor_coordinates
-from elastid.model.equations import Equations, by_name, with_energies, with_strains
 from elastid.model.multibody import tree
-from elastid.model.parallel_linkage.assembly import assembled
-from elastid.model.parallel_linkage.geometry import Closure, branches, joints_within
+from elastid.model.open_chain import Equations, by_name, with_energies, with_strains
+from elastid.model.parallel_linkage.closed_posture import assembled
+from elastid.model.parallel_linkage.loop_closure import Closure, branches, joints_within
 from elastid.model.parallel_linkage.rods import elastic
 from elastid.model.spec import Variant
-from elastid.model.strain import Strain
+from elastid.model.spring_energy import Strain
 from elastid.robot import Loop, Robot
 
 # Variants in which rods do not stretch and nothing bends inside a loop.

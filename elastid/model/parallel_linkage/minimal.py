@@ -15,14 +15,13 @@ from dataclasses import replace
 
 import casadi as ca
 
-from elastid.errors import StudyError
+from elastid.base.errors import StudyError, did_you_mean
 from elastid.model.elastic import ElasticModel
-from elastid.model.equations import by_name, elastic_model, open_chain
+from elastid.model.open_chain import by_name, elastic_model, open_chain
 from elastid.model.parallel_linkage.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
-from elastid.model.parallel_linkage.geometry import closures
+from elastid.model.parallel_linkage.loop_closure import closures
 from elastid.model.parallel_linkage.rods import cut, elastic, with_rod_inertia
 from elastid.model.spec import ModelSpec
-from elastid.names import did_you_mean
 from elastid.robot import Robot
 
 

@@ -14,9 +14,9 @@ from dataclasses import replace
 
 import casadi as ca
 
-from elastid.model.equations import Equations, by_name, with_coordinates, with_energies, with_strains
-from elastid.model.parallel_linkage.geometry import Closure, rod_row
-from elastid.model.strain import Strain
+from elastid.model.open_chain import Equations, by_name, with_coordinates, with_energies, with_strains
+from elastid.model.parallel_linkage.loop_closure import Closure, rod_row
+from elastid.model.spring_energy import Strain
 from elastid.robot import Robot
 
 

@@ -1,0 +1,288 @@
+"""The command line: a word for each stage, each calling one function. Heavy imports stay inside the bodies."""
+
+from __future__ import annotations
+
+import io
+import shlex
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import click
+
+from elastid import __version__
+from elastid.app.process import insisting, one_blas_thread
+
+if TYPE_CHECKING:
+    from elastid.app.run import Run
+
+Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+INTERRUPTED = 130
+
+
+def main() -> None:
+    """The program `elastid`."""
+    # A program that was started without them (`>&-`) has None here, which nothing below expects.
+    sys.stdout = sys.stdout or io.StringIO()
+    sys.stderr = sys.stderr or io.StringIO()
+    sys.exit(run_command(sys.argv[1:]))
+
+
+def run_command(arguments: Sequence[str]) -> int:
+    """Every way in which a command can end, as a message and an exit code.
+
+    0 done; 1 the data or the fit are at fault; 2 usage or study; 130 interrupted.
+    """
+    try:
+        with insisting() as pressed:
+            cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
+    except (KeyboardInterrupt, click.Abort):
+        return _interrupted(arguments)
+    except Exception as error:
+        if pressed.is_set():
+            return _interrupted(arguments)
+        return _explained(error)
+    return 0
+
+
+def _explained(error: Exception) -> int:
+    """The exit code of an error that has a message for the user; any other is a bug and raised again."""
+    from elastid.base.errors import ElastidError
+
+    match error:
+        case ElastidError():
+            return _ended(str(error), error.exit_code)
+        case click.exceptions.Exit():
+            return error.exit_code
+        case click.ClickException():
+            error.show()
+            return error.exit_code
+        case MemoryError():
+            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
+        case OSError():
+            where = f"{error.filename}: " if error.filename else ""
+            return _ended(f"{where}{error.strerror or error}", 1)
+    raise error
+
+
+def _interrupted(arguments: Sequence[str]) -> int:
+    again = shlex.join(["elastid", *arguments])
+    return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
+
+
+def _ended(message: str, code: int) -> int:
+    click.echo(message, err=True)
+    return code
+
+
+def _options(*names: str) -> Decorator:
+    """The options of the given names, each the same in every command that takes it."""
+    known = {
+        "run": click.option("--run", "folder", type=click.Path(path_type=Path), metavar="DIR", help=_RUN_HELP),
+        "set": click.option("--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE", help=_SET_HELP),
+        "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
+        "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
+        "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
+        "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
+    }
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for name in reversed(names):
+            function = known[name](function)
+        return function
+
+    return decorate
+
+
+_RUN_HELP = "Where the results go (default: runs/<name of the study>)."
+_SET_HELP = "Overrides a key of the study, for example fit.starts=5."
+# The keys of export.targets.TARGETS, which would bring CasADi and SciPy to every command.
+_TARGETS = ["control", "matlab", "mujoco", "casadi", "c", "csv"]
+_study = click.argument("study", type=click.Path(path_type=Path))
+_stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="elastid")
+def cli() -> None:
+    """Identify the elasticity of industrial robots from frequency responses, with honest intervals."""
+
+
+def _run(study: Path, options: dict[str, Any]) -> Run:
+    """The study loaded, with its folder and its ways of working."""
+    one_blas_thread()
+    from elastid.app.console import Console
+    from elastid.app.run import Run, all_cores
+    from elastid.base.execution import on_dask
+    from elastid.study import load
+
+    click.get_current_context().with_resource(on_dask(options.get("dask", "")))
+    loaded = load(study, options.get("overrides", ()))
+    folder = options["folder"] or Path("runs") / loaded.study.name
+    console = Console(options["verbose"] - options["quiet"])
+    return Run(loaded, folder, options["jobs"] or all_cores(), console)
+
+
+def _only(stage: str, study: Path, options: dict[str, Any]) -> None:
+    run = _run(study, options)
+    from elastid.app.stages import stages
+
+    stages.only(run, stage)
+
+
+@cli.command()
+@_options("run", "jobs", "verbose", "quiet")
+def demo(**options: Any) -> None:
+    """A whole identification of a simulated three-axis arm, from excitation to report."""
+    from elastid.app import scaffold
+
+    folder = options["folder"] or Path("runs") / "demo"
+    run = _run(scaffold.demo(folder), {**options, "folder": folder})
+    from elastid.app.stages import stages
+
+    stages.run_all(run)
+
+
+@cli.command()
+@click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
+@click.option(
+    "--template",
+    type=click.Choice(["serial", "parallel-linkage", "recorded", "responses"]),
+    default="serial",
+    show_default=True,
+)
+def new(folder: Path, template: str) -> None:
+    """Write a study to edit, its robot and the schema for editors into a new folder."""
+    from elastid.app import scaffold
+
+    study = scaffold.new(folder, template)
+    click.echo(f"{study} is yours to edit; then `elastid check {study}` and `elastid run {study}`")
+
+
+@cli.command()
+@_study
+@_options("set")
+def check(study: Path, overrides: tuple[str, ...]) -> None:
+    """All errors of a study with file, line and column; else what will be run."""
+    one_blas_thread()
+    from elastid.app.overview import overview
+    from elastid.study import load
+
+    click.echo(overview(load(study, overrides).study))
+
+
+@cli.command()
+@_study
+@_stage_options
+def design(study: Path, **options: Any) -> None:
+    """Choose configurations, plan the excitation and tell what it will show: plan.h5 and references/*.csv."""
+    _only("design", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def measure(study: Path, **options: Any) -> None:
+    """Simulate the experiments or import the recorded logs: records.h5."""
+    _only("measure", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def estimate(study: Path, **options: Any) -> None:
+    """Estimate the frequency responses with their covariance: frf.h5."""
+    _only("estimate", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def fit(study: Path, **options: Any) -> None:
+    """Fit the elastic parameters: fit.h5 and summary.json."""
+    _only("fit", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def validate(study: Path, **options: Any) -> None:
+    """Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json."""
+    _only("validate", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def report(study: Path, **options: Any) -> None:
+    """Write the page and the figures: report.html and figures/."""
+    _only("report", study, options)
+
+
+@cli.command()
+@_study
+@_stage_options
+def run(study: Path, **options: Any) -> None:
+    """All stages in order; one whose inputs have not changed is not run again."""
+    asked = _run(study, options)
+    from elastid.app.stages import stages
+
+    stages.run_all(asked)
+
+
+@cli.command()
+@_study
+@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
+@_stage_options
+def export(study: Path, target: str, **options: Any) -> None:
+    """Write the identified model for another tool: export/<target>/ in the run folder."""
+    asked = _run(study, options)
+    from elastid.app.stages import stages
+
+    stages.export(asked, target)
+
+
+@cli.command()
+@click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
+@click.option("--search", is_flag=True, help="Search for what gives way: gears, joints and rods.")
+@_stage_options
+def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
+    """Rank models on the responses of the first study by what they predict where they were not fitted: compare.json.
+
+    The models are those of the study's section `compare` (by default the robot without motor coupling, and without each
+    elastic joint that is not driven), and those of further studies. With --search they are those that a search meets
+    which begins with the gears of the driven joints alone and frees or stiffens one gear, further elastic joint or rod
+    at a time: what is free must lower the left-out error by more than its standard error, and the criterion with it.
+    """
+    if search and len(studies) > 1:
+        raise click.UsageError(f"--search takes one study, and there are {len(studies)}; leave it out, or the others")
+    asked = _run(studies[0], options)
+    from elastid.app import compare as comparing
+    from elastid.app import elasticity_search as searching
+    from elastid.study import load
+
+    if search:
+        searching.search_elasticity(asked)
+        return
+    comparing.compare(asked, [load(study) for study in studies[1:]])
+
+
+@cli.command()
+@click.argument("file", type=click.Path(path_type=Path))
+def inspect(file: Path) -> None:
+    """What is in a log or a result: names, shapes, units, rates."""
+    from elastid.app.inspection import described
+
+    click.echo(described(file))
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of a study, for editors."""
+    import json
+
+    from elastid.study import schema as schema_of_study
+
+    click.echo(json.dumps(schema_of_study(), indent=1))

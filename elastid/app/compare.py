@@ -1,0 +1,181 @@
+"""compare: several models of one robot on the frequency responses of one run, ranked; file -> value -> file.
+
+Finished fits are kept in compare.partial until all are there, so that an interrupted comparison goes on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from functools import partial
+
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import StudyError
+from elastid.base.execution import in_order, resumed
+from elastid.fit.setup.parameter_choice import choose, named_geometry
+from elastid.fit.spec import FitSpec
+from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen
+from elastid.model.spec import Variant as ModelVariant
+from elastid.report.numbers import number
+from elastid.response import FrequencyResponse
+from elastid.robot.simplified import further_elastic, stiffened, without_motor_coupling
+from elastid.store import Finished, read_responses
+from elastid.store.comparison import write_comparison
+from elastid.study import LoadedStudy, Study, load
+from elastid.validation.compare import Comparison, Refit, RefitTask, Variant, folds, for_robot, held, ranked, refit
+from elastid.validation.spec import VariantSpec
+
+RESULT = "compare.json"
+PARTIAL = "compare.partial"
+
+
+def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
+    """compare.json, and the report anew where there is one.
+
+    others: further studies, whose robots, formulations and parameters are fitted to the responses of `run`, under its
+    weights, masks and criterion.  StudyError where there are no current responses, or but one model.
+    """
+    run.require("fit")  # reads what a comparison reads
+    with run.logged():
+        models = list(variants(run.loaded, others))
+        if len(models) < 2:
+            raise StudyError(
+                f"{run.loaded.path}: there is one model only, the study's own, with nothing that could be left out of "
+                "it; give compare.variants, or a second study"
+            )
+        responses = read_responses(run.path("estimate"))
+        names = [response.configuration.name for response in responses]
+        finish(run, ranked(names, models, refitted(run, models, responses)))
+
+
+def finish(run: Run, comparison: Comparison) -> None:
+    """Write a comparison, say how it came out, and show it in the report where there is one."""
+    write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
+    shutil.rmtree(run.folder / PARTIAL, ignore_errors=True)
+    run.console.table(comparison_table(comparison))
+    run.console.say(f"compare: {comparison.verdict}")
+    run.console.say(str(run.folder / RESULT))
+    if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
+        stages.report(run)
+
+
+def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[Variant]:
+    """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
+    study = loaded.study
+    yield Variant(study.name, study.robot, study.fit, study.model)
+    for spec in study.compare.variants or _default(study, bool(others)):
+        try:
+            yield variant(loaded, spec)
+        except StudyError as error:
+            raise StudyError(f"compare.variants: {spec.name}: {error}") from None
+    for other in others:
+        name = other.study.name if other.study.name != study.name else str(other.path)
+        yield Variant(name, other.study.robot, _weighed_as(study, other.study), other.study.model)
+
+
+def comparison_table(comparison: Comparison) -> list[list[str]]:
+    """Headings, then a line for each model, the best first."""
+    left_out = any(math.isfinite(row.mean_misfit) for row in comparison.rows)
+    rows = [["model", "note", "parameters", "QAIC above best", "V / dof"]]
+    rows[0] += ["left out: error / sigma", "magnitude dB", "phase deg", "misfit above best"] if left_out else []
+    best = comparison.rows[0]
+    for row in comparison.rows:
+        ratio = row.cost / row.dof if row.dof else math.nan
+        line = [row.name, row.note, str(row.n_free), number(row.criterion, 4), number(ratio, 3)]
+        if left_out:
+            line += [number(v, 3) for v in (math.sqrt(row.mean_misfit), row.rms_log_db, row.phase_rms_deg)]
+            line.append("–" if row is best else "{} ± {}".format(*(number(v, 2) for v in row.behind(best))))
+        rows.append(line)
+    return rows
+
+
+def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
+    """What can be left out, other equations of loops, and springs on the other side of coupled gears.
+
+    Nothing beside other studies.
+    """
+    if has_others:
+        return ()
+    robot = study.robot
+    riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
+    coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
+    rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
+    sides = {gear.springs for gear in robot.gears} if any(joint.spring for joint in robot.driven) else set()
+    moved = [
+        VariantSpec(f"springs {side} the gears", set=tuple(f"robot.gears.{i}.springs={side}" for i in range(n)))
+        for side, n in (("before", len(robot.gears)), ("after", len(robot.gears)))
+        if sides and sides != {side}
+    ]
+    return (*_of_loops(study), *coupling, *moved, *rigid)
+
+
+def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
+    """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
+    robot, own = study.robot, study.model
+    if not robot.loops:
+        return ()
+    rods = [loop.rod for loop in robot.loops if loop.rod is not None]
+    stretches, bends = any(rod.is_elastic for rod in rods), bool(elastic_joints_within(robot))
+    reasons: dict[ModelVariant, bool] = {
+        "rigid_loop": stretches or bends,
+        "constant_stiffness": stretches and not named_geometry(study.fit.parameters, robot),
+        "series_stiffness": stretches,
+        "bending_outside": bends,
+        "lumped_rod": any(rod.mass > 0 or rod.inertia > 0 for rod in rods),
+    }
+    exact = "constrained" if own.formulation == "minimal" and own.variant == "exact" else "minimal"
+    other = VariantSpec(f"exact, {exact}", set=(f"model={{formulation: {exact}}}",))
+    approximate = (
+        VariantSpec(name.replace("_", " "), set=(f"model={{formulation: minimal, variant: {name}}}",))
+        for name, reason in reasons.items()
+        if reason and name != own.variant
+    )
+    return (other, *approximate)
+
+
+def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
+    """The study's own model but for what is given; StudyError where there is no such model."""
+    own = loaded.study
+    study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
+    robot = study.robot if spec.motor_coupling else without_motor_coupling(study.robot)
+    robot = stiffened(robot, spec.rigid)
+    fit = for_robot(_weighed_as(own, study), robot, study.robot)
+    if study.model != own.model:
+        fit = held(fit, robot, unseen(robot, study.model.variant))
+    choose(fit, robot)
+    # Independent coordinates are a choice for the study's own robot, and without influence on its response.
+    return Variant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
+
+
+def _weighed_as(own: Study, other: Study) -> FitSpec:
+    """What another study fits, counted as the own one counts: else their costs could not be compared."""
+    counted = own.fit
+    return replace(
+        other.fit, criterion=counted.criterion, weights=counted.weights, mask=counted.mask, band_hz=counted.band_hz
+    )
+
+
+def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
+    """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
+    names = [response.configuration.name for response in responses]
+    parts = ((), *folds(names, run.study.compare.folds))
+    tasks = [RefitTask(variant, part, run.study.seed) for variant in models for part in parts]
+    finished, keys = Finished(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
+    there = sum(key in finished for key in keys)
+    if there:
+        run.console.say(f"compare: going on, {there} of {len(tasks)} fits are there")
+    with run.console.progress("compare") as progress:
+        results = in_order(resumed(partial(refit, responses), tasks, keys, finished, run.jobs, progress))
+    n = len(parts)
+    return [results[i * n : (i + 1) * n] for i in range(len(models))]
+
+
+def _key(task: RefitTask, run: Run) -> str:
+    """Of the result of a fit, with what it hangs on beside the code."""
+    document = [asdict(task), run.stamps["estimate"].inputs]
+    return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"

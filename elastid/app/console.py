@@ -1,0 +1,129 @@
+"""What a run says while it works: words, warnings and progress on the terminal, all of it in run.log as well."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from elastid.base.execution import Progress, silent
+
+LOG_NAME = "run.log"
+# Where the output is no terminal, a line of progress at most this often.
+_SECONDS_BETWEEN_LINES = 10.0
+
+
+class Console:
+    """verbosity: -1 only warnings, 0 a line a stage, 1 every detail."""
+
+    def __init__(self, verbosity: int = 0) -> None:
+        self.verbosity = verbosity
+        self._log = logging.getLogger("elastid.app.run")
+        self._log.propagate = False
+        self._log.setLevel(logging.DEBUG)
+
+    @contextmanager
+    def logging_to(self, folder: Path) -> Iterator[None]:
+        """Append to run.log in the folder, Python's own warnings included."""
+        folder.mkdir(parents=True, exist_ok=True)
+        handler = logging.FileHandler(folder / LOG_NAME, encoding="utf-8")
+        handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
+        python_warnings = logging.getLogger("py.warnings")
+        python_warnings.propagate = False
+        loggers = (self._log, python_warnings)
+        for logger in loggers:
+            logger.addHandler(handler)
+        logging.captureWarnings(True)
+        try:
+            yield
+        finally:
+            logging.captureWarnings(False)
+            for logger in loggers:
+                logger.removeHandler(handler)
+            handler.close()
+
+    def say(self, text: str) -> None:
+        """What was done."""
+        self._log.info(text)
+        if self.verbosity >= 0:
+            print(text, flush=True)
+
+    def detail(self, text: str) -> None:
+        """What only the curious want to know."""
+        self._log.debug(text)
+        if self.verbosity >= 1:
+            print(f"  {text}", flush=True)
+
+    def warn(self, text: str) -> None:
+        """What does not stop the work and must be read."""
+        self._log.warning(text)
+        print(f"warning: {text}", file=sys.stderr, flush=True)
+
+    def log(self, text: str) -> None:
+        """How the work was stopped; the command itself tells the terminal."""
+        self._log.error(text)
+
+    def table(self, rows: Sequence[Sequence[str]]) -> None:
+        """Headings and rows in columns, numbers to the right."""
+        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+        for row in rows:
+            cells = [c.ljust(w) if i < 2 else c.rjust(w) for i, (c, w) in enumerate(zip(row, widths, strict=True))]
+            self._log.info("  ".join(cells))
+        if self.verbosity >= 0:
+            _print_table(rows)
+
+    @contextmanager
+    def progress(self, title: str) -> Iterator[Progress]:
+        """A bar with the time left on a terminal, now and then a line elsewhere."""
+        if self.verbosity < 0:
+            yield silent
+        elif sys.stderr.isatty():
+            with _bar(title) as progress:
+                yield progress
+        else:
+            yield _lines(title)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Progress]:
+    from rich.console import Console as Terminal
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=Terminal(stderr=True), transient=True) as bar:
+        task = bar.add_task(title, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+def _print_table(rows: Sequence[Sequence[str]]) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console as Terminal
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for i, heading in enumerate(rows[0]):
+        table.add_column(heading, justify="left" if i < 2 else "right", overflow="fold")
+    for row in rows[1:]:
+        table.add_row(*row)
+    # A pipe has no width of its own, and a table folded at 80 columns is hard to read by program or eye.
+    terminal = Terminal(highlight=False, width=None if sys.stdout.isatty() else 160)
+    terminal.print(table)
+
+
+def _lines(title: str) -> Progress:
+    started = last = time.monotonic()
+
+    def progress(done: int, total: int) -> None:
+        nonlocal last, started
+        now = time.monotonic()
+        if done == 0:  # a round begins: what was prepared before says nothing about its pace
+            started = now
+        if now - last >= _SECONDS_BETWEEN_LINES and 0 < done < total:
+            last = now
+            left = (now - started) / done * (total - done)
+            print(f"{title}: {done} of {total}, {left:.0f} s left", file=sys.stderr, flush=True)
+
+    return progress

@@ -1,0 +1,177 @@
+"""What `elastid check` says about a study without errors: robot, unknowns, experiments, what will be run."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+
+from elastid.excitation.lines import planned_lines
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.fit.setup.parameter_choice import choose
+from elastid.parameters import Parameter
+from elastid.robot import Robot
+from elastid.study import Study
+
+
+def overview(study: Study) -> str:
+    """A page of plain text."""
+    return "\n".join([*_robot(study), "", *_unknowns(study), "", *_experiments(study), "", *_plan_of_work(study)])
+
+
+def _robot(study: Study) -> Iterator[str]:
+    robot = study.robot
+    elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
+    yield f"study {study.name}, robot {robot.name}"
+    bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
+    yield (
+        f"  {bodies}, {joints}, of which {len(robot.driven)} driven "
+        f"({', '.join(joint.name for joint in robot.driven)}) and {len(elastic)} elastic ({', '.join(elastic)})"
+    )
+    yield from _nonlinear(study)
+    coordinates = _count((*robot.joints, *robot.flexible), "coordinate")
+    loops = f", {_count(robot.loops, 'loop')} ({', '.join(loop.name for loop in robot.loops)})" if robot.loops else ""
+    formulation = study.model.formulation or ("constrained" if robot.loops else "serial")
+    variant = "" if study.model.variant == "exact" else f" ({study.model.variant})"
+    carried = "" if robot.payload is None else f", carries {robot.payload.mass:g} kg at {robot.payload.at}"
+    yield f"  {coordinates}{loops}, {formulation} model{variant}{carried}"
+    riding = [
+        f"{joint.name} on {joint.motor.on}" for joint in robot.driven if joint.motor is not None and joint.motor.on
+    ]
+    if riding:
+        yield f"  motors that ride on bodies: {', '.join(riding)}"
+    if robot.gears:
+        yield f"  coupled gears: {', '.join(f'motor {gear.motor} with joint {gear.joint}' for gear in robot.gears)}"
+
+
+def _nonlinear(study: Study) -> Iterator[str]:
+    """Springs that have no one stiffness, and what carries part of the weight."""
+    springs = {joint.name: joint.spring for joint in study.robot.joints if joint.spring is not None}
+    bent = [name for name, spring in springs.items() if not spring.is_linear]
+    if bent:
+        yield f"  nonlinear springs: {', '.join(bent)}; the fit sees their tangent where gravity leaves them"
+    gaps = [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]
+    if gaps:
+        yield f"  backlash: {', '.join(gaps)}; it wants configurations in which gravity loads these joints"
+    for compensator in study.robot.compensators:
+        kind = "coil" if compensator.coil is not None else "gas spring"
+        yield f"  compensator {compensator.name}: {kind} from {' to '.join(end.body for end in compensator.ends)}"
+
+
+def _unknowns(study: Study) -> Iterator[str]:
+    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    robots = [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]
+    if robots:
+        yield f"{_plural(len(robots), 'robot')} of this type: {', '.join(robots)}"
+    yield _count(parameters.free, "unknown")
+    rows = [("  name", "start", "lower", "upper", "unit")]
+    rows += [("  " + p.name, _g(p.value), _g(p.lower), _g(p.upper), p.unit + _prior(p)) for p in parameters.free]
+    yield from _columns(rows)
+    ties = [f"{p.name} = {p.tie.factor:g} {p.tie.to}" for p in parameters if p.tie is not None]
+    if ties:
+        yield f"  tied: {', '.join(ties)}"
+
+
+def _prior(parameter: Parameter) -> str:
+    return "" if parameter.prior is None else f"  (prior {parameter.prior.mean:g}, std {parameter.prior.std:g})"
+
+
+def _experiments(study: Study) -> Iterator[str]:
+    experiment, excitation = study.experiment, study.excitation
+    names = ", ".join(experiment.configurations)
+    if experiment.recorded is not None:
+        configurations = _count(experiment.configurations, "configuration")
+        yield f"{_count(experiment.recorded.files, 'log file')} of {configurations} ({names})"
+        return
+    if experiment.responses is not None:
+        files = _count(experiment.responses.files, "frequency response")
+        yield f"{files} from elsewhere of {_count(experiment.configurations, 'configuration')} ({names})"
+        return
+    E, M = experiment.runs(len(study.robot.driven)), experiment.realisations
+    Q = len(experiment.configurations)
+    if study.design is not None:
+        if study.design.robot_time is not None:
+            given = f"{_plural(Q, 'configuration')} ({names}) and " if Q else ""
+            yield f"{study.design.robot_time:g} s of the robot's time: {given}as many as the design fits in"
+            return
+        chosen = study.design.count or 0
+        Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
+    factors = (f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment"))
+    yield f"{_plural(Q * M * E, 'experiment')}: {' x '.join(factors)}"
+    if excitation is not None:
+        yield from _run(study.robot, experiment, excitation, Q * M * E)
+        yield from _signal(study, excitation)
+
+
+def _run(robot: Robot, experiment: ExperimentSpec, excitation: MultisineSpec, runs: int) -> Iterator[str]:
+    periods = experiment.periods + experiment.transient_periods
+    duration = periods * excitation.period + 2 * (experiment.ramp + experiment.hold)
+    yield (
+        f"  {_plural(periods, 'period')} of {excitation.period:g} s each ({experiment.transient_periods} of transient) "
+        f"with ramps of {experiment.ramp:g} s, {runs * duration:g} s of the robot's time, movements between not counted"
+    )
+    carrier = experiment.simulated.carrier if experiment.simulated is not None else None
+    if carrier is None:
+        yield "  the robot rests in each configuration: where friction sticks, it looks like stiffness"
+    else:
+        yield f"  carrier: {carrier.kind}, {_speed(carrier, robot)}"
+
+
+def _speed(carrier: CarrierSpec, robot: Robot) -> str:
+    """How far or how fast each joint goes, with its unit; said once where all do alike."""
+    sine, n_u = carrier.kind == "sine", len(robot.driven)
+    values = carrier.amplitudes(n_u) if sine else carrier.velocities(n_u)
+    each = [f"{v:.3g} {joint.unit}{'' if sine else '/s'}" for v, joint in zip(values, robot.driven, strict=True)]
+    said = each[:1] if len(set(each)) == 1 else each
+    return f"{'amplitude' if sine else 'velocity'} {', '.join(said)}"
+
+
+def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
+    lines = planned_lines(excitation, study.seed)
+    low, high = excitation.band_hz
+    free = f" and {len(lines.detection)} left free for detection" if len(lines.detection) else ""
+    yield (
+        f"  {len(lines.excited)} {excitation.grid} lines{free} from {low:g} to {high:g} Hz, sampled at "
+        f"{excitation.rate_hz:g} Hz"
+    )
+    as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
+    shaped = f"flat in {excitation.flat}"
+    if excitation.flat == "information":
+        shaped = "spectra that tell most about the parameters"
+    yield (
+        f"  {excitation.phases} phases, {excitation.orthogonal} set, {shaped}, {as_large} "
+        f"({excitation.margin:.0%} of every limit stays free)"
+    )
+
+
+def _plan_of_work(study: Study) -> Iterator[str]:
+    first = {
+        "simulated": "design, simulate the experiments, estimate the responses",
+        "recorded": "import the logs, estimate the responses",
+        "responses": "import the responses",
+    }[study.experiment.kind]
+    left_out = study.validation.left_out
+    judged = f"judge it on {', '.join(left_out)}, which it has not seen" if left_out else "judge it on what it has seen"
+    log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
+    yield (
+        f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "
+        f"({log_first}{study.fit.criterion}), {judged}, write the report"
+    )
+
+
+def _count(things: Collection[object], one: str, more: str = "") -> str:
+    return _plural(len(things), one, more)
+
+
+def _plural(number: int, one: str, more: str = "") -> str:
+    return f"{number} {one if number == 1 else more or one + 's'}"
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        yield "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+
+
+def _g(value: float) -> str:
+    return f"{value:.5g}"

@@ -1,0 +1,49 @@
+"""Ctrl-C that is heard, whatever code it falls into."""
+
+from __future__ import annotations
+
+import os
+from _thread import interrupt_main
+from collections.abc import Iterator
+from contextlib import contextmanager
+from signal import SIGINT, signal
+from threading import Event, Thread, current_thread, main_thread
+from types import FrameType
+
+AGAIN_AFTER_S = 0.5
+
+
+@contextmanager
+def insisting() -> Iterator[Event]:
+    """KeyboardInterrupt on Ctrl-C, and again every half second until the work inside has ended.
+
+    CasADi's wrappers swallow a KeyboardInterrupt that falls into them, or make an error of another kind of it. The
+    event that is yielded is set once Ctrl-C was pressed: whatever error ends the work then, the user has ended it.
+    """
+    pressed, ended = Event(), Event()
+
+    def insist() -> None:
+        while not ended.wait(AGAIN_AFTER_S):
+            interrupt_main()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        if not pressed.is_set():
+            pressed.set()
+            Thread(target=insist, daemon=True).start()
+        raise KeyboardInterrupt
+
+    if current_thread() is not main_thread():  # signals belong to the main thread
+        yield pressed
+        return
+    before = signal(SIGINT, interrupt)
+    try:
+        yield pressed
+    finally:
+        ended.set()
+        signal(SIGINT, before)
+
+
+def one_blas_thread() -> None:
+    """Ask every BLAS that is loaded from here on, in this process and its workers, for one thread."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):
+        os.environ.setdefault(name, "1")

@@ -1,0 +1,42 @@
+"""Studies to start from: the templates that `elastid new` and `elastid demo` write."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+from elastid.base.errors import StudyError
+from elastid.study import SCHEMA_NAME, schema
+
+DEMO = "serial"
+STUDY = "study.yml"
+
+
+def new(folder: Path, template: str) -> Path:
+    """A new folder with a study, its robot and the schema for editors; returns the study's path.
+
+    Raises StudyError where the folder holds anything already.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise StudyError(f"{folder} exists and is not empty; nothing was written. Give the name of a new folder")
+    _write_template(folder, template)
+    return folder / STUDY
+
+
+def demo(folder: Path) -> Path:
+    """The demo's study in its run folder, to copy and edit; what is there already is kept as it is."""
+    _write_template(folder, DEMO)
+    return folder / STUDY
+
+
+def _write_template(folder: Path, template: str) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for source in (files("elastid.app") / "templates" / template).iterdir():
+        _write(folder / source.name, source.read_text(encoding="utf-8"))
+    _write(folder / SCHEMA_NAME, json.dumps(schema(), indent=1) + "\n")
+
+
+def _write(path: Path, text: str) -> None:
+    if not path.exists():
+        path.write_text(text, encoding="utf-8", newline="\n")

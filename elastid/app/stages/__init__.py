@@ -1,0 +1,1 @@
+"""One file a stage of a study, and the table of stages."""

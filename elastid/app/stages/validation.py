@@ -1,0 +1,86 @@
+"""What the stage `validate` does: responses, records and a fit -> Validation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, MutableMapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+from elastid.app.run import Run
+from elastid.base.execution import Progress, in_order, resumed
+from elastid.fit.identify import predict
+from elastid.fit.result import FitResult
+from elastid.fit.setup.assembly import linearised
+from elastid.linear.linearise import Linearisation
+from elastid.model.formulation import formulate
+from elastid.response import FrequencyResponse
+from elastid.store import read_configurations, read_records, read_stamp
+from elastid.validation.agreement import Validation, validate
+from elastid.validation.compare import Refit, RefitTask, Variant, folds, refit
+from elastid.validation.cost import cost_words
+from elastid.validation.cross_validation import Fold, fold_words, folded
+from elastid.validation.replay import Replay, replay, replay_words
+
+
+def validated(
+    run: Run,
+    responses: Sequence[FrequencyResponse],
+    result: FitResult,
+    finished: MutableMapping[str, Refit],
+    progress: Progress,
+) -> Validation:
+    """How far the fitted model carries, why its cost is what it is, and the records replayed through it.
+
+    finished: the fits of an earlier validation that was stopped, and where those of this one are kept.
+    """
+    study, left_out = run.study, run.study.validation.left_out
+    modelled = predict(result, study.robot, responses, study.model)
+    judged = validate(responses, modelled, left_out)
+    seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
+    replays = tuple(_replays(run, responses, result, progress))
+    left_out_in_turn = _folds(run, [Ghat for Ghat, _ in seen], finished, progress)
+    return replace(
+        judged,
+        cost=cost_words(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
+        replays=replays,
+        replayed=replay_words(replays) if replays else "",
+        folds=left_out_in_turn,
+        folded=fold_words(left_out_in_turn, judged.fitted) if left_out_in_turn else "",
+    )
+
+
+def _folds(
+    run: Run, responses: Sequence[FrequencyResponse], finished: MutableMapping[str, Refit], progress: Progress
+) -> tuple[Fold, ...]:
+    """The fit again without each part of the configurations; none where the study asks for none."""
+    study = run.study
+    parts = folds([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
+    if not parts:
+        return ()
+    own = Variant(study.name, study.robot, study.fit, study.model)
+    tasks = [RefitTask(own, part, study.seed) for part in parts]
+    names = [f"refit-{i}" for i in range(len(tasks))]
+    return folded(parts, in_order(resumed(partial(refit, responses), tasks, names, finished, run.jobs, progress)))
+
+
+def _replays(
+    run: Run, responses: Sequence[FrequencyResponse], result: FitResult, progress: Progress
+) -> Iterator[Replay]:
+    """One record in memory at a time; none where responses came from elsewhere or the records are gone."""
+    if "measure" not in run.stages:
+        return
+    path, stamp = run.path("measure"), run.stamps["measure"]
+    found = read_stamp(path)
+    if found is None or found.inputs != stamp.inputs:
+        run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
+        return
+    study = run.study
+    equations, names = formulate(study.robot, study.model, result.parameters.names), read_configurations(path)
+    linearisation = Linearisation.of(equations)
+    todo = [response for response in responses if response.configuration.name in names]
+    for done, response in enumerate(todo):
+        progress(done, len(todo))
+        name = response.configuration.name
+        (model,) = linearised(linearisation, [response], result.parameters, result.x)
+        band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
+        yield replay(read_records(path, name), model, result.theta_of(name), band_hz, study.estimator)

@@ -1,0 +1,263 @@
+"""What an identification ends with: truth, modes, and summary.json and validation.json, both of a fixed form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.result import FitResult, LocalOptimum
+from elastid.fit.setup.assembly import linearised
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.uncertainty.propagation import response_deviation, uncertain_modes
+from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.modes import modes, shapes_of_all
+from elastid.linear.strain_energy import strain_energy
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import formulate
+from elastid.model.stick_figure import stick_figure
+from elastid.report.modes.mode_drawing import mode_drawing
+from elastid.report.modes.mode_row import ModeRow, load_name, spring_names
+from elastid.report.parameter_rows import parameter_rows
+from elastid.response import FrequencyResponse
+from elastid.study import Study
+from elastid.validation.agreement import Agreement, Validation
+from elastid.validation.replay import Replay
+
+CORRELATED = 0.9
+
+
+def truth(study: Study) -> dict[str, float] | None:
+    """The simulated robot's numbers by name, in SI, as far as a fit can meet them; None where it is recorded."""
+    simulated = study.experiment.simulated
+    if simulated is None:
+        return None
+    robot = study.robot
+    numbers = {name: value for name, (value, _) in robot.parameters(robot.geometry).items()} | {DELAY: 0.0}
+    # Dry friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
+    # nor that of a joint which turns rigidly with its motor.
+    rough = {law.place for law in frictions(study.robot)}
+    sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
+    rigid = {joint.name for joint in study.robot.driven if joint not in study.robot.flexible}
+    sticking |= {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
+    return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
+
+
+def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
+    """The modes of the fitted model with its motors free, configuration by configuration."""
+    linearisation = Linearisation.of(formulate(study.robot, study.model, result.parameters.names))
+    models = linearised(linearisation, responses, result.parameters, result.x)
+    return tuple(_mode_row(linearisation.model, model, result) for model in models)
+
+
+def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
+    """Frequencies and damping, who moves, where the energy is, and the robot's sticks."""
+    configuration = model.configuration
+    theta = result.theta_of(configuration.name)
+    robot = elastic.robot_at(theta[:-1])
+    found = modes(model, theta)
+    sure = uncertain_modes(model, result.parameters, result.x, result.covariance)
+    shapes, point = shapes_of_all(model, found.shapes), equilibrium(elastic, theta[:-1], configuration)
+    energy = strain_energy(elastic, theta[:-1], point, shapes)
+    names, n_l = spring_names(robot), len(robot.joints)
+    return ModeRow(
+        configuration.name,
+        found.freq_hz,
+        found.zeta,
+        sure.freq_std,
+        sure.zeta_std,
+        elastic.coordinates,
+        shapes,
+        stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
+        energy=np.vstack([energy.share, energy.load]),
+        drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
+    )
+
+
+def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:
+    """Standard deviation (F, n_y, n_u) of the fitted model beside each response, by that of its parameters."""
+    equations = formulate(study.robot, study.model, result.parameters.names)
+    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
+    return tuple(
+        response_deviation(model, response.freq_hz, result.parameters, result.x, result.covariance)[1]
+        for model, response in zip(models, responses, strict=True)
+    )
+
+
+def summary(
+    study: Study,
+    result: FitResult,
+    mode_rows: Sequence[ModeRow],
+    agreements: Sequence[Agreement],
+    warnings: Sequence[str],
+) -> dict[str, Any]:
+    """The content of summary.json."""
+    return {
+        "schema": 1,
+        "study": study.name,
+        "status": result.status,
+        "message": result.message,
+        "cost": _number(result.cost),
+        "cost_expected": _number(result.cost_expected),
+        "dof": result.dof,
+        "starts": len(result.starts),
+        "hits": result.hits,
+        "parameters": _parameters(study, result),
+        "correlations_above_0.9": _correlations(result),
+        "modes": [
+            {
+                "configuration": row.configuration,
+                "frequency_hz": _numbers(row.frequency_hz.tolist()),
+                "damping_ratio": _numbers(row.damping_ratio.tolist()),
+            }
+            for row in mode_rows
+        ],
+        "frf_error": [
+            {
+                "configuration": agreement.configuration,
+                "rms_log_db": _number(agreement.overall_rms_log_db),
+                "phase_rms_deg": _number(agreement.overall_phase_rms_deg),
+                "inside_2sigma": _number(agreement.overall_inside_2sigma),
+            }
+            for agreement in agreements
+        ],
+        "warnings": list(dict.fromkeys([*result.warnings, *warnings])),
+    }
+
+
+def failure(study: Study, message: str) -> dict[str, Any]:
+    """summary.json of a fit that found nothing: the same keys, no numbers."""
+    return {
+        "schema": 1,
+        "study": study.name,
+        "status": "failed",
+        "message": message,
+        "cost": None,
+        "cost_expected": None,
+        "dof": None,
+        "starts": study.fit.starts,
+        "hits": 0,
+        "parameters": {},
+        "correlations_above_0.9": [],
+        "modes": [],
+        "frf_error": [],
+        "warnings": [],
+    }
+
+
+def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
+    """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
+    best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to go on")
+    if not ends:
+        return best | {"status": "interrupted"}
+    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
+    rows = {
+        p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}
+        | {"start": x_start[p.name]}
+        for p in parameters.free
+    }
+    return best | {"status": "interrupted", "cost": _number(ends[0].cost), "parameters": rows}
+
+
+def validation_summary(study: Study, validation: Validation) -> dict[str, Any]:
+    """The content of validation.json: what validation.h5 says, but for its curves.
+
+    configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
+    row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
+    the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
+    turn; verdict, cost, replayed and folded: the same in words.
+    """
+    return {
+        "schema": 1,
+        "study": study.name,
+        "verdict": validation.verdict,
+        "cost": validation.cost,
+        "configurations": [
+            {
+                "configuration": agreement.configuration,
+                "left_out": bool(agreement.left_out),
+                "rms_log_db": _number(agreement.overall_rms_log_db),
+                "phase_rms_deg": _number(agreement.overall_phase_rms_deg),
+                "inside_2sigma": _number(agreement.overall_inside_2sigma),
+                "inside_2sigma_expected": _number(agreement.inside_expected),
+            }
+            for agreement in validation.configurations
+        ],
+        "replayed": validation.replayed,
+        "replays": [_replay(replay) for replay in validation.replays],
+        "folded": validation.folded,
+        "folds": [
+            {
+                "configuration": fold.configuration,
+                "misfit": _number(fold.misfit),
+                "rms_log_db": _number(fold.rms_log_db),
+                "phase_rms_deg": _number(fold.phase_rms_deg),
+                "message": fold.message,
+            }
+            for fold in validation.folds
+        ],
+    }
+
+
+def _replay(replay: Replay) -> dict[str, Any]:
+    return {
+        "configuration": replay.configuration,
+        "quantity": replay.quantity,
+        "band_hz": _numbers(replay.band_hz),
+        "records": list(replay.records),
+        "outputs": list(replay.outputs),
+        "fit_percent": [_numbers(row) for row in replay.fit_percent.tolist()],
+        "reachable_percent": [_numbers(row) for row in replay.reachable_percent.tolist()],
+    }
+
+
+def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
+    rows = parameter_rows(result, truth(study))
+    return {
+        row.name: {
+            "value": row.estimate,
+            "std": _number(row.std),
+            "interval95": _numbers(row.interval),
+            "unit": row.unit,
+            "at_bound": row.at_bound,
+            "start": row.start,
+            **({} if row.truth is None else {"truth": row.truth}),
+            **_further(result, row.name),
+        }
+        for row in rows
+    }
+
+
+def _further(result: FitResult, name: str) -> dict[str, Any]:
+    """Intervals by other ways, where the study asks for them."""
+    if name not in result.parameters.free_names:
+        return {}
+    i = result.parameters.free_names.index(name)
+    found: dict[str, Any] = {}
+    for key in ("profile95", "bootstrap95"):
+        ends = getattr(result, key)
+        if len(ends) and not np.isnan(ends[i]).any():
+            found[key] = _numbers(ends[i].tolist())
+    return found
+
+
+def _correlations(result: FitResult) -> list[list[Any]]:
+    names, r = result.parameters.free_names, result.correlation
+    above = np.argwhere(np.triu(np.abs(r), 1) > CORRELATED)
+    return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]
+
+
+def _numbers(values: Sequence[float]) -> list[float | None]:
+    return [_number(value) for value in values]
+
+
+def _number(value: float) -> float | None:
+    """JSON knows no infinity: null."""
+    return float(value) if math.isfinite(value) else None

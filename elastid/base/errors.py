@@ -1,0 +1,41 @@
+"""The three ways in which a command can end badly; `cli` turns each into a message and an exit code."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class ElastidError(Exception):
+    """A failure that the user can act on: the message says what, where, why and what to do next."""
+
+    exit_code = 1
+
+
+class StudyError(ElastidError):
+    """The study, its robot or the command line is wrong: exit code 2, nothing was computed."""
+
+    exit_code = 2
+
+
+class DataError(ElastidError):
+    """The measured data cannot support what was asked: exit code 1, the data are left untouched."""
+
+
+class FitError(ElastidError):
+    """The identification failed or cannot be trusted: exit code 1."""
+
+
+def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -> str:
+    """The name that was probably meant, or else those that there are: the end of a message about an unknown name.
+
+    further: names that may have been meant, too, but are too many to be listed.
+
+    >>> did_you_mean("bamd_hz", ["band_hz", "period"])
+    "did you mean 'band_hz'?"
+    >>> did_you_mean("x", ["band_hz", "period"])
+    'there are band_hz, period'
+    """
+    names = list(known)
+    close = get_close_matches(name, [*names, *further], n=1)
+    return f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"

@@ -1,0 +1,187 @@
+"""Independent work in several processes: same results whatever the number of workers, and a clean stop on Ctrl-C.
+
+Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask cluster, which must see the same files.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import sys
+from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import partial
+from importlib.util import find_spec
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from signal import SIG_IGN, SIGINT, signal
+from threading import Thread
+from typing import Any, TypeAlias, TypeVar
+
+from elastid.base.errors import ElastidError
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+Progress: TypeAlias = Callable[[int, int], None]
+Submit: TypeAlias = Callable[[Item], Future[Value]]
+
+# Seconds for a Dask scheduler to answer.
+ANSWER_S = 10.0
+_SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
+
+
+def silent(done: int, total: int) -> None:
+    """A progress that nobody watches."""
+
+
+def unordered(
+    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
+) -> Iterator[tuple[int, Value]]:
+    """(index, function(item)) as they finish; in this process for one job or one item.
+
+    function and items must pickle; the function goes to each worker once. On KeyboardInterrupt the workers are ended at
+    once and what was yielded is kept.
+    Raises ElastidError where a worker was killed.
+    """
+    progress(0, len(items))
+    if min(jobs, len(items)) <= 1 and not _SCHEDULER.get():
+        for index, item in enumerate(items):
+            yield index, function(item)
+            progress(index + 1, len(items))
+        return
+    address = _SCHEDULER.get()
+    with _on_cluster(address, function) if address else _processes(min(jobs, len(items)), function) as submit:
+        futures = {submit(item): index for index, item in enumerate(items)}
+        for done, future in enumerate(as_completed(futures), start=1):
+            yield futures[future], future.result()
+            progress(done, len(items))
+
+
+def resumed(
+    function: Callable[[Item], Value],
+    items: Sequence[Item],
+    names: Sequence[str],
+    finished: MutableMapping[str, Value],
+    jobs: int,
+    progress: Progress = silent,
+) -> Iterator[tuple[int, Value]]:
+    """`unordered` of what is not in `finished` under the names of the items, after all that is; the rest goes there.
+
+    So work that was stopped goes on where it was, if `finished` outlives it.
+    """
+    there = [index for index, name in enumerate(names) if name in finished]
+    todo = sorted(set(range(len(items))) - set(there))
+    for index in there:
+        yield index, finished[names[index]]
+
+    def with_those(done: int, total: int) -> None:
+        progress(done + len(there), total + len(there))
+
+    for place, value in unordered(function, [items[index] for index in todo], jobs, with_those):
+        finished[names[todo[place]]] = value
+        yield todo[place], value
+
+
+@contextmanager
+def on_dask(address: str) -> Iterator[None]:
+    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address changes nothing.
+
+    Raises ElastidError where Dask is not installed.
+    """
+    if address and find_spec("distributed") is None:
+        raise ElastidError("Dask is not installed; install elastid with the extra dask, or leave --dask out")
+    token = _SCHEDULER.set(address)
+    try:
+        yield
+    finally:
+        _SCHEDULER.reset(token)
+
+
+@contextmanager
+def _processes(count: int, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
+    """Processes of this machine, ended at once where anything goes wrong."""
+    # Pickled here, where an error of pickling is told as what it is.
+    work = pickle.dumps(function)
+    # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
+    pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker, initargs=(work,))
+    try:
+        yield lambda item: pool.submit(_work, item)
+    except (BrokenProcessPool, BrokenPipeError) as error:
+        raise ElastidError(
+            "a script that works in several processes is read by each of them: put what it does under "
+            "if __name__ == '__main__':, or take jobs=1"
+            if _main_is_unguarded()
+            else "a worker process died, perhaps for lack of memory; try again with fewer --jobs"
+        ) from error
+    except BaseException:
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _main_is_unguarded() -> bool:
+    """Whether the script that runs would begin anew in every worker."""
+    file = getattr(sys.modules.get("__main__"), "__file__", None)
+    try:
+        return file is not None and "__main__" not in Path(file).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+@contextmanager
+def _on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
+    """The workers of a Dask cluster; ElastidError where none answers."""
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except OSError as error:
+        raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
+    try:
+        there = client.scatter(function, broadcast=True, hash=False)
+        yield partial(client.get_executor(pure=False).submit, _applied, there)
+    finally:
+        client.close()
+
+
+def ordered(
+    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
+) -> list[Value]:
+    """[function(item) for item in items], computed by several processes."""
+    return in_order(unordered(function, items, jobs, progress))
+
+
+def in_order(results: Iterable[tuple[int, Value]]) -> list[Value]:
+    """The values of (index, value), the first index first."""
+    return [value for _, value in sorted(results, key=lambda result: result[0])]
+
+
+# What this process works out of one item after the other, where it is a worker.
+_FUNCTION: list[Callable[[Any], Any]] = []
+
+
+def _start_worker(work: bytes) -> None:
+    signal(SIGINT, SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+    _FUNCTION.append(pickle.loads(work))
+
+
+def _work(item: Any) -> Any:
+    return _FUNCTION[-1](item)
+
+
+def _applied(function: Callable[[Item], Value], item: Item) -> Value:
+    return function(item)
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for work for ever."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

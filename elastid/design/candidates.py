@@ -1,0 +1,195 @@
+"""Which configurations may be measured: candidates within the limits, away from singular postures, floor and boxes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import StudyError
+from elastid.design.spec import CandidateSpec
+from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
+from elastid.record import Configuration
+from elastid.robot import Robot
+
+DRAWN = 200
+# A grid beyond this is a typing error, not a wish.
+MOST = 200_000
+# Points looked at along a straight link.
+ALONG_A_LINK = 5
+# Postures that tell which singular value of the Jacobian is zero everywhere (a planar arm) and which only at times.
+TYPICAL = 64
+
+
+@dataclass(frozen=True)
+class Candidates:
+    """Admissible configurations, and how many were refused for which reason."""
+
+    configurations: tuple[Configuration, ...]
+    refused: Mapping[str, int]
+
+    @property
+    def said(self) -> str:
+        """The reasons in words."""
+        return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
+
+
+def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
+    """The admissible candidates of a study; the same seed draws the same.
+
+    swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
+    or a body that is not there, for a slide without limits, and where no candidate is left, with what is in the way.
+    """
+    low, high = _range(robot, swing)
+    names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
+    reasons = [("are outside the joints' limits", ((angles < low - 1e-9) | (angles > high + 1e-9)).any(axis=1))]
+    reasons += list(_obstacles(spec, robot, angles))
+    if spec.singular > 0:
+        reasons.append((f"are singular (inverse condition below {spec.singular:g})", _singular(spec, robot, angles)))
+    left = np.ones(len(angles), dtype=np.bool_)
+    refused: dict[str, int] = {}
+    for reason, bad in reasons:
+        if (left & bad).any():
+            refused[reason] = int((left & bad).sum())
+        left &= ~bad
+    if not left.any():
+        what = ", ".join(f"{count} {reason}" for reason, count in refused.items())
+        raise StudyError(
+            f"design.candidates: none of {len(angles)} candidates is admissible: {what}; "
+            f"{_way_out(spec, robot, angles, list(refused))}"
+        )
+    kept = tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist())
+    return Candidates(kept, refused)
+
+
+def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatArray]:
+    limits = np.array([joint.limits.angle for joint in robot.driven])
+    endless = [j.name for j, one in zip(robot.driven, limits, strict=True) if j.slides and not np.isfinite(one).all()]
+    if endless:
+        raise StudyError(
+            f"design.candidates: joint {endless[0]} slides and has no limits.angle to draw its position from; give "
+            "both ends of its way in the robot's file"
+        )
+    each = np.broadcast_to(swing, len(limits))
+    low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
+    high = np.where(np.isfinite(limits[:, 1]), limits[:, 1] - swing, math.pi)
+    for joint, by, a, b in zip(robot.driven, each.tolist(), low, high, strict=True):
+        if a > b:
+            raise StudyError(
+                f"design.candidates: {by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
+                f"no room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}; lower "
+                "the "
+                "carrier's amplitude or design.candidates.margin"
+            )
+    return low, high
+
+
+def _proposed(
+    spec: CandidateSpec, robot: Robot, low: FloatArray, high: FloatArray, seed: int
+) -> tuple[Sequence[str], FloatArray]:
+    """Names and angles (Q, n_u) before anything is refused."""
+    n = len(robot.driven)
+    if spec.given:
+        for name, one in spec.given.items():
+            if len(one) != n:
+                joints = ", ".join(joint.name for joint in robot.driven)
+                raise StudyError(f"design.candidates.given.{name}: {len(one)} angles for {n} driven joints ({joints})")
+        return list(spec.given), np.array(list(spec.given.values()))
+    if spec.grid is not None:
+        counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
+        if len(counts) != n or math.prod(counts) > MOST:
+            raise StudyError(
+                f"design.candidates.grid: {len(counts)} numbers of points for {n} driven joints, "
+                f"{math.prod(counts)} candidates; give one number for each joint, at most {MOST} in all"
+            )
+        axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
+        angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
+    else:
+        draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
+        angles = low + (high - low) * draw.random((spec.random or DRAWN, n))
+    return [f"candidate{i + 1}" for i in range(len(angles))], angles
+
+
+def _obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
+    """Who reaches the floor or a box: all points that move, and the links between them."""
+    known = [body.name for body in robot.bodies]
+    for name in spec.points:
+        if name not in known:
+            raise StudyError(f"design.candidates.points: no body is called '{name}'; there are {', '.join(known)}")
+    if spec.floor is None and not spec.boxes:
+        return
+    points = _along(skeleton(robot, angles, spec.points))
+    if spec.floor is not None:
+        low_enough: BoolArray = (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
+        yield "reach the floor", low_enough
+    for box in spec.boxes:
+        low, high = np.array(box.lower) - spec.clearance, np.array(box.upper) + spec.clearance
+        inside: BoolArray = np.all((points > low) & (points < high), axis=2)
+        yield f"reach into box {box.name}", np.any(inside, axis=1)
+
+
+def upwards(robot: Robot) -> FloatArray:
+    """The direction against gravity; z where there is none."""
+    gravity = np.array(robot.gravity)
+    g = float(np.linalg.norm(gravity))
+    up: FloatArray = -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
+    return up
+
+
+def _along(skeleton: Skeleton) -> FloatArray:
+    """The points that move and points on the links between two that do (Q, n, 3)."""
+    points = [skeleton.points[:, skeleton.moves]]
+    for a, b in skeleton.links:
+        if skeleton.moves[a] and skeleton.moves[b]:
+            part = np.linspace(0, 1, ALONG_A_LINK + 2)[1:-1, None]
+            points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
+    return np.concatenate(points, axis=1)
+
+
+def _singular(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> BoolArray:
+    if len(robot.driven) < 2:
+        return np.zeros(len(angles), dtype=np.bool_)
+    singular: BoolArray = dexterity(robot, angles) < spec.singular
+    return singular
+
+
+def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
+    """Inverse condition number (Q,) of the tool's Jacobian, 0 in a singular posture, for angles (Q, n_u), rad or m.
+
+    Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
+    direction in which the tool can never move (out of the plane of a planar arm) does not count.
+    """
+    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (TYPICAL, angles.shape[1]))
+    slides = np.array([joint.slides for joint in robot.driven])
+    typical[:, slides] = angles[np.arange(TYPICAL) % len(angles)][:, slides]
+    reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
+
+    def values(q: FloatArray) -> FloatArray:
+        # A metre of a slide counts as much as the reach about a joint that turns.
+        J = tool_jacobian(robot, q) * np.where(slides, reach, 1.0)
+        J = J[:, :3] if q.shape[1] <= 3 else np.concatenate([J[:, :3], reach * J[:, 3:]], axis=1)
+        s = np.linalg.svd(J, compute_uv=False)
+        relative: FloatArray = s / np.maximum(s[:, :1], 1e-300)
+        return relative
+
+    rank = int(np.sum(np.median(values(typical), axis=0) > 1e-6))
+    smallest: FloatArray = values(angles)[:, rank - 1]
+    return smallest
+
+
+def _way_out(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequence[str]) -> str:
+    """What would let a candidate in."""
+    ways = []
+    if any("floor" in reason for reason in reasons) and spec.floor is not None:
+        height = (_along(skeleton(robot, angles, spec.points)) @ upwards(robot)).min(axis=1).max()
+        ways.append(f"a floor below {height - spec.clearance:.3g} m would let the highest of them in")
+    if any("box" in reason for reason in reasons):
+        ways.append("make the boxes or clearance smaller")
+    if any("singular" in reason for reason in reasons):
+        ways.append(f"the best of them has {dexterity(robot, angles).max():.3g}: lower singular")
+    if any("limits" in reason for reason in reasons):
+        ways.append("give angles within the limits of the robot")
+    return "; ".join(ways)

@@ -1,0 +1,210 @@
+r"""Which configurations to measure, and how often: the candidates' information, shared out optimally, in whole numbers.
+
+.. math:: H_i = 2\,\mathrm{Re} \sum_k J_k^H W_k J_k
+
+at the nominal parameters, or at guesses about them, with the weights W that the fit will give to the responses that the
+plan is expected to bring (`expected`). How they are shared out: `optimal`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Progress, ordered, silent
+from elastid.design.candidates import Candidates
+from elastid.design.expected_response import Prospect
+from elastid.design.optimal import DesignCriterion, relaxed_design, whole
+from elastid.design.spec import DesignSpec, GuessSpec, interest
+from elastid.experiment.plan.plan import Chosen
+from elastid.parameters import ParameterSet
+from elastid.record import Configuration
+
+# Directions of parameters whose information, relative to the best known, is below this: no candidate sees them.
+UNSEEN = 1e-12
+# Candidates whose information is worked out in one go; below this number of evaluations one process does all.
+CHUNK = 16
+WORTH_PROCESSES = 400
+# Random choices of as many candidates that a choice is compared with.
+RANDOM_CHOICES = 100
+
+
+@dataclass(frozen=True)
+class Choice:
+    """chosen: what to measure beside the configurations given.  periods: of each experiment.
+
+    efficiency: of the whole experiments, relative to the best that any shares of them could reach.  than_random: how
+    many times smaller the mean standard deviation is expected than for the median of random choices.  of: candidates.
+    """
+
+    chosen: tuple[Chosen, ...]
+    periods: int
+    efficiency: float
+    than_random: float
+    of: int
+
+    @property
+    def said(self) -> str:
+        """In a sentence."""
+        each = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
+        return (
+            f"chosen among {self.of} candidates: {each}, {self.periods} periods each; {100 * self.efficiency:.1f} % of "
+            f"the best that any sharing could reach, standard deviations {self.than_random:.2f} times smaller in the "
+            "mean than for the median of random choices"
+        )
+
+
+@dataclass(frozen=True)
+class InformationTask:
+    """What is asked for: how many experiments with how many periods, beside what is known already.
+
+    known (S, n_x, n_x): information of given configurations, earlier measurements and priors, for each guess.
+    """
+
+    prospect: Prospect
+    count: int
+    known: FloatArray
+
+
+def guesses(parameters: ParameterSet, spec: GuessSpec | None, seed: int) -> FloatArray:
+    """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
+    if spec is None:
+        return parameters.x[None]
+    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x90,)))
+    spread = np.array([math.log(spec.factor) if p.log else 0.0 for p in parameters.free])
+    lower, upper = parameters.x_bounds
+    others = parameters.x + spread * draw.standard_normal((spec.guesses - 1, len(spread)))
+    return np.vstack([parameters.x, np.clip(others, lower, upper)])
+
+
+def choose_configurations(
+    spec: DesignSpec,
+    tasks: Sequence[InformationTask],
+    candidates: Candidates,
+    x: FloatArray,
+    taken: Sequence[str],
+    seed: int,
+    jobs: int = 1,
+    progress: Progress = silent,
+) -> Choice:
+    """The best whole experiments among the candidates, for the best of the tasks.
+
+    x (S, n_x): guesses of the parameters.  taken: names that other configurations have.  StudyError for unknown
+    parameters, fewer candidates than asked for, and where no candidate tells anything.
+    """
+    parameters = tasks[0].prospect.parameters
+    wanted = interest(parameters.free_names, spec.parameters)
+    here = candidates.configurations
+    if spec.count is not None and len(here) < spec.count:
+        raise StudyError(
+            f"design.count: {spec.count} configurations are asked for, {len(here)} candidates are admissible"
+            + (f" ({candidates.said})" if candidates.refused else "")
+            + f"; lower count to {len(here)}, give more candidates, or more realisations of each"
+        )
+    over = "mean" if spec.robust is None else spec.robust.over
+    best: tuple[float, Choice] | None = None
+    for task in tasks:
+        H, kept = informations(task.prospect, here, x, jobs, progress)
+        criterion, ground = visible(DesignCriterion(spec.criterion, wanted, over), H, task.known, parameters)
+        known = task.known + ground
+        shares = relaxed_design(H, criterion, known / task.count)
+        numbers = whole(H, shares.weights, task.count, criterion, known)
+        value = _value(H, numbers, criterion, known)
+        efficiency = math.exp(min(0.0, value - math.log(task.count) - shares.bound))
+        if best is None or value > best[0]:
+            random = _random_value(H, task.count, criterion, known, seed)
+            chosen = _named([here[i] for i in kept], numbers, task.prospect.realisations, taken)
+            than_random = math.exp((value - random) / 2)
+            best = value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(kept))
+    assert best is not None
+    return best[1]
+
+
+def informations(
+    prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, jobs: int, progress: Progress = silent
+) -> tuple[FloatArray, IntArray]:
+    """H (S, Q, n_x, n_x) for guesses x (S, n_x), and which of the configurations (Q,) have an equilibrium in all.
+
+    StudyError or DataError of the first where none has.
+    """
+    chunks = [configurations[i : i + CHUNK] for i in range(0, len(configurations), CHUNK)]
+    processes = jobs if len(configurations) * len(x) >= WORTH_PROCESSES else 1
+    parts = ordered(partial(_informations, prospect, x), chunks, processes, progress)
+    found = [one for part in parts for one in part]
+    kept = [i for i, one in enumerate(found) if one is not None]
+    if not kept:
+        prospect.expected(configurations[0], x[0])  # says why
+        raise StudyError(
+            "design: no candidate has an equilibrium for all guesses of the parameters; lower robust.factor"
+        )
+    return np.stack([one for one in found if one is not None], axis=1), np.array(kept)
+
+
+def _informations(
+    prospect: Prospect, x: FloatArray, configurations: Sequence[Configuration]
+) -> list[FloatArray | None]:
+    return [_information(prospect, x, configuration) for configuration in configurations]
+
+
+def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
+    """H (S, n_x, n_x); None where a guess finds no rest under gravity there."""
+    try:
+        return np.stack([prospect.expected(configuration, one).information(one) for one in x])
+    except (StudyError, DataError):
+        return None
+
+
+def visible(
+    criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: ParameterSet
+) -> tuple[DesignCriterion, FloatArray]:
+    """The criterion on what all candidates together see, and information (n_x, n_x) that stands in for the rest."""
+    pooled = (H.mean(axis=1) + known).mean(axis=0)
+    length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
+    length[length == 0] = 1.0
+    eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))
+    blind = V[:, eigenvalues < UNSEEN]
+    seen = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
+    columns = criterion.interest[:, [seen[int(np.argmax(column))] for column in criterion.interest.T]]
+    if columns.shape[1] == 0:
+        names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
+        raise StudyError(
+            f"design: no candidate tells anything about {names}: nothing of it reaches the measured outputs; fix these "
+            "parameters, or log a place that they move (experiment.simulated.outputs)"
+        )
+    ground = (blind * length[:, None]) @ (blind * length[:, None]).T
+    return replace(criterion, interest=columns), ground
+
+
+def _value(H: FloatArray, numbers: IntArray, criterion: DesignCriterion, known: FloatArray) -> float:
+    return float(criterion.value(known + np.einsum("q,sqij->sij", numbers, H)))
+
+
+def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray, seed: int) -> float:
+    """Median of the criterion over random choices of as many candidates."""
+    draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x4D,)))
+    Q = H.shape[1]
+    values = [
+        _value(H, np.bincount(draw.choice(Q, count, replace=count > Q), minlength=Q), criterion, known)
+        for _ in range(RANDOM_CHOICES)
+    ]
+    return float(np.median(values))
+
+
+def _named(
+    configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
+) -> tuple[Chosen, ...]:
+    """The chosen ones, in the order of the candidates; those without a name of the user's are c1, c2 ..."""
+    chosen: list[Chosen] = []
+    used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
+    free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
+    for configuration, number in zip(configurations, numbers.tolist(), strict=True):
+        if number:
+            name = next(free) if configuration.name.startswith("candidate") else configuration.name
+            chosen.append(Chosen(replace(configuration, name=name), number * realisations))
+    return tuple(chosen)

@@ -1,0 +1,199 @@
+r"""What a plan will tell, before the robot moves: standard deviations, correlations, what stays unseen, and from where.
+
+.. math:: cov(x) = A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad A = \sum_q \sum_k A_{qk}
+
+the covariance that the fit itself will state (`fit.certainty`) for the responses expected. Of what is known about
+parameter p the part c^T A_qk c / c^T A c, c = A^-1 e_p, comes from line k of configuration q.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen
+from elastid.base.errors import StudyError
+from elastid.design.expected_response import Expected, expected_fit
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.residuals import as_real
+from elastid.fit.uncertainty.covariance import certainty
+from elastid.parameters import ParameterSet
+
+# A direction known no better than by this factor e^1 (of a linear parameter: than by its span) is not seen.
+BLIND = 1.0
+# Parts of a direction that are named.
+NAMED = 0.2
+CORRELATED = 0.95
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """Expected certainty of the free parameters (n,), at their nominal values.
+
+    nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
+    inf on the diagonal where a parameter cannot be seen.  share (Q, F, n): where what is known comes from, summing to 1
+    for each parameter.  blind (n_b, n): directions that the plan does not see, of length one.  configurations: those
+    that the fit uses.  notes: what to know before the robot moves.  choice: how the configurations were chosen.
+    """
+
+    parameters: tuple[str, ...]
+    units: tuple[str, ...]
+    nominal: FloatArray
+    log: tuple[bool, ...]
+    covariance: FloatArray
+    configurations: tuple[str, ...]
+    freq_hz: FloatArray
+    share: FloatArray
+    blind: FloatArray
+    notes: tuple[str, ...]
+    choice: str = ""
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("nominal", "covariance", "freq_hz", "share", "blind"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviations (n,) in SI, first order for logarithmic parameters."""
+        std: FloatArray = np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0)
+        return std
+
+    @property
+    def relative(self) -> FloatArray:
+        """Standard deviations (n,) relative to the nominal values; NaN where that is zero."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative: FloatArray = np.where(self.nominal != 0, self.std / np.abs(self.nominal), np.nan)
+        return relative
+
+    @property
+    def correlation(self) -> FloatArray:
+        """Correlations (n, n); NaN off the diagonal for what cannot be seen."""
+        std = np.sqrt(np.diag(self.covariance))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            correlation: FloatArray = self.covariance / np.outer(std, std)
+        np.fill_diagonal(correlation, 1.0)
+        return correlation
+
+    def strongest(self, name: str) -> tuple[str, float]:
+        """The parameter whose estimate is most correlated with this one's, and how; '' where none is."""
+        row = self.parameters.index(name)
+        others = np.nan_to_num(np.delete(np.abs(self.correlation[row]), row))
+        if not others.size or others.max() == 0:
+            return "", 0.0
+        column = int(np.argmax(np.where(np.arange(len(self.parameters)) == row, -1, np.insert(others, row, -1))))
+        return self.parameters[column], float(self.correlation[row, column])
+
+
+def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
+    """What a plan with these expected responses, all on the same lines, tells about parameters near x (n_x,).
+
+    Raises StudyError where the plan has fewer lines than there are unknowns.
+    """
+    parameters = expected[0].parameters
+    free = parameters.free
+    freq_hz = expected[0].response.freq_hz
+    check_line_count(freq_hz, parameters)
+    fit = expected_fit(expected)
+    covariance = certainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
+    J = [rows for _, rows in fit.blocks(x)]
+    R = np.linalg.qr(np.vstack([as_real(one).reshape(len(x), -1).T for one in J] + [np.diag(fit.prior_slopes)]), "r")
+    blind = _blind(np.asarray(R), parameters, x)
+    return Forecast(
+        parameters=parameters.free_names,
+        units=tuple(p.unit for p in free),
+        nominal=np.array([parameters.as_dict(x)[p.name] for p in free]),
+        log=tuple(p.log for p in free),
+        covariance=covariance,
+        configurations=tuple(each.response.configuration.name for each in expected),
+        freq_hz=freq_hz,
+        share=_share(fit, x, np.asarray(R)),
+        blind=blind,
+        notes=(
+            *_unseen(blind, parameters.free_names),
+            *_too_few(len(blind), len(free), len(expected), len(freq_hz)),
+            *_tied(covariance, parameters.free_names),
+        ),
+    )
+
+
+def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
+    """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
+    lines, unknowns = len(freq_hz), len(parameters.free)
+    if lines < unknowns:
+        raise StudyError(
+            f"excitation: {lines} lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz for {unknowns} unknowns; take a "
+            f"period at least {np.ceil(10 * unknowns / lines) / 10:g} times as long, a wider band_hz, a fuller grid, "
+            "or fix some of fit.parameters"
+        )
+
+
+def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
+    length = np.linalg.norm(R, axis=0)
+    length[length == 0] = 1.0
+    C = np.linalg.pinv(R / length, rcond=1e-8)
+    A_inverse = (C @ C.T) / np.outer(length, length)
+    parts = []
+    for _, J in fit.blocks(x):
+        effect = np.tensordot(A_inverse, J, axes=1)
+        parts.append(np.sum(np.abs(effect) ** 2, axis=(2, 3)).T)
+    share = np.stack(parts)
+    total = share.sum(axis=(0, 1))
+    part: FloatArray = np.divide(share, total, out=np.zeros_like(share), where=total > 0)
+    return part
+
+
+def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
+    """Directions (n_b, n) of relative changes that move the expected responses by less than their noise."""
+    span = np.array(
+        [1.0 if p.log else _span(p.lower, p.upper, value) for p, value in zip(parameters.free, x, strict=True)]
+    )
+    _, singular_values, Vt = np.linalg.svd(R * span)
+    blind: FloatArray = Vt[singular_values < 1 / BLIND]
+    return blind
+
+
+def _span(lower: float, upper: float, value: float) -> float:
+    return upper - lower if np.isfinite(upper - lower) else abs(value) or 1.0
+
+
+def _too_few(blind: int, unknowns: int, configurations: int, lines: int) -> list[str]:
+    """One sentence where the plan does not determine all unknowns."""
+    if not blind:
+        return []
+    many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
+    return [
+        f"{many} with {lines} lines cannot determine the {unknowns} unknowns: {blind} of them, or combinations, "
+        "stay unseen; measure more configurations (`design` chooses those that tell most), log more places, excite "
+        "more, or fix some of fit.parameters"
+    ]
+
+
+def _unseen(blind: FloatArray, names: Sequence[str]) -> list[str]:
+    sentences = []
+    for direction in blind:
+        largest = np.argsort(-np.abs(direction), kind="stable")
+        parts = [i for i in largest if abs(direction[i]) > NAMED]
+        who = ", ".join(names[i] for i in parts)
+        if len(parts) == 1:
+            sentences.append(f"this plan cannot see {who}: fix it, or measure where it moves something")
+            continue
+        terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
+        sentences.append(
+            f"this plan cannot see the combination {terms} (relative changes) of {who}: fix or tie one of them, or "
+            "measure a configuration that tells them apart"
+        )
+    return sentences
+
+
+def _tied(covariance: FloatArray, names: Sequence[str]) -> list[str]:
+    std = np.sqrt(np.diag(covariance))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.triu(np.nan_to_num(covariance / np.outer(std, std)), 1)
+    return [
+        f"{names[i]} and {names[j]} will hardly be told apart: their estimates will be correlated by "
+        f"{correlation[i, j]:.3f}"
+        for i, j in np.argwhere(np.abs(correlation) > CORRELATED)
+    ]

@@ -1,0 +1,297 @@
+r"""Optimal design: how to share experiments among candidates of known information, with a bound that certifies itself.
+
+.. math:: \max_\lambda\ \varphi\Big(M_0 / N + \sum_i \lambda_i H_i\Big), \quad \lambda_i \ge 0, \ \sum_i \lambda_i = 1
+
+phi = ln Phi_p of the information M_S = [(M^-1)_SS]^-1 on the parameters of interest, Phi_p the mean of power -p of its
+eigenvalues (Kiefer): p = 0 is D, their geometric mean, p = 1 is A, their harmonic mean, p -> infinity is E, the
+smallest. Phi is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no design is better than phi + ln max g_i;
+for D g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it. (Silvey, Titterington and
+Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.)
+
+Several information matrices of each candidate, one for each guess of the parameters, are averaged over or judged by
+the worst guess. It knows no robot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+
+Letter: TypeAlias = Literal["D", "A", "E"]
+Over: TypeAlias = Literal["mean", "worst"]
+
+TOLERANCE = 1e-3
+MAX_UPDATES = 10_000
+# A round of updates that raises phi by less has arrived: what is left of the gap is the softness below.
+ARRIVED = 1e-7
+# The smallest eigenvalue and the worst guess are taken softly while searching; the certificate is of the hard ones.
+SOFT_EIGENVALUE = 30.0
+SOFT_GUESS = 300.0
+# Updates between two looks at all candidates; in between only those that could carry weight are worked on.
+ROUND = 25
+# A singular information matrix is lifted by this part of its diagonal.
+ROUNDING = 1e-13
+# Beginnings of the search for whole experiments, and how many candidates it looks at: those with the largest gains.
+BEGINNINGS, LOOKED_AT = 6, 400
+# Powers p on the way to the smallest eigenvalue.
+SOFTENED = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+# Candidates that an exchange is worked out for exactly, after a first-order ranking of all.
+SCREENED = 40
+
+
+@dataclass(frozen=True)
+class DesignCriterion:
+    """letter: D, A or E.  interest (d, s): columns that pick the parameters of interest (or combinations of them).
+
+    softness: p < infinity for E, on the way to it.
+    """
+
+    letter: Letter
+    interest: FloatArray
+    over: Over = "mean"
+    softness: float = np.inf
+
+    def value(self, M: FloatArray) -> FloatArray:
+        """phi (...) of information matrices M (S, ..., d, d), guesses taken together; -inf where one is singular."""
+        variances: FloatArray = np.linalg.eigvalsh(self._inside(M)).astype(np.float64)
+        phi = self._hard(variances)
+        worst: FloatArray = phi.min(axis=0) if self.over == "worst" else phi.mean(axis=0)
+        return worst
+
+    def _inside(self, M: FloatArray) -> FloatArray:
+        """(M^-1)_SS (..., s, s), the covariance of what is of interest."""
+        covariance: FloatArray = self.interest.T @ self._solved(M)
+        return covariance
+
+    def _solved(self, M: FloatArray) -> FloatArray:
+        """M^-1 K (..., d, s); a singular M is taken as one whose variances are huge."""
+        diagonal = np.einsum("...ii->...i", M)
+        ridge = ROUNDING * np.maximum(diagonal, ROUNDING * diagonal.max(axis=-1, keepdims=True))
+        K = self.interest
+        lifted = M + ridge[..., None] * np.eye(M.shape[-1])
+        solved: FloatArray = np.linalg.solve(lifted, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
+        return solved
+
+    def _hard(self, variances: FloatArray) -> FloatArray:
+        """ln Phi from the eigenvalues (..., s) of (M^-1)_SS; rounding may leave one of a singular M negative."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            if self.letter == "D":
+                phi = -np.mean(np.log(variances), axis=-1)
+            elif self.letter == "A":
+                phi = -np.log(variances.mean(axis=-1))
+            else:
+                largest = variances.max(axis=-1)
+                phi = -np.log(largest)
+                if np.isfinite(self.softness):
+                    mean = np.mean((variances / largest[..., None]) ** self.softness, axis=-1)
+                    phi = phi - np.log(mean) / self.softness
+        return np.where(np.isfinite(phi) & (variances > 0).all(axis=-1), phi, -np.inf)
+
+    def slope(self, M: FloatArray) -> CriterionValue:
+        """Value, searched value and gradients at M (S, d, d)."""
+        K = self.interest
+        X = self._solved(M)
+        variances, V = np.linalg.eigh(K.T @ X)
+        phi = self._hard(variances)
+        power = {"D": 0.0, "A": 1.0, "E": min(self.softness, SOFT_EIGENVALUE)}[self.letter]
+        relative = (variances / variances.max(axis=1, keepdims=True)) ** power
+        share = relative / relative.sum(axis=1, keepdims=True)  # of each eigenvalue in the gradient
+        # grad ln Phi_p = X V diag(share / variance) V^T X^T; for E so long that it bounds the smallest eigenvalue.
+        scale = share / variances
+        soft = phi
+        if self.letter == "E" and np.isinf(self.softness):
+            soft = phi - np.log(np.mean(relative, axis=1)) / power
+            scale = scale * (variances.max(axis=1) / (share * variances).sum(axis=1))[:, None]
+        XV = X @ V
+        gradient = (XV * scale[:, None, :]) @ np.swapaxes(XV, 1, 2)
+        return self._together(phi, soft, gradient)
+
+    def _together(self, phi: FloatArray, soft: FloatArray, gradient: FloatArray) -> CriterionValue:
+        if self.over == "mean" or len(phi) == 1:
+            weight = np.full(len(phi), 1 / len(phi))
+            return CriterionValue(float(phi.mean()), float(soft.mean()), 0.0, weight[:, None, None] * gradient)
+        weight = np.exp(-SOFT_GUESS * (soft - soft.min()))
+        searched = float(soft.min() - np.log(weight.mean()) / SOFT_GUESS)
+        weight /= weight.sum()
+        slack = float(weight @ phi - phi.min())
+        return CriterionValue(float(phi.min()), searched, slack, weight[:, None, None] * gradient)
+
+
+@dataclass(frozen=True)
+class CriterionValue:
+    """value: phi.  searched: the smooth function that is climbed.  slack: how far the guesses' average lies above phi.
+
+    gradient (S, d, d): no design exceeds value + slack + ln max_i sum_s Tr(gradient_s H_si).
+    """
+
+    value: float
+    searched: float
+    slack: float
+    gradient: FloatArray
+
+
+@dataclass(frozen=True)
+class RelaxedDesign:
+    """weights (Q,): the share of each candidate.  value: phi reached.  gap: no design is better by more than this.
+
+    excess: max_i g_i - 1, for D the familiar max_i Tr(M^-1 H_i) / d - 1.
+    """
+
+    weights: FloatArray
+    value: float
+    gap: float
+    excess: float
+
+    @property
+    def bound(self) -> float:
+        """What phi no design can exceed."""
+        return self.value + self.gap
+
+
+def relaxed_design(
+    H: FloatArray, criterion: DesignCriterion, known: FloatArray | None = None, tolerance: float = TOLERANCE
+) -> RelaxedDesign:
+    """The shares of candidates with information H (S, Q, d, d) per experiment, until the gap is below tolerance.
+
+    known (S, d, d): information that is there already, divided by the number of experiments to be shared.
+    M must be positive definite for equal shares.
+    """
+    d = H.shape[-1]
+    packed = _packed(H if known is None else H + known[:, None])
+    weights = np.full(H.shape[1], 1 / H.shape[1])
+    slope = criterion.slope(_unpacked(weights @ packed, d))
+    for updates in range(0, MAX_UPDATES + 1, ROUND):
+        g = _gains(packed, slope)
+        excess = float(g.max()) - 1
+        gap = slope.slack + float(np.log1p(excess))
+        if gap <= tolerance or updates == MAX_UPDATES:
+            break
+        active = np.flatnonzero((weights > 1e-4 * weights.max()) | (g > 1 - 2 * max(excess, tolerance)))
+        before = slope.searched
+        weights, slope = _climb(packed[:, active], weights, active, criterion, d)
+        if updates and abs(slope.searched - before) < min(ARRIVED, tolerance / 1e4):
+            tolerance = np.inf
+    return RelaxedDesign(weights, slope.value, gap, excess)
+
+
+def _climb(
+    packed: FloatArray, weights: FloatArray, active: IntArray, criterion: DesignCriterion, d: int
+) -> tuple[FloatArray, CriterionValue]:
+    """ROUND multiplicative updates on the active candidates; the others give up their shares."""
+    share = weights[active] / weights[active].sum()
+    # A candidate that has come back needs some weight to grow from.
+    share = np.maximum(share, 1e-3 / len(share))
+    share /= share.sum()
+    slope = criterion.slope(_unpacked(share @ packed, d))
+    power = 1.0 if criterion.letter == "D" and criterion.over == "mean" else 0.5
+    for _ in range(ROUND):
+        g = _gains(packed, slope)
+        while True:
+            tried = share * g**power
+            tried /= tried.sum()
+            moved = criterion.slope(_unpacked(tried @ packed, d))
+            if moved.searched >= slope.searched or power < 1e-3:
+                break
+            power /= 2
+        share, slope = tried, moved
+        power = min(1.3 * power, 2.0)
+    everyone = np.zeros_like(weights)
+    everyone[active] = share
+    return everyone, slope
+
+
+def whole(
+    H: FloatArray, weights: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray | None = None
+) -> IntArray:
+    """How many of `count` whole experiments each candidate gets (Q,): shares rounded, then exchanged one by one.
+
+    The best of several beginnings, one of them the shares rounded, the others drawn from the shares.
+    known (S, d, d): information that is there already, undivided.
+    """
+    packed = _packed(H)
+    base = np.zeros((len(H), packed.shape[-1])) if known is None else _packed(known)
+    slope = criterion.slope(_unpacked(base / count + weights @ packed, H.shape[-1]))
+    looked_at = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:LOOKED_AT]
+    share = weights[looked_at] / weights[looked_at].sum()
+    draw = np.random.default_rng(0)
+    beginnings = [_apportioned(share, count), *draw.multinomial(count, share, BEGINNINGS - 1)]
+    if criterion.letter == "E":
+        # The smallest eigenvalue alone is a poor guide from far away; ever harder means of all lead near.
+        for softness in SOFTENED:
+            soft = replace(criterion, softness=softness)
+            beginnings = [_exchanged(one, packed[:, looked_at], base, soft)[0] for one in beginnings]
+    ends = [_exchanged(one, packed[:, looked_at], base, criterion) for one in beginnings]
+    numbers = np.zeros(len(weights), dtype=np.int64)
+    numbers[looked_at] = max(ends, key=lambda end: end[1])[0]
+    return numbers
+
+
+def _exchanged(
+    numbers: IntArray, packed: FloatArray, base: FloatArray, criterion: DesignCriterion
+) -> tuple[IntArray, float]:
+    """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
+    d = round((np.sqrt(8 * packed.shape[-1] + 1) - 1) / 2)
+    numbers = numbers.astype(np.int64)
+    value = float(criterion.value(_unpacked(base + numbers @ packed, d)))
+    improved = True
+    while improved:
+        improved = False
+        for leaves in np.flatnonzero(numbers):
+            rest = base + numbers @ packed - packed[:, leaves]
+            enters, reached = _best_addition(rest, packed, criterion, d, int(leaves))
+            if reached > value + 1e-9:
+                numbers[leaves] -= 1
+                numbers[enters] += 1
+                value, improved = reached, True
+    return numbers, value
+
+
+def _best_addition(
+    rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, d: int, leaves: int
+) -> tuple[int, float]:
+    """The candidate that does most for information `rest` (S, p), and the value with it."""
+    # The gradient half way: without the one that left, M may be close to singular.
+    slope = criterion.slope(_unpacked(rest + packed[:, leaves] / 2, d))
+    g = _gains(packed, slope)
+    best = np.argsort(-g, kind="stable")[:SCREENED]
+    values = criterion.value(_unpacked(rest[:, None] + packed[:, best], d))
+    winner = int(np.argmax(values))
+    return int(best[winner]), float(values[winner])
+
+
+def _apportioned(weights: FloatArray, count: int) -> IntArray:
+    """Whole numbers that add up to count, close to count * weights (Pukelsheim's efficient rounding)."""
+    numbers = np.zeros(len(weights), dtype=np.int64)
+    heaviest = np.argsort(-weights, kind="stable")[:count]
+    support = heaviest[weights[heaviest] > 0]
+    share = weights[support] / weights[support].sum()
+    numbers[support] = np.ceil((count - len(support) / 2) * share)
+    while numbers.sum() < count:
+        numbers[support[np.argmin(numbers[support] / share)]] += 1
+    while numbers.sum() > count:
+        numbers[support[np.argmax((numbers[support] - 1) / share)]] -= 1
+    return numbers
+
+
+def _gains(packed: FloatArray, slope: CriterionValue) -> FloatArray:
+    """g (Q,): what a little more of each candidate does, relative to what is there."""
+    gains: FloatArray = np.einsum("sqp,sp->q", packed, _packed(slope.gradient), optimize=True)
+    return np.maximum(gains, 0.0)
+
+
+def _packed(matrices: FloatArray) -> FloatArray:
+    """Symmetric (..., d, d) as (..., d (d + 1) / 2), so that Tr(A B) is a dot product."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.ascontiguousarray(matrices[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2)))
+
+
+def _unpacked(packed: FloatArray, d: int) -> FloatArray:
+    rows, columns = np.tril_indices(d)
+    matrices = np.empty((*packed.shape[:-1], d, d))
+    matrices[..., rows, columns] = packed / np.where(rows == columns, 1.0, np.sqrt(2))
+    matrices[..., columns, rows] = matrices[..., rows, columns]
+    return matrices

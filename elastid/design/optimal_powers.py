@@ -1,0 +1,204 @@
+r"""Optimal powers: how what each input may have is shared out between the lines, with a bound that certifies itself.
+
+.. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_{kl} c_{okl} P_{kl} \le 1, \quad
+          P_{kl} \ge \epsilon \bar P_{kl}
+
+.. math:: H = 2\,\mathrm{Re} \sum_{kij} \frac{J_{kij} J_{kij}^H}{\sigma_{kij}^2}, \qquad
+          \sigma_{kij}^2 = \frac{C_{ki}}{M} \sum_l \frac{|T_{klj}|^2}{P_{kl}} + f_{kij}
+
+c_o: what a power costs of limit o: the RMS that an input may have, the torque, velocity ... that a motor may reach.
+T = I + F G: what must be injected at l for a torque at j alone.  C: variance of the equation error.  f: what power does
+not lower (the floor of the weights, distortion).  P bar: the even powers within the limits; epsilon of them keep the
+response itself measurable at every line.
+
+Each 1 / sigma^2 is concave in P, and so is phi (`optimal`): with g = d phi / d P no P* in reach is better than
+phi + <g, P* - P>, and <g, P*> <= max g / h for any price h = sum_o mu_o c_o of a power. The multiplicative updates
+P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a climb to where what is gained for the price is the same wherever there is more
+than the least power. (Silvey, Titterington and Torsney 1978 for one limit; for one input in the noise limit this is the
+optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.) It knows no robot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.design.optimal import DesignCriterion
+from elastid.fit.problem.residuals import as_real
+
+# phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
+TOLERANCE = 0.01
+MAX_UPDATES = 1000
+# Updates without progress after which their exponent becomes half as large, and what it is at least.
+PATIENCE, LEAST_STEP = 60, 0.2
+SMALLEST = 1e-12
+# Even powers: steps until they are balanced, and which share in a limit makes it an input's own.
+BALANCING_STEPS, COUNTS = 30, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class PowerSource:
+    """What one configuration tells at any powers.
+
+    J (n_x, F, n_y, n_u): sqrt(2) dG/dx.  error (F, n_y): C / M.  spread (F, n_u, n_u): |T|^2, from input l to column j.
+    fixed (F, n_y, n_u): f.  used (F, n_y, n_u): elements that the fit sees.
+    """
+
+    J: ComplexArray
+    error: FloatArray
+    spread: FloatArray
+    fixed: FloatArray
+    used: BoolArray
+
+    def information(self, P: FloatArray) -> FloatArray:
+        """H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
+        rows = as_real(self.J * np.sqrt(self._weight(P))).reshape(len(self.J), -1)
+        H: FloatArray = rows @ rows.T
+        return H
+
+    def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
+        """d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
+        eigenvalues, V = np.linalg.eigh(gradient)
+        half = V * np.sqrt(np.maximum(eigenvalues, 0.0))
+        rows = half.T @ as_real(self.J).reshape(len(self.J), -1)
+        seen = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
+        per_column = np.einsum("fij,fi->fj", seen * self._weight(P) ** 2, self.error)
+        gains: FloatArray = np.einsum("flj,fj->fl", self.spread, per_column) / P**2
+        return gains
+
+    def _weight(self, P: FloatArray) -> FloatArray:
+        column = np.einsum("flj,fl->fj", self.spread, 1 / P)
+        variance = self.error[:, :, None] * column[:, None, :] + self.fixed
+        weight: FloatArray = np.where(self.used, 1 / variance, 0.0)
+        return weight
+
+
+@dataclass(frozen=True)
+class Powers:
+    """P (K, F, n_u) of each group of configurations.  value: phi there.  even: phi with even powers.
+
+    gap: no other powers within the limits are better by more than this.
+    """
+
+    P: FloatArray
+    value: float
+    even: float
+    gap: float
+
+
+def best_powers(
+    groups: Sequence[Sequence[Sequence[PowerSource]]],
+    cost: FloatArray,
+    criterion: DesignCriterion,
+    known: FloatArray,
+    least: float,
+    tolerance: float = TOLERANCE,
+) -> Powers:
+    """The best powers, where all configurations of a group have the same.
+
+    groups: for each group its configurations, for each of these a Source for each of S guesses.  cost (K, n_o, F, n_u):
+    c of each group; every input and line must have one.  known (S, n_x, n_x): information that is there already.
+    least: epsilon.
+    """
+    even = even_powers(cost)
+    if least >= 1:
+        value = float(criterion.value(_information(groups, even, known)))
+        return Powers(even, value, value, 0.0)
+    room = 1 - least * _used(cost, even)
+    share, price = (1 - least) * even, np.full(room.shape, 1 / room.size)
+    weight = np.full(len(known), 1 / len(known))
+    best, bound, start, exponent, since = Powers(even, -np.inf, -np.inf, np.inf), np.inf, -np.inf, 1.0, 0
+    for update in range(MAX_UPDATES):
+        P = least * even + share
+        M = _information(groups, P, known)
+        phi, gradient = _weighed(criterion, M, weight)
+        value = float(phi.mean() if criterion.over == "mean" else phi.min())
+        g = _gains(groups, P, gradient)
+        ratio = g / np.einsum("ko,kofl->kfl", price, cost)
+        # phi is the log of what Tr(gradient M) bounds, 1 here but for a smallest eigenvalue taken softly.
+        reach = float(np.sum(gradient * M) + ratio.max() * np.sum(price * room) - np.sum(g * share))
+        bound = min(bound, float(weight @ phi) + float(np.log(reach)))
+        since = 0 if value > best.value + tolerance / 100 else since + 1
+        start = value if update == 0 else start
+        if value > best.value:
+            best = Powers(P, value, start, np.inf)
+        if bound - best.value <= tolerance:
+            break
+        if since > PATIENCE:
+            exponent, since = max(exponent / 2, LEAST_STEP), 0
+        share = share * (ratio / ratio.max()) ** exponent
+        used = _used(cost, share) / room
+        price = np.maximum(price * (used / used.max()) ** exponent, SMALLEST)
+        price /= np.sum(price * room)
+        share = share / used.max(axis=1)[:, None, None]
+        if criterion.over == "worst":
+            weight = np.maximum(weight * np.exp(exponent * (phi.min() - phi)), SMALLEST)
+            weight /= weight.sum()
+    P = _filled(cost, best.P)
+    M = _information(groups, P, known)
+    value = max(best.value, float(criterion.value(M)))
+    return Powers(P, value, start, max(bound - value, 0.0))
+
+
+def _filled(cost: FloatArray, P: FloatArray) -> FloatArray:
+    """Powers raised, input after input, until each comes to a limit: what the last update left of the limits."""
+    for i in range(P.shape[2]):
+        mine = np.einsum("kof,kf->ko", cost[..., i], P[..., i])
+        left = np.maximum(1 - _used(cost, P), 0.0)
+        growth = np.divide(left, mine, out=np.full(mine.shape, np.inf), where=mine > 0).min(axis=1)
+        P = P * np.where(np.arange(P.shape[2]) == i, 1 + growth[:, None], 1.0)[:, None, :]
+    return P
+
+
+def _weighed(criterion: DesignCriterion, M: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """phi (S,) of every guess, and the gradient (S, n_x, n_x) of their sum weighed with weight (S,).
+
+    Whatever the weights, the weighed sum of the best is a bound for the worst.
+    """
+    slope = replace(criterion, over="mean").slope(M)
+    phi = replace(criterion, over="mean").value(M[None])
+    return phi, slope.gradient * (len(M) * weight)[:, None, None]
+
+
+def even_powers(cost: FloatArray) -> FloatArray:
+    """P (K, F, n_u), the same at all lines of an input, with which every input goes as far as a limit allows."""
+    per_input = cost.sum(axis=2)
+    level = 1 / per_input.max(axis=1)
+    for _ in range(BALANCING_STEPS):
+        used = np.einsum("kol,kl->ko", per_input, level)
+        # Of the limits that an input's power counts in, the one that is used most.
+        counts = per_input * level[:, None, :] > COUNTS * used[..., None]
+        level = level / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
+    level = level / np.einsum("kol,kl->ko", per_input, level).max(axis=1, keepdims=True)
+    return np.repeat(level[:, None, :], cost.shape[2], axis=1)
+
+
+def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
+    """Part (K, n_o) of each limit that is used."""
+    used: FloatArray = np.einsum("kofl,kfl->ko", cost, P)
+    return used
+
+
+def _information(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, known: FloatArray) -> FloatArray:
+    """M (S, n_x, n_x)."""
+    M = known.copy()
+    for group, powers in zip(groups, P, strict=True):
+        for configuration in group:
+            M += np.stack([source.information(powers) for source in configuration])
+    return M
+
+
+def _gains(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, gradient: FloatArray) -> FloatArray:
+    """d phi / d P (K, F, n_u)."""
+    gains = [
+        sum(
+            source.gains(powers, one)
+            for configuration in group
+            for source, one in zip(configuration, gradient, strict=True)
+        )
+        for group, powers in zip(groups, P, strict=True)
+    ]
+    return np.array(gains)

@@ -1,0 +1,157 @@
+"""The `design` section of a study: which configurations to choose from, and what makes a good choice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import field
+from fnmatch import fnmatchcase
+from typing import Literal
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.section import section
+from elastid.base.units import JointPosition, Length, Time
+from elastid.robot import Vector3
+
+
+@section
+class BoxSpec:
+    """A box that the robot must stay out of, its edges along the axes of the base frame: two opposite corners."""
+
+    name: str
+    lower: Vector3
+    upper: Vector3
+
+    def __post_init__(self) -> None:
+        """Refuse a box without inside."""
+        if any(not low < high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise ValueError(f"box {self.name}: each number of lower must be below that of upper")
+
+
+@section
+class CandidateSpec:
+    """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name.
+
+    random: how many to draw, uniformly within the joints' limits.  grid: points per driven joint, one number for all or
+    one for each, from limit to limit.  given: name to angles.  A joint that turns without limits does so within
+    +-180 deg, one that slides must have them; a simulated carrier keeps its swing within the limits.  margin: further
+    distance that drawn and grid candidates keep from the limits, room for the multisine; in m where a joint slides.
+
+    singular: refused where the tool's Jacobian (of the frame `tool`, else of the last body's centre of mass) has an
+    inverse condition number below this; 0 for none.  floor: height in the base frame, along gravity, that nothing may
+    reach.  boxes: to stay out of.  points: further points of bodies (body name to points in its axes) that count,
+    beside joints, centres of mass and frames, and the straight lines between them.  clearance: distance that these keep
+    from floor and boxes.
+    """
+
+    random: int | None = None
+    grid: int | tuple[int, ...] | None = None
+    given: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)
+    margin: JointPosition = 0.05
+    singular: float = 0.02
+    floor: Length | None = None
+    boxes: tuple[BoxSpec, ...] = ()
+    points: dict[str, tuple[Vector3, ...]] = field(default_factory=dict)
+    clearance: Length = 0.0
+
+    def __post_init__(self) -> None:
+        """One source of candidates; sensible numbers."""
+        if (self.random is not None) + (self.grid is not None) + bool(self.given) > 1:
+            raise ValueError("give only one of random, grid and given")
+        if self.random is not None and self.random < 1:
+            raise ValueError(f"random is {self.random}; draw at least 1 configuration")
+        counts = self.grid if isinstance(self.grid, tuple) else (self.grid or 1,)
+        if min(counts, default=0) < 1:
+            raise ValueError("grid: each joint needs at least 1 point")
+        if not 0 <= self.singular < 1 or min(self.clearance, self.margin) < 0:
+            raise ValueError("singular must be in [0, 1), clearance and margin not negative")
+
+
+@section
+class GuessSpec:
+    """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well.
+
+    guesses: how many are drawn about the nominal one, log-normal, `factor` being one standard deviation.
+    over: `mean` of the criterion over the guesses, or the `worst` of them.
+    """
+
+    guesses: int = 8
+    factor: float = 1.5
+    over: Literal["mean", "worst"] = "mean"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no sample."""
+        if self.guesses < 1 or not self.factor > 1:
+            raise ValueError("guesses must be at least 1 and factor above 1")
+
+
+@section
+class LevelSpec:
+    """What disturbs the responses; without it the noise of the simulated rig.
+
+    distortion: nonlinear distortion (friction above all) that comes on top, as the standard deviation of G relative to
+    |G| in one realisation.  absolute: standard deviation of G in one realisation, in its unit, in place of the rig's.
+    frf: the frf.h5 (or its run folder) of an earlier measurement with the same excitation, periods and realisations,
+    whose variances are expected again in place of the rig's noise.
+    """
+
+    distortion: float = 0.0
+    absolute: float | None = None
+    frf: str = ""
+
+    def __post_init__(self) -> None:
+        """One source of the level."""
+        if self.distortion < 0 or (self.absolute is not None and not self.absolute > 0):
+            raise ValueError("distortion must not be negative, absolute positive")
+        if self.absolute is not None and self.frf:
+            raise ValueError("give absolute or frf, not both")
+
+
+@section
+class DesignSpec:
+    """Chooses configurations beside those of experiment.configurations, for the smallest intervals of the parameters.
+
+    count: how many to choose, each measured experiment.realisations times; a configuration chosen twice gets twice
+    the realisations.  robot_time: in place of count, as many as fit in.  periods: numbers of periods to choose from
+    for a robot_time (default: experiment.periods).
+
+    criterion: D (volume of the confidence ellipsoid), A (mean variance) or E (worst direction) of the relative errors.
+    parameters: names or patterns such as k_* that count; default all that the fit identifies.
+    measured: run folders or frf.h5 files of earlier measurements; the choice adds to what they tell, about the
+    parameters that their fit found.
+    """
+
+    count: int | None = None
+    robot_time: Time | None = None
+    periods: tuple[int, ...] = ()
+    candidates: CandidateSpec = CandidateSpec()
+    criterion: Literal["D", "A", "E"] = "D"
+    parameters: tuple[str, ...] = ()
+    robust: GuessSpec | None = None
+    noise: LevelSpec = LevelSpec()
+    measured: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """A number of experiments, one way or the other."""
+        if (self.count is None) == (self.robot_time is None):
+            raise ValueError("give either count (of configurations) or robot_time (s)")
+        if self.count is not None and self.count < 1:
+            raise ValueError(f"count is {self.count}; choose at least 1 configuration")
+        if self.periods and self.robot_time is None:
+            raise ValueError("periods are chosen for a robot_time; with count set experiment.periods")
+        if any(number < 2 for number in self.periods):
+            raise ValueError("periods: each must be at least 2 (for the noise level)")
+
+
+def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
+    """Columns (n, s) of the identity that pick the parameters meant by names or patterns, all where there are none.
+
+    StudyError for a pattern that stands for none of the names.
+    """
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for name in names):
+            raise StudyError(f"the fit does not identify '{pattern}'; {did_you_mean(pattern, list(names))}")
+    counts = [not patterns or any(fnmatchcase(name, pattern) for pattern in patterns) for name in names]
+    return np.eye(len(names))[:, counts]

@@ -1,0 +1,92 @@
+r"""What the amplitude of a multisine makes of a nonlinear spring: it is stiffer, or softer, than at rest.
+
+.. math:: k_{eq} = E[\tau'(\Delta_0 + \sigma \xi)], \quad \xi \sim N(0, 1), \qquad
+          k_{eq} - k_t = 3 k_3 \sigma^2 \text{ of a cubic spring}
+
+Delta_0: the deflection under gravity, k_t = tau'(Delta_0) what the model has, sigma: rms deflection by the multisine,
+k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and Schoukens
+2012, ch. 3). The fit finds k_eq where the model says k_t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.design.expected_response import Prospect
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.spring_preload import preloads
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import formulate
+from elastid.model.nonlinear_springs import deflections, tangents_at
+from elastid.record import Configuration
+
+# Part of the tangent stiffness by which the amplitude may change it without a word.
+WORTH_A_WORD = 0.02
+# Of Gauss and Hermite: exact for polynomials, within some per cent of a gap's flanks.
+NODES = 41
+
+
+@dataclass(frozen=True)
+class Stiffening:
+    """The springs of a configuration: sigma (n_s,), rms deflection in the run that has most; change k_eq / k_t - 1."""
+
+    configuration: str
+    joints: tuple[str, ...]
+    sigma: FloatArray
+    change: FloatArray
+
+
+def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) -> Stiffening:
+    """What a plan does to the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
+    model = formulate(prospect.robot, prospect.model, prospect.parameters.names)
+    theta = prospect.parameters.expand(x)[:-1]
+    (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
+    X = prospect.motion(configuration, x) @ _rows(model, load.joints).T
+    sigma: FloatArray = np.sqrt(np.sum(np.abs(X) ** 2, axis=1) / 2).max(axis=0)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    tangent = _tangents(model, load.joints)
+    at_nodes = np.array([tangent(load.deflection + sigma * node, theta).full()[:, 0] for node in nodes])
+    k_eq = weights @ at_nodes / weights.sum()
+    return Stiffening(configuration.name, load.joints, sigma, k_eq / load.tangent - 1)
+
+
+def stiffening_words(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[str, ...]:
+    """A sentence for each spring that the planned amplitude changes by more than it should; x (n_x,)."""
+    if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
+        return ()
+    found = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
+    units = {joint.name: joint.unit for joint in prospects[0].robot.joints}
+    return tuple(word for i, joint in enumerate(found[0].joints) for word in _word(joint, units[joint], found, i))
+
+
+def _word(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[str]:
+    worst = max(found, key=lambda one: abs(one.change[i]))
+    change = float(worst.change[i])
+    if abs(change) > WORTH_A_WORD:
+        yield (
+            f"the multisine deflects the spring of joint {joint} by {worst.sigma[i]:.2g} {unit} rms in "
+            f"{worst.configuration}, which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the "
+            "tangent at rest that the model has, and biases the estimates by as much; lower excitation.torque_rms of "
+            f"its motors by a factor of {np.sqrt(abs(change) / WORTH_A_WORD):.1f} or more"
+        )
+
+
+def _rows(model: ElasticModel, joints: Sequence[str]) -> FloatArray:
+    """z (n_s, n_q): springs are deflected by z q."""
+    q = ca.SX.sym("q", model.n_q)
+    deflection = deflections(model.robot, q)
+    rows: FloatArray = ca.DM(ca.evalf(ca.jacobian(ca.vertcat(*(deflection[name] for name in joints)), q))).full()
+    return rows
+
+
+def _tangents(model: ElasticModel, joints: Sequence[str]) -> ca.Function:
+    """Tangent stiffness (n_s,) at deflections (n_s,) and parameters (n_theta,)."""
+    deflection, theta = ca.SX.sym("deflection", len(joints)), ca.SX.sym("theta", len(model.parameters))
+    named = dict(zip(model.parameters, ca.vertsplit(theta), strict=True))
+    found = tangents_at(dict(zip(joints, ca.vertsplit(deflection), strict=True)), named)
+    return ca.Function("tangents", [deflection, theta], [ca.vertcat(*found.values())])

@@ -1,0 +1,1 @@
+"""The plan of an experiment: torque spectra, movement, references. It imports no model."""

@@ -1,0 +1,152 @@
+r"""The movement under the multisine: rest, a slow sine, a filtered square wave of velocity, or a constant velocity.
+
+.. math:: q(t) = s(t)\, p(t), \quad s(\tau) = 10 \tau^3 - 15 \tau^4 + 6 \tau^5
+
+p: periodic movement, s: ramp from 0 to 1 and back, with continuous acceleration; a constant velocity is ramped as a
+velocity. Without sliding, friction looks like a spring to ground (LuGre's bristles); at a steady speed above the
+Stribeck region a small multisine sees viscous friction alone. A periodic carrier must have its lines outside the
+analysed ones, and below them, since friction makes harmonics of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
+from elastid.robot import Robot
+
+# Harmonics of a square wave that the filter leaves less than this of the first one are left out.
+_NEGLIGIBLE = 1e-4
+
+
+@dataclass(frozen=True)
+class Movement:
+    """One whole run: position, velocity, acceleration (n, n_u) about the configuration; rad or m, link side.
+
+    scale (n,): by which the injected torque is multiplied, 0 at rest and 1 in all periods.
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    scale: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze."""
+        for name in ("position", "velocity", "acceleration", "scale"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
+    """The movement of every run of a plan, from standstill to standstill at the controller's rate."""
+    n_u = len(plan.inputs)
+    s, ds, dds = _ramps(plan)
+    if carrier is None:
+        still = np.zeros((plan.run_samples, n_u))
+        return Movement(still, still, still, s)
+    if carrier.kind == "offset":
+        return _constant_velocity(carrier.velocities(n_u), s, ds, plan)
+    p, dp, ddp = _sine(carrier, plan) if carrier.kind == "sine" else _square(carrier, plan)
+    s, ds, dds = s[:, None], ds[:, None], dds[:, None]
+    return Movement(s * p, ds * p + s * dp, dds * p + 2 * ds * dp + s * ddp, s[:, 0])
+
+
+def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
+    """Velocity (period_samples, n_u) of the movement while the periods repeat, rad/s or m/s."""
+    velocity: FloatArray = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
+    return velocity
+
+
+def reach(carrier: CarrierSpec, n_u: int, period_s: float, run_s: float) -> FloatArray:
+    """How far (n_u,), at most, the movement of runs of run_s takes each joint to either side, rad or m."""
+    v = np.abs(carrier.velocities(n_u))
+    swing: FloatArray = v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+    return swing + carrier.amplitudes(n_u)
+
+
+def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
+    """The carrier must not fall among the analysed lines, nor leave the joints' limits, the ramps included.
+
+    Raises StudyError with what would fit.
+    """
+    analysed = np.concatenate([plan.lines, plan.detection])
+    refused = carrier_refusal(carrier, analysed, plan.rate_hz / plan.period_samples, len(plan.inputs))
+    if refused:
+        raise StudyError(f"experiment.simulated.carrier: {refused}")
+    position = movement(carrier, plan).position
+    for configuration in plan.configurations:
+        for i, (joint, angle) in enumerate(zip(robot.driven, configuration.angles, strict=True)):
+            lower, upper = joint.limits.angle
+            low, high = position[:, i].min(), position[:, i].max()
+            if angle + low < lower or angle + high > upper:
+                raise StudyError(
+                    f"experiment.simulated.carrier: {max(-low, high):.3g} {joint.unit} about {angle:g} {joint.unit} "
+                    f"take joint {joint.name} out of its limits [{lower:g}, {upper:g}] {joint.unit} in configuration "
+                    f"{configuration.name}; make the carrier smaller or move the configuration"
+                )
+
+
+def _ramps(plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """s (n,) and its first two derivatives in 1/s, 1/s^2: hold, ramp, periods, ramp, hold."""
+    ramp = plan.ramp_samples
+    tau = np.arange(ramp) / max(ramp, 1)
+    rate = plan.rate_hz / max(ramp, 1)
+    rising = (
+        tau**3 * (10 - 15 * tau + 6 * tau**2),
+        30 * tau**2 * (1 - tau) ** 2 * rate,
+        60 * tau * (1 - tau) * (1 - 2 * tau) * rate**2,
+    )
+    still = np.zeros(plan.hold_samples)
+    n = plan.run_samples - 2 * plan.first_sample
+    # Downwards the first sample is that of s = 1, the last one before s = 0.
+    parts = (
+        np.concatenate([still, up, np.full(n, full), [full][:ramp], sign * up[:0:-1], still])
+        for up, full, sign in zip(rising, (1.0, 0.0, 0.0), (1, -1, 1), strict=True)
+    )
+    s, ds, dds = parts
+    return s, ds, dds
+
+
+def _sine(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """p, p', p'' (n, n_u)."""
+    omega = 2 * np.pi * carrier.cycles * plan.rate_hz / plan.period_samples
+    phase = (omega * _time(plan))[:, None] * np.ones(len(plan.inputs))
+    a = carrier.amplitudes(len(plan.inputs))
+    return a * np.sin(phase), a * omega * np.cos(phase), -a * omega**2 * np.sin(phase)
+
+
+def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, FloatArray]:
+    r"""p, p', p'' (n, n_u) with p' = (4 v / pi) sum_h sin(h omega t) / h / (1 + (h f / f_c)^4)^(1/2), h odd.
+
+    The second-order filter has no phase; harmonics on analysed lines, those of detection too, are left out.
+    """
+    f = carrier.cycles * plan.rate_hz / plan.period_samples
+    h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
+    filtered = 1 / (h * np.sqrt(1 + (h * f / carrier.cutoff_hz) ** 4))
+    analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
+    kept = ~analysed & (filtered > _NEGLIGIBLE * filtered[0])
+    omega = 2 * np.pi * f * h[kept]
+    c = 4 / np.pi * filtered[kept]
+    phase = np.outer(_time(plan), omega)
+    v = carrier.velocities(len(plan.inputs))
+    shapes = (-np.cos(phase) @ (c / omega), np.sin(phase) @ c, np.cos(phase) @ (c * omega))
+    p, dp, ddp = (np.outer(shape, v) for shape in shapes)
+    return p, dp, ddp
+
+
+def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan) -> Movement:
+    """Through the configuration in the middle of the measured periods."""
+    travelled = np.concatenate([[0.0], np.cumsum((s[1:] + s[:-1]) / 2)]) / plan.rate_hz
+    middle = plan.first_sample + plan.transient_periods * plan.period_samples + plan.periods * plan.period_samples // 2
+    return Movement(np.outer(travelled - travelled[middle], v), np.outer(s, v), np.outer(ds, v), s)
+
+
+def _time(plan: Plan) -> FloatArray:
+    """Time (n,) in s from the start of the first period."""
+    time: FloatArray = (np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz
+    return time

@@ -1,0 +1,175 @@
+"""Plan: configurations x realisations x experiments x periods, and the torque spectra to inject."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.errors import StudyError
+from elastid.excitation.grids import line_frequencies
+from elastid.excitation.lines import planned_lines
+from elastid.excitation.multisine import synthesise
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.record import Configuration
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One run of the robot: which configuration, which realisation of random phases, which of its experiments."""
+
+    configuration: Configuration
+    realisation: int
+    experiment: int
+
+    @property
+    def name(self) -> str:
+        """A file-safe name, unique in a plan."""
+        return f"{self.configuration.name}-r{self.realisation}-e{self.experiment}"
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A configuration that a design has chosen, and in how many realisations it is measured."""
+
+    configuration: Configuration
+    realisations: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to run, sampled at rate_hz with period_samples per period.
+
+    lines (F,): excited DFT lines, frequency = line * rate_hz / period_samples.
+    R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t); zero where a
+    configuration has fewer realisations than M.  periods are measured after transient_periods that are run but not
+    used.  detection (F_d,): lines of the band that were left free for the distortion to show.  A run holds still for
+    hold_samples, begins within ramp_samples, repeats its periods, ends within ramp_samples and holds still again.
+    sliding: inputs that translate, in N and m instead of Nm and rad.
+    """
+
+    configurations: tuple[Configuration, ...]
+    inputs: tuple[str, ...]
+    rate_hz: float
+    period_samples: int
+    periods: int
+    transient_periods: int
+    lines: IntArray
+    R: ComplexArray
+    detection: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    ramp_samples: int = 0
+    hold_samples: int = 0
+    sliding: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Freeze and check."""
+        for name in ("lines", "detection"):
+            object.__setattr__(self, name, frozen(getattr(self, name), np.int64))
+        object.__setattr__(self, "R", frozen(self.R, np.complex128))
+        Q, _, _, F, n_u = self.R.shape
+        if (Q, F, n_u) != (len(self.configurations), len(self.lines), len(self.inputs)):
+            raise ValueError(f"R has shape {self.R.shape}; it does not fit configurations, lines and inputs")
+
+    @property
+    def freq_hz(self) -> FloatArray:
+        """Excited frequencies (F,)."""
+        return line_frequencies(self.lines, self.rate_hz, self.period_samples)
+
+    @property
+    def experiments(self) -> tuple[Experiment, ...]:
+        """All runs, configuration by configuration."""
+        E = self.R.shape[2]
+        each = zip(self.configurations, self.realisations, strict=True)
+        return tuple(Experiment(c, m, e) for c, M in each for m in range(M) for e in range(E))
+
+    @property
+    def realisations(self) -> tuple[int, ...]:
+        """How many realisations each configuration has."""
+        return tuple(np.any(self.R != 0, axis=(2, 3, 4)).sum(axis=1).tolist())
+
+    def torque(self, experiment: Experiment) -> FloatArray:
+        """One period of the torque to inject (period_samples, n_u), link-side Nm."""
+        q = [c.name for c in self.configurations].index(experiment.configuration.name)
+        return synthesise(self.lines, self.R[q, experiment.realisation, experiment.experiment], self.period_samples)
+
+    @property
+    def robot_time_s(self) -> float:
+        """How long the robot runs, transients, ramps and holds included, movements between configurations not."""
+        return len(self.experiments) * self.run_samples / self.rate_hz
+
+    @property
+    def first_sample(self) -> int:
+        """The sample of a run with which its first period, of transient, begins."""
+        return self.hold_samples + self.ramp_samples
+
+    @property
+    def run_samples(self) -> int:
+        """Samples of a whole run, from standstill to standstill."""
+        return 2 * self.first_sample + (self.transient_periods + self.periods) * self.period_samples
+
+
+def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Configuration, ...]:
+    """The configurations of a study; StudyError for a wrong number of angles or a joint outside its limits."""
+    for name, angles in experiment.configurations.items():
+        if len(angles) != len(robot.driven):
+            raise StudyError(
+                f"configuration {name} has {len(angles)} angles; robot {robot.name} has {len(robot.driven)} driven "
+                f"joints ({', '.join(joint.name for joint in robot.driven)}), one angle each"
+            )
+        for joint, angle in zip(robot.driven, angles, strict=True):
+            low, high = joint.limits.angle
+            if not low <= angle <= high:
+                raise StudyError(
+                    f"configuration {name}: joint {joint.name} at {math.degrees(angle):.4g} deg is outside its limits "
+                    f"[{math.degrees(low):.4g}, {math.degrees(high):.4g}] deg; move it inside, or correct limits.angle"
+                )
+    return tuple(Configuration(name, np.array(angles)) for name, angles in experiment.configurations.items())
+
+
+def make_plan(
+    excitation: MultisineSpec,
+    experiment: ExperimentSpec,
+    robot: Robot,
+    seed: int,
+    chosen: Sequence[Chosen] = (),
+    spectra: Mapping[str, FloatArray] | None = None,
+) -> Plan:
+    """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
+
+    chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
+    has found, by the configuration's name.  The phases of a set hang on seed, configuration index and realisation
+    alone, so that a further configuration or realisation leaves the others as they were.  Raises StudyError for what
+    the robot cannot do.
+    """
+    # CasADi, which a plan as a value does not need.
+    from elastid.experiment.plan.torque_spectra import injected
+
+    given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
+    everyone = (*given, *chosen)
+    lines, n_u = planned_lines(excitation, seed), len(robot.driven)
+    M, E = max(one.realisations for one in everyone), experiment.runs(n_u)
+    R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
+    for q, one in enumerate(everyone):
+        draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(one.realisations)]
+        found = (spectra or {}).get(one.configuration.name)
+        every = injected(excitation, experiment, robot, lines.excited, one.configuration, draws, found)
+        R[q, : len(draws)] = every[:, :E]
+    return Plan(
+        configurations=tuple(one.configuration for one in everyone),
+        inputs=robot.motor_locations,
+        rate_hz=excitation.rate_hz,
+        period_samples=excitation.period_samples,
+        periods=experiment.periods,
+        transient_periods=experiment.transient_periods,
+        lines=lines.excited,
+        R=R,
+        detection=lines.detection,
+        ramp_samples=round(experiment.ramp * excitation.rate_hz),
+        hold_samples=round(experiment.hold * excitation.rate_hz),
+        sliding=robot.sliding(robot.motor_locations),
+    )

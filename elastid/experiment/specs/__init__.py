@@ -1,0 +1,1 @@
+"""The sections of a study that describe an experiment: simulated, recorded, responses."""

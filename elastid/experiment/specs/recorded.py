@@ -1,0 +1,155 @@
+"""The `recorded` section of an experiment: log files, their channels and formats."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.base.section import section
+from elastid.base.units import (
+    Frequency,
+    Time,
+    TorqueConstant,
+    factor,
+    of_translation,
+)
+from elastid.record import MOTION_UNIT
+
+# SI units of what channels hold.
+QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
+
+
+@section
+class ChannelSpec:
+    """One signal of the log files: where it is in the file, and what it is on the robot.
+
+    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
+    of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
+    at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
+    feels gravity).  unit: of the file after `scale`; default SI.
+    Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
+    side: motor (motors that gears couple all together).  file: in which file of an experiment it is, 1 is `path` and 2
+    the first of `also`.  rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one,
+    band-limited.
+    """
+
+    role: Literal["r", "u", "y"]
+    at: str
+    channel: str = ""
+    column: int | None = None
+    quantity: Literal["torque", "current", "position", "velocity", "acceleration"] = "torque"
+    unit: str = ""
+    scale: float = 1.0
+    sign: Literal[1, -1] = 1
+    torque_constant: TorqueConstant | None = None
+    side: Literal["link", "motor"] = "link"
+    file: int = 1
+    rate_hz: Frequency | None = None
+
+    def __post_init__(self) -> None:
+        """Check that role and quantity agree."""
+        if self.file < 1:
+            raise ValueError(f"file is {self.file}; the first file of an experiment is 1")
+        if not self.channel and self.column is None:
+            raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
+        if self.column is not None and self.column < 1:
+            raise ValueError(f"column is {self.column}; the first column is 1")
+        is_torque = self.quantity in ("torque", "current")
+        if is_torque == (self.role == "y"):
+            raise ValueError(
+                f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion"
+            )
+        if self.quantity == "current" and self.torque_constant is None:
+            raise ValueError("a current needs torque_constant (N*m/A) to become a torque")
+        if self.at.startswith("accelerometer ") and self.quantity not in ("acceleration", "torque"):
+            raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
+        if self.scale == 0:
+            raise ValueError("scale is 0; the channel would be lost")
+
+    def unit_factor(self, slides: bool) -> float:
+        """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a unit that is wrong."""
+        unit = QUANTITY_UNIT[self.quantity]
+        if self.unit == "g" and self.quantity == "acceleration":
+            raise ValueError("unit 'g' is the gram; for multiples of gravity give scale: 9.80665 and unit: m/s^2")
+        return factor(self.unit, of_translation(unit) if slides else unit) if self.unit else 1.0
+
+
+@section
+class TextFormatSpec:
+    """How CSV and text logs are written.
+
+    delimiter: a character, `tab`, or `whitespace` (any run of blanks and tabs).  decimal: `,` for numbers such as 1,5.
+    header_lines: lines to skip; headings are the last of them or the first line after them that holds no numbers.
+    """
+
+    delimiter: str = ","
+    decimal: Literal[".", ","] = "."
+    header_lines: int = 0
+    comment: str = "#"
+
+
+@section
+class FileSpec:
+    """One log file: which configuration, realisation and experiment it holds. samples: [first, last) to use of it.
+
+    also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
+    it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
+    """
+
+    path: str
+    configuration: str
+    realisation: int = 0
+    experiment: int = 0
+    samples: tuple[int, int] | None = None
+    also: tuple[str, ...] = ()
+
+
+@section
+class RecordedSpec:
+    """A rig that is a folder of lab logs.
+
+    rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  period: of the excitation in s, or
+    period_samples.  text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
+    of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
+    time: name of the channel that holds the time in s; what its gaps leave out are missing samples.
+    """
+
+    rate_hz: Frequency | Literal["unknown"]
+    channels: tuple[ChannelSpec, ...]
+    files: tuple[FileSpec, ...]
+    period: Time | None = None
+    period_samples: int | None = None
+    text: TextFormatSpec = TextFormatSpec()
+    half_wave: bool = False
+    time: str = ""
+
+    def __post_init__(self) -> None:
+        """Exactly one period; at least one input and one output; a whole number of samples per period."""
+        self._check_files_and_rates()
+        if (self.period is None) == (self.period_samples is None):
+            raise ValueError("give either period (s) or period_samples")
+        if self.rate_hz == "unknown" and self.period is not None:
+            raise ValueError("with rate_hz: unknown give period_samples instead of period")
+        for role, what in (("u", "input"), ("y", "output")):
+            if not any(channel.role == role for channel in self.channels):
+                raise ValueError(f"no channel has role {role} (an {what})")
+        if not self.files:
+            raise ValueError("files is empty; list at least one log file")
+        if self.period is not None and not isinstance(self.rate_hz, str):
+            samples = self.period * self.rate_hz
+            if samples < 2 or abs(samples - round(samples)) > 1e-6 * samples:
+                raise ValueError(
+                    f"period {self.period:g} s is {samples:.6g} samples at {self.rate_hz:g} Hz, not a whole number; "
+                    "check both, or give period_samples"
+                )
+
+    def _check_files_and_rates(self) -> None:
+        last = 1 + min((len(file.also) for file in self.files), default=0)
+        for channel in self.channels:
+            if channel.file > last:
+                raise ValueError(
+                    f"a channel is in file {channel.file} of an experiment; one has {last} only (path, also)"
+                )
+            if channel.role == "u" and channel.file != 1:
+                raise ValueError("the torques that act (role u) must be in the first file of an experiment")
+        if self.rate_hz == "unknown" and (self.time or any(channel.rate_hz is not None for channel in self.channels)):
+            raise ValueError("with rate_hz: unknown neither time nor a channel's own rate_hz means anything")

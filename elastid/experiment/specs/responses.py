@@ -1,0 +1,74 @@
+"""The `responses` section of an experiment: frequency responses that were measured elsewhere."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.base.section import section
+from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+
+
+@section
+class ResponseColumnsSpec:
+    """Where a CSV or HDF5 file keeps a frequency response: names of columns or datasets.
+
+    In a CSV file {y} and {u} stand for the names (`channel`) or the numbers (`column`) of output and input.  Either
+    real and imaginary, or magnitude and phase.  HDF5: response names a complex dataset with an axis of frequencies;
+    the two others are outputs, inputs.  std: standard deviation of the complex number, sqrt(E|dG|^2), if there is one.
+    """
+
+    frequency: str = "freq_hz"
+    response: str = "G"
+    real: str = "re_{y}_{u}"
+    imaginary: str = "im_{y}_{u}"
+    magnitude: str = ""
+    phase: str = ""
+    std: str = ""
+    magnitude_unit: Literal["1", "dB"] = "1"
+    phase_unit: Literal["deg", "rad"] = "deg"
+
+    def __post_init__(self) -> None:
+        """A magnitude needs its phase."""
+        if bool(self.magnitude) != bool(self.phase):
+            raise ValueError("give magnitude and phase together; without the phase nothing can be fitted")
+
+
+@section
+class ResponseFileSpec:
+    """One file with the frequency response of one configuration.
+
+    response: which response of the file: variable of a MATLAB file, configuration of a frf.h5 of elastid (default:
+    the only one; of frf.h5 the configuration of the same name).
+    """
+
+    path: str
+    configuration: str
+    response: str = ""
+
+
+@section
+class ResponsesSpec:
+    """Frequency responses that were measured elsewhere: MATLAB structs, HDF5, CSV, UFF 58, or frf.h5 of elastid.
+
+    channels: what the inputs (role u) and outputs (role y) of the files are; column is their number in the file, the
+    first is 1, or channel their name.  frf.h5 of elastid needs none.  frequency_unit: `auto` is what the file says, or
+    Hz for CSV, HDF5 without units and UFF.  relative_std: standard deviation of G as a part of |G| where a file tells
+    none.
+    """
+
+    files: tuple[ResponseFileSpec, ...]
+    channels: tuple[ChannelSpec, ...] = ()
+    frequency_unit: Literal["auto", "Hz", "rad/s", "kHz", "rpm"] = "auto"
+    columns: ResponseColumnsSpec = ResponseColumnsSpec()
+    text: TextFormatSpec = TextFormatSpec()
+    relative_std: float | None = None
+
+    def __post_init__(self) -> None:
+        """At least one file; inputs and outputs, or no channels at all."""
+        if not self.files:
+            raise ValueError("files is empty; list at least one file")
+        roles = {channel.role for channel in self.channels}
+        if self.channels and roles != {"u", "y"}:
+            raise ValueError("channels must have roles u (inputs) and y (outputs), at least one of each and no other")
+        if self.relative_std is not None and not self.relative_std > 0:
+            raise ValueError(f"relative_std is {self.relative_std:g}; it must be positive, for example 0.02")

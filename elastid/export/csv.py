@@ -1,0 +1,70 @@
+"""Export to CSV: parameters, modes, and a frequency response for each configuration, fitted and measured.
+
+The responses can be read back as `experiment.responses` of a study: columns freq_hz, re_<y>_<u>, im_<y>_<u>.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.export.fitted import Identified
+from elastid.linear.modes import modes
+from elastid.linear.response.transfer import frequency_response
+from elastid.response import FrequencyResponse
+from elastid.store import text_file
+
+
+def write_csv(folder: Path, model: Identified) -> tuple[Path, ...]:
+    """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
+    paths = [
+        _table(folder / "parameters.csv", _parameters(model)),
+        _table(folder / "modes.csv", _modes(model)),
+    ]
+    for linear, G in zip(model.linear, model.measured, strict=True):
+        fitted = frequency_response(linear, model.theta, G.freq_hz)
+        name = G.configuration.name
+        paths.append(_table(folder / f"{name}-fitted.csv", _response(G, fitted, None)))
+        variance = None if G.uncertainty is None else G.uncertainty.variance
+        paths.append(_table(folder / f"{name}-measured.csv", _response(G, G.G, variance)))
+    return tuple(paths)
+
+
+def _parameters(model: Identified) -> Iterable[Sequence[Any]]:
+    result = model.result
+    values, std = result.values, result.std
+    yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
+    for p in model.parameters:
+        lower, upper = result.interval(p.name) if p.name in std else (values[p.name],) * 2
+        yield p.name, p.unit, values[p.name], std.get(p.name, 0.0), lower, upper
+
+
+def _modes(model: Identified) -> Iterable[Sequence[Any]]:
+    yield "configuration", "mode", "frequency_hz", "damping_ratio"
+    for linear in model.linear:
+        found = modes(linear, model.theta)
+        for i, (frequency, zeta) in enumerate(zip(found.freq_hz, found.zeta, strict=True), start=1):
+            yield linear.configuration.name, i, float(frequency), float(zeta)
+
+
+def _response(of: FrequencyResponse, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
+    elements = [(a, b, f"{y}_{u}") for a, y in enumerate(of.outputs) for b, u in enumerate(of.inputs)]
+    names = [f"{part}_{name}" for part in ("re", "im") for _, _, name in elements]
+    names += [f"std_{name}" for _, _, name in elements] if variance is not None else []
+    yield "freq_hz", *names
+    rows, columns = [a for a, _, _ in elements], [b for _, b, _ in elements]
+    for line, frequency in enumerate(of.freq_hz):
+        g = G[line, rows, columns]
+        std = [] if variance is None else np.sqrt(variance[line, rows, columns]).tolist()
+        yield float(frequency), *g.real.tolist(), *g.imag.tolist(), *std
+
+
+def _table(path: Path, rows: Iterable[Sequence[Any]]) -> Path:
+    with text_file(path) as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+    return path

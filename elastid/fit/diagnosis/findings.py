@@ -1,0 +1,187 @@
+"""What a user should know about a fit before trusting it, in sentences with numbers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.fit.result import FitResult, LocalOptimum, Status
+from elastid.parameters import ParameterSet
+
+# An interval wider than this factor says little more than the sign.
+WIDE = 10.0
+HOPELESS = 1e6
+CORRELATED = 0.99
+# A singular value below this share of the largest is worth a word, with the parameters that have such a part in it.
+ILL = 1e-3
+TELLING = 0.2
+# x within this share of its range from a bound is at it.
+NEAR_BOUND = 1e-4
+# A bound that holds a parameter in this share of the starts is worth a word.
+MOST = 0.5
+# Residuals so many times what the noise explains are a model error worth a word.
+MODEL_ERROR = 1.5
+# A model that explains less than this share of what was measured does not describe the robot, whatever its optimum. One
+# whose small residuals are far beyond a still smaller noise does.
+EXPLAINED = 0.5
+
+
+def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
+    """Which free parameters (n_x,) ended at a bound."""
+    lower, upper = parameters.x_bounds
+    reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
+    near: BoolArray = (x - lower < reach) | (upper - x < reach)
+    return near
+
+
+def status_and_message(
+    result: FitResult,
+    end: LocalOptimum,
+    unreached: BoolArray,
+    explained: float,
+    noise_is_known: bool = True,
+    misread: bool = False,
+) -> tuple[Status, str]:
+    """How the fit ended: the worst that is true of it, and a sentence with the numbers.
+
+    explained: the share of the measured responses, known noise aside, that the model explains.  misread: whether it
+    would explain them far better if they were read another way.
+    """
+    free = result.parameters.free_names
+    fit = (
+        f"V = {result.cost:.5g} for {result.dof} degrees of freedom; {result.hits} of {len(result.starts)} starts "
+        f"reached it; the residuals are {result.model_error:.3g} times what the noise explains"
+    )
+    share = f"{100 * max(explained, 0.0):.0f} %"
+    if misread:
+        return "model_error", (
+            f"the model does not describe the responses as they were read: it explains {share} of them, and another "
+            f"reading of them far more (see the first warning); {fit}"
+        )
+    if explained < EXPLAINED and (result.model_error > MODEL_ERROR or not noise_is_known):
+        far = "" if end.converged else f" (and the fit did not converge: {end.message})"
+        return "model_error", (
+            f"the model does not describe the robot: it explains {share} of the measured response{far}; check signs, "
+            f"units and places of the channels, gear ratios, bounds, and what is known of the robot; {fit}"
+        )
+    if not end.converged:
+        return "not_converged", f"not converged ({end.message}); {fit}"
+    if unreached.any():
+        names = _listed(free, unreached)
+        return "ill_conditioned", f"the data do not determine a combination of {names}; {fit}"
+    if result.at_bound.any():
+        return "at_bound", f"converged with {_listed(free, result.at_bound)} at a bound; {fit}"
+    return "converged", f"converged; {fit}"
+
+
+def findings(result: FitResult, unreached: BoolArray) -> tuple[str, ...]:
+    """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
+    return (
+        *_bounds(result),
+        *_held_starts(result),
+        *_undetermined(result, unreached),
+        *_weak(result, unreached),
+        *_correlated(result),
+        *_weakest(result),
+        *_search(result),
+    )
+
+
+def _bounds(result: FitResult) -> list[str]:
+    sentences = []
+    for parameter, x, held in zip(result.parameters.free, result.x, result.at_bound, strict=True):
+        if held:
+            low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
+            side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
+            sentences.append(
+                f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: widen the bound if the "
+                "value beyond it makes sense, otherwise the data want something that the model lacks"
+            )
+    return sentences
+
+
+def _held_starts(result: FitResult) -> list[str]:
+    """Bounds at which most starts ended, the best one not among them."""
+    ends = [start.x for start in result.starts if math.isfinite(start.cost)]
+    if len(ends) < 3:
+        return []
+    share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
+    return [
+        f"{name} ended at a bound in {round(100 * one)} % of the starts: widen its bounds, or start it elsewhere"
+        for name, one, held in zip(result.parameters.free_names, share, result.at_bound, strict=True)
+        if one > MOST and not held
+    ]
+
+
+def _undetermined(result: FitResult, unreached: BoolArray) -> list[str]:
+    if not unreached.any():
+        return []
+    return [
+        f"{_listed(result.parameters.free_names, unreached)}: only some combination of them is determined (smallest "
+        f"singular value {result.singular_values[-1]:.1e}, largest {result.singular_values[0]:.1e}); fix or tie one"
+    ]
+
+
+def _weak(result: FitResult, unreached: BoolArray) -> list[str]:
+    sentences = []
+    for parameter, beyond in zip(result.parameters.free, unreached, strict=True):
+        if parameter.log and not beyond:
+            low, high = result.interval(parameter.name)
+            if not high < WIDE * low:
+                interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
+                far = "the data hardly speak of it" if not high < HOPELESS * low else interval
+                sentences.append(f"{parameter.name} is weakly determined: {far}")
+    return sentences
+
+
+def _correlated(result: FitResult) -> list[str]:
+    correlation, names = result.correlation, result.parameters.free_names
+    pairs = [
+        (i, j) for i, j in zip(*np.triu_indices(len(names), 1), strict=True) if abs(correlation[i, j]) > CORRELATED
+    ]
+    return [
+        f"{names[i]} and {names[j]} are hardly told apart: their estimates are correlated by {correlation[i, j]:.4f}"
+        for i, j in pairs
+    ]
+
+
+def _weakest(result: FitResult) -> list[str]:
+    """The combination that is known worst, where it is known far worse than the rest."""
+    values = result.singular_values
+    if not len(result.weakest) or len(values) < 2 or values[-1] > ILL * values[0] or values[-1] < 1e-8 * values[0]:
+        return []
+    places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > TELLING]
+    names = result.parameters.free_names
+    terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
+    return [
+        f"the combination {terms} (relative changes of what they do) is known worst: singular value "
+        f"{values[-1] / values[0]:.1e} of the largest; measure where these act differently, or tie them"
+    ]
+
+
+def _search(result: FitResult) -> list[str]:
+    sentences = []
+    lost = sum(not math.isfinite(start.cost) for start in result.starts)
+    if lost:
+        sentences.append(
+            f"{lost} of {len(result.starts)} starts led nowhere, the first one so: "
+            f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}"
+        )
+    if result.hits == 1 < len(result.starts) - lost:
+        second = result.starts[1].cost
+        sentences.append(
+            f"only 1 of {len(result.starts)} starts reached the best cost (V = {result.starts[0].cost:.5g}, the next "
+            f"{second:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor"
+        )
+    if result.model_error > MODEL_ERROR and math.isfinite(result.model_error):
+        sentences.append(
+            f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
+            "the intervals are widened, but not for what is wrong alike at all lines"
+        )
+    return sentences
+
+
+def _listed(names: tuple[str, ...], chosen: BoolArray) -> str:
+    return ", ".join(name for name, one in zip(names, chosen, strict=True) if one)

@@ -1,0 +1,1 @@
+"""The least-squares problem: residuals of measured and modelled responses, with their derivatives."""

@@ -1,0 +1,259 @@
+r"""Where the wings meet: measured responses and linear models of all configurations as one LeastSquares.
+
+.. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
+          + \text{priors}
+
+One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked (computation.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.errors import StudyError
+from elastid.fit.problem.inertia_barrier import Shape, barrier
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.problem.normal_equations import Normal
+from elastid.fit.problem.residuals import RESIDUALS, ResidualKind, as_real, error_gain
+from elastid.fit.weights.full_covariance import unmixing
+from elastid.fit.weights.weights import Weights
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.derivatives import Columns
+from elastid.linear.response.transfer import Kernel
+from elastid.parameters import ParameterSet
+from elastid.response import FrequencyResponse
+
+# |Ghat| over sigma that a line must have for the logarithmic criterion.
+LOG_GATE = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
+
+    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  mixing (F, n_y n_u, n_y n_u):
+    whitens gain e of a line whose elements err together, in the order of G; None where they count one by one.
+    """
+
+    kernel: Kernel
+    measured: ComplexArray
+    gain: FloatArray
+    criterion: ResidualKind
+    mixing: ComplexArray | None = None
+
+    @property
+    def configuration(self) -> str:
+        """The name of the configuration."""
+        return self.kernel.model.configuration.name
+
+    @cached_property
+    def normal(self) -> Normal:
+        """Cost, gradient and normal matrix without the derivatives of every element."""
+        return Normal(Columns(self.kernel), self.measured, self.gain, self.criterion, self.mixing)
+
+    @property
+    def n_residuals(self) -> int:
+        """Real residuals, two an element."""
+        return 2 * int(np.count_nonzero(self.gain))
+
+    def below(self, edge_hz: float) -> Part:
+        """The same without the lines above a frequency."""
+        keep = self.kernel.freq_hz <= edge_hz
+        mixing = None if self.mixing is None else self.mixing[keep]
+        return replace(
+            self,
+            kernel=replace(self.kernel, freq_hz=self.kernel.freq_hz[keep]),
+            measured=self.measured[keep],
+            gain=self.gain[keep],
+            mixing=mixing,
+        )
+
+    def whitened(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each."""
+        G, dG = self.kernel.evaluate(theta)
+        e, slope = RESIDUALS[self.criterion](self.measured, G)
+        used = self.gain > 0
+        r = np.where(used, self.gain * e, 0.0)
+        dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
+        return (r, dr) if self.mixing is None else (_mixed(self.mixing, r), _mixed(self.mixing, dr))
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticFit:
+    """The parts of all configurations over one set of parameters; it pickles, so that starts can run in processes.
+
+    shapes: bodies whose inertia must stay one that a body can have.
+    """
+
+    parameters: ParameterSet
+    parts: tuple[Part, ...]
+    shapes: tuple[Shape, ...] = ()
+
+    @property
+    def n_residuals(self) -> int:
+        """Real residuals that count."""
+        return sum(part.n_residuals for part in self.parts)
+
+    @property
+    def problem(self) -> LeastSquares:
+        """As solvers want it."""
+        return LeastSquares(self.parameters, self.n_residuals, self.rough, self.residual)
+
+    def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
+        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
+        with np.errstate(all="ignore"):
+            try:
+                return self._evaluate(x, precision)
+            except np.linalg.LinAlgError:
+                n_x = len(x)
+                return Evaluation(math.inf, np.zeros(n_x), np.eye(n_x))
+
+    def rough(self, x: FloatArray) -> Evaluation:
+        """The same with J^T J from single precision, enough to step."""
+        return self.evaluate(x, np.float32)
+
+    def _evaluate(self, x: FloatArray, precision: type[np.floating[Any]]) -> Evaluation:
+        V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
+        for part in self.parts:
+            cost, gradient, normal = part.normal.at(self.theta(part, x), precision)
+            T = self._chain(part, x)
+            V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
+        distance, slope = self._priors(x)
+        b, b_slope, b_curvature = barrier(self.shapes, self.parameters, x)
+        return Evaluation(
+            V + float(distance @ distance) + b,
+            2 * (g + slope * distance) + b_slope,
+            2 * (A + np.diag(slope**2)) + b_curvature,
+        )
+
+    def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked."""
+        rows = []
+        for part, (r, J) in zip(self.parts, self.blocks(x), strict=True):
+            used = np.repeat((part.gain > 0).ravel(), 2)
+            r_real, J_real = _as_rows(r, J)
+            rows.append((r_real[used], J_real[:, used].T))
+        distance, slope = self._priors(x)
+        known = slope > 0
+        rows.append((distance[known], np.diag(slope)[known]))
+        return np.concatenate([r for r, _ in rows]), np.concatenate([J for _, J in rows])
+
+    def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+        """Whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
+        for part in self.parts:
+            r, dr = part.whitened(self.theta(part, x))
+            yield r, np.tensordot(self._chain(part, x).T, dr, axes=1)
+
+    def theta(self, part: Part, x: FloatArray) -> FloatArray:
+        """theta (n_theta,) in the configuration of a part."""
+        return self.parameters.expand(x, part.configuration)
+
+    def _chain(self, part: Part, x: FloatArray) -> FloatArray:
+        """d theta / d x (P, n_x) of the parameters that x moves there: the kernel's order."""
+        return self.parameters.jacobian(x, part.configuration)[part.kernel.places]
+
+    @property
+    def prior_slopes(self) -> FloatArray:
+        """1 / s (n_x,) of the priors, zero where nothing is known beforehand."""
+        return np.array([0.0 if p.prior is None else 1 / p.prior.std for p in self.parameters.free])
+
+    def _priors(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(x - m) / s and 1 / s (n_x,), zero where nothing is known beforehand."""
+        mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
+        slope = self.prior_slopes
+        return (x - np.array(mean)) * slope, slope
+
+
+def elastic_fit(
+    responses: Sequence[FrequencyResponse],
+    models: Sequence[LinearModel],
+    weights: Sequence[Weights],
+    parameters: ParameterSet,
+    criterion: ResidualKind,
+    correlated: bool = True,
+) -> ElasticFit:
+    """The fit of `models` to `responses`, inputs and outputs matched by name.
+
+    The logarithmic criterion leaves out what is below twice its sigma, and elements for which the model has no response
+    at all (an axis that does not couple).  correlated: whether elements that err together weigh together, where the
+    weights know how.  StudyError where a response has an input or output that the model has not.
+    """
+    parts = (
+        _part(
+            response,
+            at_measured_places(model, response),
+            weight if correlated else replace(weight, correlated=None),
+            parameters,
+            criterion,
+        )
+        for response, model, weight in zip(responses, models, weights, strict=True)
+    )
+    return ElasticFit(parameters, tuple(parts))
+
+
+def at_measured_places(model: LinearModel, response: FrequencyResponse) -> LinearModel:
+    """The model with the inputs and outputs of a response, in its order."""
+    for kind, wanted, there in (
+        ("input", response.inputs, model.inputs),
+        ("output", response.outputs, model.outputs),
+    ):
+        missing = [name for name in wanted if name not in there]
+        if missing:
+            raise StudyError(
+                f"configuration {response.configuration.name}: the response has the {kind} {', '.join(missing)}, which "
+                f"the model has not; there are {', '.join(there)}"
+            )
+    inputs = [model.inputs.index(name) for name in response.inputs]
+    outputs = [model.outputs.index(name) for name in response.outputs]
+    return replace(model.reading(outputs), B=model.B[:, inputs], inputs=response.inputs)
+
+
+def _part(
+    response: FrequencyResponse, model: LinearModel, weights: Weights, parameters: ParameterSet, criterion: ResidualKind
+) -> Part:
+    if model.parameters != parameters.names:
+        raise ValueError(f"the model's parameters {model.parameters} are not those of the set {parameters.names}")
+    held = _with_the_rest_held(model, parameters)
+    kernel = Kernel(held, response.freq_hz, parameters.moved(model.configuration.name))
+    used = weights.used
+    if criterion == "log":
+        # The logarithm of noise is no more than noise, and biased: 6 dB are asked for (identification.md 2).
+        G = kernel.response(held.theta_ref)
+        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > LOG_GATE * weights.sigma)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slope = np.where(used, error_gain(criterion, response.G), 1.0)
+    error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
+    gain = np.sqrt(2 * weights.factor) / error
+    mixing = None
+    if weights.correlated is not None:
+        sigma, floor = np.where(used, weights.sigma, np.inf), weights.floor * np.abs(response.G)
+        mixing = unmixing(weights.correlated, floor, sigma, np.conj(slope) / np.abs(slope))
+    return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, mixing)
+
+
+def _mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
+    """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
+    flat = values.reshape(-1, len(mixing), mixing.shape[1])
+    product: ComplexArray = (mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape)
+    return product
+
+
+def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearModel:
+    """The same affine model without slopes of what x does not move: a fraction to carry to other processes."""
+    where = model.configuration.name
+    theta = parameters.expand(parameters.x, where)
+    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+    slopes = {name: model.slopes[name] for name in parameters.moved(where) if name in model.slopes}
+    return replace(model, theta_ref=theta, M=M, D=D, K=K, C=C, T=T, slopes=slopes)
+
+
+def _as_rows(r: ComplexArray, J: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """r (N,) and J (P, N), N = 2 F n_y n_u real numbers."""
+    return as_real(r).ravel(), as_real(J).reshape(len(J), -1)

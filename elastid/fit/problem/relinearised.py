@@ -1,0 +1,56 @@
+r"""The fit of a robot whose linearisation holds near its point only: linearised anew at every x.
+
+.. math:: x \to \theta \to q_0(\theta) \to M, D, K\,(q_0, \theta) \to G, \qquad dG / dx \text{ along the whole chain}
+
+The tangent stiffness of a nonlinear spring changes by factors between what a start says and what is true; a model that
+is affine about the nominal parameters would lead all starts into one valley. So it is where masses and their places are
+identified together: M holds m c^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFit:
+    """linearised(x): the fit with every configuration linearised at x.  fixed: at the first start, for its gains."""
+
+    linearised: Callable[[FloatArray], ElasticFit]
+    fixed: ElasticFit
+
+    @property
+    def problem(self) -> LeastSquares:
+        """As solvers want it; it pickles."""
+        return LeastSquares(self.fixed.parameters, self.fixed.n_residuals, self.evaluate, self.residual)
+
+    def evaluate(self, x: FloatArray) -> Evaluation:
+        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand."""
+        try:
+            return self.at(x).evaluate(x)
+        except StudyError:
+            return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
+
+    def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """r and J stacked; StudyError where the robot cannot stand."""
+        return self.at(x).residual(x)
+
+    def at(self, x: FloatArray) -> ElasticFit:
+        """The fit at x; which elements count and how much stays as it is at the first start."""
+        moved = self.linearised(x)
+        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.fixed.parts)))
+
+
+def _weighed_as(part: Part, first: Part) -> Part:
+    """The part on the lines of another, with its weights."""
+    edge = first.kernel.freq_hz.max(initial=0.0)
+    return replace(part.below(edge), gain=first.gain, mixing=first.mixing)

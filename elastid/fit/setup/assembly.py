@@ -1,0 +1,182 @@
+"""The fit as it can be linearised again and again: responses with their weights, and the model of the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError, StudyError
+from elastid.fit.problem.elastic import ElasticFit, at_measured_places, elastic_fit
+from elastid.fit.problem.inertia_barrier import shapes
+from elastid.fit.problem.least_squares import LeastSquares
+from elastid.fit.problem.relinearised import MovingFit
+from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
+from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.solvers import distance, solve
+from elastid.fit.spec import FitSpec, WeightSpec
+from elastid.fit.weights.weights import Weights, normalised, weigh
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.spring_preload import spring_words
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
+from elastid.record import Configuration
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+# Of the Rayleigh distribution with two components of unit variance.
+MEDIAN = np.sqrt(2 * np.log(2))
+
+
+def robust_factors(
+    fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, spec: WeightSpec
+) -> tuple[FloatArray, ...]:
+    """w (F, n_y, n_u) of each configuration at x (n_x,), 1 where an element is left out."""
+    distances = []
+    for part, weight in zip(fit.parts, weights, strict=True):
+        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(fit.theta(part, x)))
+        used = part.gain > 0
+        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
+        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
+    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    reach = spec.loss_scale * max(1.0, float(np.median(every)) / MEDIAN)
+    if spec.loss == "huber":
+        return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
+    return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)
+
+
+# Linearised again until x moves less than this many standard deviations, or this often.
+SETTLED = 1e-3
+ROUNDS = 5
+ROUNDS_OF_LOSS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """What does not change between linearisations: the measured responses with their weights, and the model."""
+
+    responses: tuple[FrequencyResponse, ...]
+    weights: tuple[Weights, ...]
+    linearisation: Linearisation
+    parameters: ParameterSet
+    spec: FitSpec
+
+    @classmethod
+    def of(
+        cls,
+        responses: Sequence[FrequencyResponse],
+        robot: Robot,
+        spec: FitSpec,
+        parameters: ParameterSet,
+        model: ModelSpec = EXACT,
+    ) -> Assembly:
+        """Weigh the responses and build the model."""
+        weights = tuple(weigh(response, spec) for response in responses)
+        if spec.weights.normalise:
+            weights = normalised(weights, responses)
+        linearisation = Linearisation.of(formulate(robot, model, parameters.names))
+        moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
+        if not linearisation.is_affine_in(moved):
+            linearisation = Linearisation.of(linearisation.model, follows=True)
+        return cls(tuple(responses), weights, linearisation, parameters, spec)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the weights left out."""
+        return tuple(note for weight in self.weights for note in weight.notes)
+
+    def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
+        """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
+        models = linearised(self.linearisation, self.responses, self.parameters, x)
+        correlated = criterion == self.spec.criterion
+        fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
+        return replace(fit, shapes=shapes(self.parameters, self.linearisation.model.robot))
+
+    @cached_property
+    def bends(self) -> bool:
+        """Whether a linearisation holds near its point only: springs are nonlinear, or masses and their places free."""
+        moved = {name for response in self.responses for name in self.parameters.moved(response.configuration.name)}
+        return self.linearisation.follows or not self.linearisation.is_affine_in(moved)
+
+    def searched(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
+        """What the search solves: the fit as it is linearised, or anew wherever it gets to if that bends."""
+        if not self.bends:
+            return fit.problem
+        return MovingFit(partial(self.at, criterion=criterion), fit).problem
+
+    def spring_words(self, x: FloatArray) -> tuple[str, ...]:
+        """Springs that no one stiffness describes where the robot rests at x."""
+        model = self.linearisation.model
+        alike: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
+        for one in (response.configuration for response in self.responses):
+            alike.setdefault(tuple(self.parameters.expand(x, one.name)[:-1]), {})[one.name] = one
+        words: list[str] = []
+        for numbers, configurations in alike.items():
+            theta = np.array(numbers)
+            words += spring_words(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
+        return tuple(words)
+
+    def reweighed(self, x: FloatArray) -> Assembly:
+        """The same with less weight on what is far off at x, as the study's loss wants it."""
+        if self.spec.weights.loss == "square":
+            return self
+        factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x, self.spec.weights)
+        weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
+        return replace(self, weights=tuple(weights))
+
+
+def widening(fit: ElasticFit, bands: int) -> list[ElasticFit]:
+    """Frequency continuation: the fit on the lower 1 / bands, 2 / bands, ... of its lines, all of them not included."""
+    freq_hz = np.unique(np.concatenate([part.kernel.freq_hz for part in fit.parts]))
+    edges = [freq_hz[math.ceil(len(freq_hz) * band / bands) - 1] for band in range(1, bands)]
+    return [replace(fit, parts=tuple(part.below(edge) for part in fit.parts)) for edge in edges]
+
+
+@dataclass(frozen=True, eq=False)
+class RelinearisedOptimum:
+    """Where a fit came to rest: the end, its fit and weights there, and a word where it did not."""
+
+    end: LocalOptimum
+    fit: ElasticFit
+    weights: tuple[Weights, ...]
+    notes: tuple[str, ...] = ()
+
+
+def settle(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
+    """Linearise, and weigh as the loss wants it, at the result and solve again until x stays."""
+    rounds = ROUNDS if assembly.spec.weights.loss == "square" else ROUNDS_OF_LOSS
+    end = start
+    for _ in range(rounds):
+        try:
+            there = assembly.reweighed(end.x)
+            fit = there.at(end.x, criterion)
+        except StudyError as error:
+            raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
+        before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
+        moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
+        if moved < SETTLED:
+            return RelinearisedOptimum(end, fit, there.weights)
+    note = (
+        "the operating point under gravity, or the weights of fit.weights.loss, still move: "
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
+    )
+    return RelinearisedOptimum(end, fit, there.weights, (note,))
+
+
+def linearised(
+    linearisation: Linearisation, responses: Sequence[FrequencyResponse], parameters: ParameterSet, x: FloatArray
+) -> list[LinearModel]:
+    """The model of each response at x, with its inputs and outputs in its order; theta ends with the delay."""
+    models = []
+    for response in responses:
+        theta = parameters.expand(x, response.configuration.name)
+        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
+        models.append(at_measured_places(model, response))
+    return models

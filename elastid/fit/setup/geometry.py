@@ -1,0 +1,98 @@
+r"""What is wrong with the coordinates and lengths that a study wants identified, before anything is fitted.
+
+The ends a_1, a_2 of a compensator, within their bounds, at the closest that they come in a configuration:
+
+.. math:: \min_{a_1, a_2} |p_2 + R_2 a_2 - p_1 - R_1 a_1|
+
+where they meet its force has no direction, and its stiffness k L_0 / L across no bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TypeAlias
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.model.kinematics import frame_poses
+from elastid.model.parallel_linkage.closed_posture import assembled, followed
+from elastid.parameters import Parameter, ParameterSet
+from elastid.robot import BASE, Compensator, Robot
+
+# Names of configurations to the motors' angles (n_u,).
+Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]
+# m: two ends at this distance are taken for one point.
+TOGETHER = 1e-3
+
+
+def refusals(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> Iterator[tuple[str, str]]:
+    """The parameter, and what is wrong with its start or its bounds in one of the configurations."""
+    free = [p for p in parameters.free if p.stands_for in robot.geometry]
+    if not free:
+        return
+    for name, angles in configurations.items():
+        here = [p for p in free if not p.only or name in p.only]
+        table = robot.parameters(parameters.names)
+        numbers = dict(zip(parameters.names, parameters.expand(parameters.x, name).tolist(), strict=True))
+        started = ", ".join(f"{p.stands_for} = {p.value:g} m" for p in here)
+        try:
+            there = robot.with_parameters({key: numbers[key] for key in table if key in robot.geometry})
+            assembled(there, np.array(angles, dtype=float))
+        except (StudyError, ValueError) as error:
+            yield here[0].name, f"the robot cannot stand at the start {started} in configuration {name}: {error}"
+            return
+        for compensator in there.compensators:
+            mine = [p for p in here if p.stands_for in compensator.geometry]
+            if mine and _has_a_direction(compensator, parameters):
+                yield from _meeting(there, compensator, mine, name, np.array(angles, dtype=float))
+
+
+def refuse(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
+    """StudyError with the first of the refusals."""
+    for name, message in refusals(parameters, robot, configurations):
+        raise StudyError(f"fit.parameters.{name}: {message}")
+
+
+def _has_a_direction(compensator: Compensator, parameters: ParameterSet) -> bool:
+    """Whether it pulls where its ends meet: all but a coil without rest length do."""
+    rest = f"L0_{compensator.name}"
+    moves = any(p.stands_for == rest for p in parameters.free)
+    return compensator.coil is None or compensator.coil.rest_length > 0 or moves
+
+
+def _meeting(
+    robot: Robot, compensator: Compensator, free: Sequence[Parameter], configuration: str, angles: FloatArray
+) -> Iterator[tuple[str, str]]:
+    """A word where the ends come together at the start of these coordinates, or within their bounds."""
+    q = followed(robot, angles[None])
+    (start, first), (end, second) = (_pose(robot, q, anchor.body) for anchor in compensator.ends)
+    points = [np.array(anchor.point, dtype=float) for anchor in compensator.ends]
+    bounded = [p for p in free if np.isfinite(p.upper - p.lower)]
+    axes = np.zeros((3, len(bounded)))
+    for column, parameter in enumerate(bounded):
+        _, i, _, axis = compensator.geometry[parameter.stands_for][1]
+        axes[:, column] = (second if i else -first)[:, int(axis)]
+    gap = end + second @ points[1] - start - first @ points[0]
+    at, low, high = (np.array([getattr(p, which) for p in bounded]) for which in ("value", "lower", "upper"))
+    if np.linalg.norm(gap) > TOGETHER and bounded:
+        found = lsq_linear(axes, axes @ at - gap, (low, high)).x
+        gap, at = gap + axes @ (found - at), found
+    if np.linalg.norm(gap) > TOGETHER:
+        return
+    where = ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, at, strict=True)) or "its start"
+    yield (
+        (bounded or list(free))[0].name,
+        f"within the bounds both ends of compensator {compensator.name} come together in configuration "
+        f"{configuration}, at {where}, where its force has no direction; narrow them, so that its ends stay apart",
+    )
+
+
+def _pose(robot: Robot, q: FloatArray, body: str) -> tuple[FloatArray, FloatArray]:
+    """Origin (3,) and axes (3, 3) of a body in the base frame."""
+    if body == BASE:
+        return np.zeros(3), np.eye(3)
+    poses = frame_poses(robot, q, body)
+    return poses.position[0], poses.rotation[0]

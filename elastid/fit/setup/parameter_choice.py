@@ -1,0 +1,202 @@
+"""Which parameters are identified: the robot's numbers under the `fit.parameters` of a study.
+
+Stiffness, damping, friction, inertia, mass and a rod's length are logarithmic; centres of mass, coordinates of the
+geometry, products of inertia, a spring's quadratic terms, a compensator's length and the delay are linear. What a study
+does not name keeps the robot's number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from fnmatch import fnmatchcase
+
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.fit.setup import groups
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec
+from elastid.linear.linear_model import DELAY
+from elastid.parameters import Parameter, ParameterSet, Prior
+from elastid.robot import Robot
+
+# Default bounds: a logarithmic parameter within this factor of its start, the delay in s. Friction may end higher:
+# Coulomb friction looks viscous to a multisine, the more the slower it slides, by far more than a data sheet's number.
+REACH = 100.0
+REACH_OF_FRICTION = 1e4
+DELAY_BOUNDS = (0.0, 0.01)
+
+
+def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> ParameterSet:
+    """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
+
+    A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
+    Coordinates and lengths of the geometry are among the parameters as far as the study names them (`named_geometry`).
+    A key with a group behind an @ is about the parameter of that group alone (`groups`).
+    Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
+    are fitted, for parameters of their own; without any, such a parameter is one for all.
+    Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
+    of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
+    """
+    table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    shared = {key: wish for key, wish in spec.parameters.items() if not groups.is_of_one(key)}
+    wanted = _match(shared, table, robot.geometry) if spec.parameters else _default(robot)
+    grouped = {name: groups.of(name, wish, spec.robots, configurations) for name, wish in wanted.items()}
+    groups.check_keys(spec, wanted)
+    linear = _linear_names(robot)
+    chosen: list[Parameter] = []
+    further = [_ratio(name, ratio, table) for name, ratio in spec.ratios.items()]
+    for name, (value, unit) in table.items():
+        if name not in wanted:
+            chosen.append(Parameter(name, value, unit, log=name not in linear, free=False))
+            continue
+        parameter = _parameter(name, value, unit, wanted[name], name not in linear)
+        own = grouped[name]
+        everywhere = bool(own) and {c for only in own.values() for c in only} >= set(configurations)
+        chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
+        for group, only in own.items():
+            key = f"{name}@{group}"
+            wish = groups.wish(key, wanted[name], spec.parameters)
+            of_group = _parameter(key, value, unit, wish, name not in linear)
+            further.append(replace(of_group, only=only))
+    _check_ratios(spec, chosen)
+    chosen += further
+    try:
+        parameters = ParameterSet(tuple(chosen))
+    except ValueError as error:
+        raise StudyError(f"fit.parameters: {error}") from None
+    if not parameters.free:
+        raise StudyError("fit.parameters: nothing is left to identify, every parameter is fixed or tied")
+    return parameters
+
+
+def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+    """The names of robot.geometry that fit.parameters ask for, by a key or as what another one is tied to.
+
+    A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
+    """
+    asked = [key for key in given if key[:1].isalpha()]
+    asked += [wish.tie.to for wish in given.values() if wish.tie is not None and wish.tie.to in robot.geometry]
+    return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in asked))
+
+
+def _match(
+    given: Mapping[str, ParameterSpec], table: Mapping[str, object], geometry: Iterable[str]
+) -> dict[str, ParameterSpec]:
+    """What the study says about each name that it names."""
+    matched: dict[str, ParameterSpec] = {}
+    for key, wish in given.items():
+        names = [name for name in table if fnmatchcase(name, key)]
+        if not names:
+            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, table, geometry)}")
+        matched |= {name: _starred(key, name, wish) for name in names}
+    return matched | {key: wish for key, wish in given.items() if key in table}
+
+
+def _starred(key: str, name: str, wish: ParameterSpec) -> ParameterSpec:
+    """The wish for one name of a pattern: the * of its tie is what the * of the key stands for."""
+    if wish.tie is None or "*" not in wish.tie.to:
+        return wish
+    if key.count("*") != 1:
+        raise StudyError(f"fit.parameters.{key}: a tie to {wish.tie.to} needs exactly one * in the key")
+    before, after = key.split("*")
+    star = name[len(before) : len(name) - len(after)]
+    return replace(wish, tie=replace(wish.tie, to=wish.tie.to.replace("*", star)))
+
+
+def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
+    where = f"fit.ratios.{name}"
+    if name in table:
+        raise StudyError(f"{where}: the robot has a parameter of that name; choose another one")
+    start = float(ratio.start)
+    if not start > 0:
+        raise StudyError(f"{where}: the start is {start:g}; it must be positive")
+    lower, upper = (float(b) for b in ratio.bounds) if ratio.bounds is not None else (start / REACH, start * REACH)
+    prior = _prior(ratio.prior, start)
+    try:
+        return Parameter(name, start, "1", lower, upper, log=True, prior=prior, ratio=True)
+    except ValueError as error:
+        raise StudyError(f"fit.ratios: {error}") from None
+
+
+def _check_ratios(spec: FitSpec, chosen: Sequence[Parameter]) -> None:
+    """Every ratio is a factor of a tie; StudyError names the one that is not, and a tie to one that is not there."""
+    used = {parameter.tie.by: parameter.name for parameter in chosen if parameter.tie is not None}
+    for name in spec.ratios:
+        if name not in used:
+            raise StudyError(
+                f"fit.ratios.{name}: no tie uses it; name it in one, such as {{tie: {{to: k_1, by: {name}}}}}"
+            )
+    for by, name in used.items():
+        if by and by not in spec.ratios and by not in {parameter.name for parameter in chosen}:
+            known = ", ".join(spec.ratios) or "none"
+            raise StudyError(f"fit.parameters.{name}.tie: no ratio is called {by}; fit.ratios has {known}")
+
+
+def _default(robot: Robot) -> dict[str, ParameterSpec]:
+    """Every stiffness, and every damping of a spring or rod and friction of a motor that is not zero."""
+    names = []
+    for joint in robot.joints:
+        if joint.spring is not None:
+            names.append(f"k_{joint.name}")
+        if joint.spring is not None and joint.spring.damping > 0:
+            names.append(f"d_{joint.name}")
+        if joint.motor is None:
+            continue
+        if joint.motor.viscous > 0:
+            names.append(f"fm_{joint.name}")
+        if joint.motor.spring is not None:
+            names.append(f"km_{joint.name}")
+        if joint.motor.spring is not None and joint.motor.spring.damping > 0:
+            names.append(f"dm_{joint.name}")
+    for loop in robot.loops:
+        if loop.rod is not None and loop.rod.is_elastic:
+            names += [f"k_{loop.name}"] + [f"d_{loop.name}"] * (loop.rod.damping > 0)
+    return {name: ParameterSpec() for name in names}
+
+
+def _linear_names(robot: Robot) -> set[str]:
+    """Those that may be zero or negative."""
+    names = {DELAY}
+    for body in robot.all_bodies:
+        names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
+        names |= {f"I_{body.name}{entry}" for entry in body.inertia_entries if entry in ("_xy", "_xz", "_yz")}
+    names |= {f"a_{loop.name}" for loop in robot.loops if loop.rod is not None}
+    names |= {f"{letter}_{joint.name}" for joint in robot.joints for letter in ("k2", "k2s")}
+    names |= {f"L0_{compensator.name}" for compensator in robot.compensators}
+    names |= robot.geometry.keys() - {f"l_{loop.name}" for loop in robot.loops}
+    return names
+
+
+def _parameter(name: str, value: float, unit: str, wish: ParameterSpec, log: bool) -> Parameter:
+    where = f"fit.parameters.{name}"
+    if wish.tie is not None:
+        return Parameter(name, value, unit, log=log, tie=wish.tie.tie())
+    start = value if wish.start is None else float(wish.start)
+    if wish.fixed:
+        return Parameter(name, start, unit, log=log, free=False)
+    if log and not start > 0:
+        raise StudyError(
+            f"{where}: it is found as a factor of its start, and the start is {start:g} {unit}; "
+            f"give a positive one, for example {{start: 1 {unit}}}"
+        )
+    prior = _prior(wish.prior, value)
+    if prior is not None and log and not prior.mean > 0:
+        raise StudyError(f"{where}.prior: the mean {prior.mean:g} {unit} must be positive")
+    lower, upper = _bounds(name, start, wish, log)
+    try:
+        return Parameter(name, start, unit, lower, upper, log, prior=prior)
+    except ValueError as error:
+        raise StudyError(f"fit.parameters: {error}") from None
+
+
+def _prior(prior: PriorSpec | None, known: float) -> Prior | None:
+    """About its mean, or about the number that is known without it."""
+    return None if prior is None else Prior(known if prior.mean is None else float(prior.mean), prior.std)
+
+
+def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[float, float]:
+    if wish.bounds is not None:
+        return float(wish.bounds[0]), float(wish.bounds[1])
+    if log:
+        return start / REACH, start * (REACH_OF_FRICTION if name.startswith(("f_", "fm_")) else REACH)
+    return DELAY_BOUNDS if name.partition(groups.OF)[0] == DELAY else (-math.inf, math.inf)

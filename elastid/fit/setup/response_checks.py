@@ -1,0 +1,118 @@
+"""What is wrong with a set of measured responses before anything is fitted to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+
+import numpy as np
+
+from elastid.base.errors import DataError, StudyError
+from elastid.parameters import ParameterSet
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+# rad or m: angles nearer to each other are one posture.
+SAME_ANGLE = 2e-5
+# Two responses with more than this share of their lines in common are one measurement.
+ALIKE = 0.5
+
+
+def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
+    """Refuse responses that cannot be of this robot, or not in one fit.
+
+    Raises DataError for none at all, a configuration given twice or under two names, angles for another number of
+    joints, places that the robot does not have, and quantities or sampling rates that differ.
+    """
+    if not responses:
+        raise DataError("there is no response to fit; measure at least one configuration")
+    names = [response.configuration.name for response in responses]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise DataError(
+            f"configuration {', '.join(twice)} is given by two responses; its lines would count twice: leave one out, "
+            "or give each its own name where they are separate measurements"
+        )
+    for response in responses:
+        _check_robot(response, robot)
+    for one, other in _same_postures(responses):
+        if np.array_equal(one.freq_hz, other.freq_hz) and np.array_equal(one.G, other.G):
+            raise DataError(
+                f"the responses of {one.configuration.name} and {other.configuration.name} are the same numbers at the "
+                "same angles: one measurement under two names, whose lines would count twice; leave one out"
+            )
+    if len({response.rate_is_known for response in responses}) > 1:
+        unknown = ", ".join(r.configuration.name for r in responses if not r.rate_is_known)
+        raise DataError(f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz")
+
+
+def posture_words(
+    responses: Sequence[FrequencyResponse], parameters: ParameterSet, robots: Mapping[str, Sequence[str]]
+) -> tuple[str, ...]:
+    """A word about configurations that are one posture of one robot, with the same parameters, under two names."""
+
+    def group(name: str) -> tuple[object, ...]:
+        own = tuple(p.name for p in parameters if name in p.only)
+        return own, tuple(robot for robot, members in robots.items() if name in members)
+
+    pairs = ((one.configuration.name, other.configuration.name) for one, other in _same_postures(responses))
+    alike = [f"{one} and {other}" for one, other in pairs if group(one) == group(other)]
+    if not alike:
+        return ()
+    return (
+        f"the same posture under two names: {', '.join(alike)}; both count, as is right where it was measured twice; "
+        "leave one out where it was not, and name them in fit.robots where they are of two robots",
+    )
+
+
+def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
+    """Pairs at the same angles and through the same channels."""
+    angles = np.array([response.configuration.angles for response in responses])
+    same = np.all(np.abs(angles[:, None] - angles) < SAME_ANGLE, axis=2)
+    for i, j in np.argwhere(np.triu(same, 1)):
+        one, other = responses[i], responses[j]
+        if (one.inputs, one.outputs) == (other.inputs, other.outputs):
+            yield one, other
+
+
+def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:
+    """A word about every two configurations that hold the very same numbers, which two measurements never do."""
+    words = []
+    for one, other in combinations(responses, 2):
+        if (one.inputs, one.outputs) != (other.inputs, other.outputs):
+            continue
+        _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, assume_unique=True, return_indices=True)
+        same = int(np.all((one.G[here] == other.G[there]) & (one.G[here] != 0), axis=(1, 2)).sum())
+        if same > ALIKE * min(one.n_lines, other.n_lines):
+            words.append(
+                f"configurations {one.configuration.name} and {other.configuration.name} hold the very same numbers at "
+                f"{same} of {min(one.n_lines, other.n_lines)} lines: one measurement counts twice, which makes the "
+                "intervals too narrow, or a file is given for the wrong configuration; leave one of them out"
+            )
+    return tuple(words)
+
+
+def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
+    where, angles = f"configuration {response.configuration.name}", response.configuration.angles
+    if angles.size != len(robot.driven):
+        joints = ", ".join(joint.name for joint in robot.driven)
+        if not angles.size:
+            raise DataError(f"{where}: its angles are missing; give one for each of the driven joints {joints}")
+        raise DataError(
+            f"{where}: {angles.size} angles for the {len(robot.driven)} driven joints ({joints}) of robot "
+            f"{robot.name}; is this response from another robot?"
+        )
+    if not np.all(np.isfinite(angles)):
+        raise DataError(f"{where}: an angle is not a finite number")
+    motors = robot.motor_locations
+    missing = [name for name in response.inputs if name not in motors]
+    if missing:
+        raise DataError(
+            f"{where}: the response has the input {', '.join(missing)}, which robot {robot.name} has not; there are "
+            f"{', '.join(motors)}; is this response from another robot?"
+        )
+    for place in response.outputs:
+        try:
+            robot.check_location(place)
+        except StudyError as error:
+            raise DataError(f"{where}: an output, {error}; is this response from another robot?") from None

@@ -1,0 +1,163 @@
+"""Many starts, since a local solve finds the global optimum only half of the time from 50 % off, and the hit rate.
+
+It knows no robot: problems are solved one after the other, each from where the one before ended (log, then complex).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import FitError
+from elastid.base.execution import Progress, resumed, silent
+from elastid.fit.problem.least_squares import LeastSquares
+from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.solvers import FINE, ROUGH, Method, solve
+from elastid.parameters import Parameter, ParameterSet
+
+# Dampings and frictions are known worse than stiffnesses and inertias: their starts spread over factor^2.
+SPREAD_OF_DAMPING = 2.0
+DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
+# A linear parameter's starts spread over this share of its bounds to either side.
+SPREAD_OF_LINEAR = 0.1
+# A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
+HIT = 0.1
+# Iterations of a rough solve, and the multiple of the best cost from which one that used them all up is given up.
+ROUGH_ITERATIONS = 60
+HOPELESS = 30.0
+
+
+def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
+    """Starts (starts, n_x) in x: the given one first, then a Latin hypercube, uniform in x, around it.
+
+    Logarithmic parameters within `factor` of their start, dampings and frictions within factor^2, linear ones within a
+    tenth of their bounds (unbounded ones stay), all within the bounds.
+    """
+    lower, upper = parameters.x_bounds
+    n, n_x = starts - 1, len(parameters.free)
+    rng = np.random.default_rng(seed)
+    strata = np.array([rng.permutation(n) for _ in range(n_x)]).reshape(n_x, n).T
+    cube = 2 * (strata + rng.random((n, n_x))) / max(n, 1) - 1
+    reach = np.array([_reach(parameter, factor) for parameter in parameters.free])
+    return np.vstack([parameters.x, np.clip(parameters.x + cube * reach, lower, upper)])
+
+
+def _reach(parameter: Parameter, factor: float) -> float:
+    if parameter.log:
+        return math.log(factor) * (SPREAD_OF_DAMPING if parameter.unit in DAMPING_UNITS else 1.0)
+    span = parameter.upper - parameter.lower
+    return SPREAD_OF_LINEAR * span if math.isfinite(span) else 0.0
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C in the middle of many starts or after them; ends: of those that led anywhere, best first."""
+
+    def __init__(self, ends: Iterable[LocalOptimum]) -> None:
+        self.ends = tuple(sorted((end for end in ends if math.isfinite(end.cost)), key=lambda end: end.cost))
+        super().__init__(f"interrupted after {len(self.ends)} starts")
+
+
+def multistart(
+    problems: Sequence[LeastSquares],
+    starts: FloatArray,
+    jobs: int = 1,
+    progress: Progress = silent,
+    method: Method = "ipopt",
+    finished: MutableMapping[str, Any] | None = None,
+) -> tuple[tuple[LocalOptimum, ...], int]:
+    """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
+
+    Every start is solved roughly; then those go on that can still reach the best one, and the others end where they
+    are, with a word. The same for any number of jobs; with several, the problems must pickle.
+    finished: where each solve is kept as soon as it is done, and taken from where it was done before.
+    Raises FitError where none succeeds, Interrupted on Ctrl-C.
+    """
+    finished = {} if finished is None else finished
+    begin = _Begin(tuple(problems), method)
+    rough = _kept(begin, {f"start-{i}": x for i, x in enumerate(starts)}, finished, jobs, progress)
+    best = min(end.cost for end in rough)
+    if not np.isfinite(best):
+        raise FitError(f"none of the {len(rough)} starts led anywhere; the first one ended so: {rough[0].message}")
+    reach = best + _deviation(best, problems[-1])
+    hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
+    polish = _Polish(problems[-1], method)
+    try:
+        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, finished, jobs, silent)
+    except Interrupted:
+        raise Interrupted(rough) from None
+    ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
+    ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
+    best = ranked[0].cost
+    hit = best + HIT * _deviation(best, problems[-1])
+    return ranked, sum(end.cost <= hit for end in ranked)
+
+
+def _deviation(cost: float, problem: LeastSquares) -> float:
+    """By how much V rises at one standard deviation from its minimum."""
+    return max(1.0, cost / max(problem.dof, 1))
+
+
+def _may_fall(end: LocalOptimum, best: float) -> bool:
+    """Whether a rough solve that ran out of iterations is near enough to go on."""
+    return not end.converged and end.cost <= HOPELESS * best
+
+
+def _stopped(end: LocalOptimum) -> LocalOptimum:
+    if not math.isfinite(end.cost):
+        return end
+    return replace(end, message=f"stopped early, far above the best cost; {end.message}")
+
+
+def _kept(
+    function: Callable[[Any], LocalOptimum],
+    items: Mapping[str, Any],
+    finished: MutableMapping[str, Any],
+    jobs: int,
+    progress: Progress,
+) -> list[LocalOptimum]:
+    """function of each item in order; on Ctrl-C what is done is kept in the exception."""
+    ends: dict[int, LocalOptimum] = {}
+    try:
+        for index, end in resumed(function, list(items.values()), list(items), finished, jobs, progress):
+            ends[index] = end
+    except KeyboardInterrupt:
+        raise Interrupted(tuple(ends.values())) from None
+    return [ends[i] for i in range(len(items))]
+
+
+@dataclass(frozen=True)
+class _Begin:
+    """A start solved roughly, problem by problem."""
+
+    problems: tuple[LeastSquares, ...]
+    method: Method
+
+    def __call__(self, x_start: FloatArray) -> LocalOptimum:
+        x, iterations = x_start, 0
+        try:
+            for problem in self.problems:
+                end = solve(problem, x, ROUGH, ROUGH_ITERATIONS, self.method)
+                x, iterations = end.x, iterations + end.iterations
+        except FitError as error:
+            return LocalOptimum(x_start, x, math.inf, iterations, False, str(error))
+        return LocalOptimum(x_start, end.x, end.cost, iterations, end.converged, end.message)
+
+
+@dataclass(frozen=True)
+class _Polish:
+    """A rough end taken to the optimum."""
+
+    problem: LeastSquares
+    method: Method
+
+    def __call__(self, rough: LocalOptimum) -> LocalOptimum:
+        try:
+            end = solve(self.problem, rough.x, FINE, method=self.method)
+        except FitError as error:
+            return replace(rough, cost=math.inf, converged=False, message=str(error))
+        return replace(end, x_start=rough.x_start, iterations=rough.iterations + end.iterations)

@@ -1,0 +1,125 @@
+"""What one configuration says about the certainty of an estimate: sums over its lines, in whitened residuals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.problem.elastic import Part
+from elastid.fit.problem.residuals import as_real, error_gain
+from elastid.fit.weights.weights import Weights
+from elastid.response import FrequencyResponse
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Of one configuration, n_x free parameters and F lines.
+
+    rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
+    noise_meat (n_x, n_x): covariance of J^T r under the measured noise, noise_power: E|r|^2 under it; both None where
+    no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull: (output, input,
+    octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex factor.
+    """
+
+    freq_hz: FloatArray
+    rows: FloatArray
+    residual: ComplexArray
+    pull: FloatArray
+    noise_meat: FloatArray | None
+    noise_power: float | None
+    floor_power: float
+    floor_pull: dict[tuple[str, str, int], ComplexArray]
+
+    @property
+    def cost(self) -> float:
+        """sum |r|^2, this configuration's share of V."""
+        return float(np.vdot(self.residual, self.residual).real)
+
+    @property
+    def n_residuals(self) -> int:
+        """Real residuals that are not zero."""
+        return 2 * int(np.count_nonzero(self.residual))
+
+
+def evidence(part: Part, response: FrequencyResponse, weights: Weights, r: ComplexArray, J: ComplexArray) -> Evidence:
+    """The sums of one configuration from its whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u)."""
+    T = _whitening(part)
+    floor = _vec(weights.floor * response.G)
+    noise = weights.noise_covariance()
+    S = None if noise is None else T @ noise @ _H(T)
+    pulls = _vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
+    return Evidence(
+        freq_hz=response.freq_hz,
+        rows=as_real(J).reshape(len(J), -1).T,
+        residual=r.reshape(len(r), -1),
+        pull=np.einsum("pfab,fab->pf", J.conj(), r).real,
+        noise_meat=None if S is None else _meat(J, S),
+        noise_power=None if S is None else float(np.einsum("faa->", S).real),
+        floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
+        floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
+    )
+
+
+def correlation_length(residuals: Sequence[ComplexArray]) -> float:
+    r"""tau of whitened residuals (F, n) of each configuration, pooled; 1 for white ones.
+
+    .. math:: \tau = 1 + 2 \sum_{l=1}^{L} \rho(l), \qquad \rho(l) = \mathrm{Re} \sum_k r_k^* r_{k+l} / \sum_k |r_k|^2
+
+    L is the last lag before rho falls to what chance explains, at most a quarter of the lines.
+    """
+    power = sum(float(np.vdot(r, r).real) for r in residuals)
+    count = sum(int(np.count_nonzero(r)) for r in residuals)
+    longest = max((len(r) for r in residuals), default=0) // 4
+    tau = 1.0
+    for lag in range(1, longest + 1):
+        rho = sum(float(np.vdot(r[:-lag], r[lag:]).real) for r in residuals) / max(power, 1e-300)
+        if rho < np.sqrt(2 / max(count, 1)):  # two standard deviations of rho for white residuals
+            break
+        tau += 2 * rho
+    return tau
+
+
+def _whitening(part: Part) -> ComplexArray:
+    """T (F, m, m), vec column-major: how errors of Ghat appear in the whitened residuals."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
+    t = _vec(gain)
+    if part.mixing is None:
+        T: ComplexArray = t[:, :, None] * np.eye(t.shape[1])
+        return T
+    n_y, n_u = part.measured.shape[1:]
+    column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
+    mixed: ComplexArray = part.mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :]
+    return mixed
+
+
+def _vec(array: ComplexArray) -> ComplexArray:
+    """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
+    return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
+
+
+def _H(A: ComplexArray) -> ComplexArray:
+    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
+    return adjoint
+
+
+def _meat(J: ComplexArray, S: ComplexArray) -> FloatArray:
+    """1/2 Re sum_k J_k^H S_k J_k (n_x, n_x), the covariance of J^T r under the noise S."""
+    columns = _vec(J).transpose(1, 2, 0)
+    meat: FloatArray = 0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S @ columns, axis=0).real
+    return meat
+
+
+def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
+    """Pulls (n_x, F, m) of relative errors, vec column-major, summed over the lines of each octave."""
+    lowest = response.freq_hz[response.freq_hz > 0].min()
+    octave = np.floor(np.log2(np.maximum(response.freq_hz, lowest) / lowest)).astype(int)
+    return {
+        (output, given, int(o)): pulls[:, octave == o, i + j * len(response.outputs)].sum(axis=1)
+        for o in np.unique(octave)
+        for i, output in enumerate(response.outputs)
+        for j, given in enumerate(response.inputs)
+    }

@@ -1,0 +1,99 @@
+"""Sample variances from few degrees of freedom, smoothed over neighbouring lines so that they can weigh."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from elastid.base.arrays import ComplexArray, FloatArray
+
+# Degrees of freedom behind each weight. Inverse-variance weights from nu of them make the estimate's standard deviation
+# sqrt((nu - 1) / (nu - 2)) too large: 2 % for 24.
+SUPPORT = 24
+# A line whose variance exceeds the smooth one by more than chance allows (once in a thousand lines) keeps its own.
+CHANCE = 1e-3
+
+
+def smoothed(
+    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0, weakness: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    r"""Sample variances (F,) of one element, each from few degrees of freedom, smoothed over `width` lines.
+
+    .. math:: \ln \tilde v_k = s_k + \text{mean}_{|l - k| \le w/2} (\ln v_l - s_l) + \ln c, \qquad
+              s_k = a \ln |G_k|^2 + b \ln w_k
+
+    The exponents a and b in [0, 1] are found by regression: a is 0 where noise ignores the resonances, 1 where it
+    follows them; b is 1 where noise sets the level, 0 where distortion does, which grows with the excitation. weakness
+    (F,): w, the inverse of the power of the input, where it is known; its spectrum may jump from line to line. The
+    mean of logarithms follows a variance that changes by decades. c makes the weight 1 / v~ unbiased, E[1/v~] = 1/v,
+    for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give SUPPORT degrees of freedom.
+    A line that is noisier than chance allows keeps its own variance; one of zero variance takes its neighbours'.
+
+    Returns v~, and the same with c such that E[v~] = v (F,); zeros where no line has a variance.
+    """
+    known = variance > 0
+    n = int(known.sum())
+    if n == 0:
+        return np.zeros_like(variance), np.zeros_like(variance)
+    width = min((width or math.ceil(SUPPORT / dof)) // 2 * 2 + 1, n)
+    log_v = np.log(variance[known])
+    followed = [_log(np.abs(G[known]) ** 2)] + ([] if weakness is None else [_log(weakness[known])])
+    shape = _shape(log_v, np.array(followed), width)
+    geometric = np.exp(shape + _moving_mean(log_v - shape, width))
+    unbiased = geometric / _moment(1, dof, width)
+    for_weights = geometric * _moment(-1, dof, width)
+    if width > 1:
+        loud = variance[known] > unbiased * _largest_by_chance(dof)
+        for_weights, unbiased = (np.where(loud, variance[known], v) for v in (for_weights, unbiased))
+    lines = np.arange(len(variance))
+    return np.interp(lines, lines[known], for_weights), np.interp(lines, lines[known], unbiased)
+
+
+def _log(power: FloatArray) -> FloatArray:
+    logarithm: FloatArray = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
+    return logarithm
+
+
+def _shape(log_v: FloatArray, followed: FloatArray, width: int) -> FloatArray:
+    """s (F,): what of log_v (F,) follows the rows of `followed` (1 or 2, F), exponents in [0, 1]."""
+    rough_v = log_v - _moving_mean(log_v, width)
+    rough = np.array([row - _moving_mean(row, width) for row in followed])
+    exponents = np.linalg.lstsq(rough.T, rough_v, rcond=1e-9)[0] if np.abs(rough).max() > 1e-9 else np.zeros(len(rough))
+    if len(rough) == 2 and not np.all((exponents >= 0) & (exponents <= 1)):
+        # The best on the border of the square: one exponent at an end, the other free between its own.
+        sides = [_on_a_side(rough_v, rough, one, end) for one in (0, 1) for end in (0.0, 1.0)]
+        exponents = min(sides, key=lambda side: float(np.sum((rough_v - side @ rough) ** 2)))
+    shape: FloatArray = np.clip(exponents, 0.0, 1.0) @ followed
+    return shape
+
+
+def _on_a_side(rough_v: FloatArray, rough: FloatArray, one: int, end: float) -> FloatArray:
+    """Exponents (2,) with one of them at an end."""
+    other = rough[1 - one]
+    best = (rough_v - end * rough[one]) @ other / max(float(other @ other), 1e-12)
+    exponents = np.full(2, end)
+    exponents[1 - one] = np.clip(best, 0.0, 1.0)
+    return exponents
+
+
+def _moving_mean(values: FloatArray, width: int) -> FloatArray:
+    """Mean over the `width` nearest lines; at the ends the window stays inside."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.clip(np.arange(len(values)) - width // 2, 0, len(values) - width)
+    mean: FloatArray = (total[first + width] - total[first]) / width
+    return mean
+
+
+def _moment(power: int, dof: float, width: int) -> float:
+    """E[g^power], g the geometric mean of `width` variables chi^2_{2 dof} / (2 dof); 1 where it does not exist."""
+    step = power / width
+    if math.isinf(dof) or dof + step <= 0:
+        return 1.0
+    return math.exp(width * (math.lgamma(dof + step) - math.lgamma(dof) - step * math.log(dof)))
+
+
+def _largest_by_chance(dof: float) -> float:
+    """The factor over its mean that a sample variance exceeds with probability CHANCE."""
+    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - CHANCE) / dof)

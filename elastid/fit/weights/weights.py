@@ -1,0 +1,215 @@
+r"""How much each element of a measured response counts in the fit.
+
+.. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
+
+v~ is the measured variance, smoothed over neighbouring lines (`smoothed`), alpha the floor of the study: model error
+that is expected anyway. sigma is infinite where an element is left out. (identification.md 4.) Elements
+that err together may weigh together (`correlated`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec
+from elastid.fit.weights.full_covariance import correlated_noise
+from elastid.fit.weights.smoothed_variance import smoothed
+from elastid.response import Covariance, FrequencyResponse
+
+
+@dataclass(frozen=True)
+class Weights:
+    """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
+
+    factor (F, n_y, n_u): the wish of the study, on top of the inverse variance.  noise: the measured covariance C of
+    vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by element to what was smoothed:
+    scale_a C_ab scale_b.  floor: alpha.  notes: what was left out, and why.
+    correlated (F, n_y n_u, n_y n_u): the noise's part of the covariance to weigh with, vec column-major; None where
+    elements count one by one.
+    """
+
+    sigma: FloatArray
+    noise: Covariance | None
+    scale: FloatArray
+    floor: float
+    notes: tuple[str, ...]
+    factor: FloatArray
+    correlated: ComplexArray | None = None
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        for name in ("sigma", "scale", "factor"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+    @property
+    def used(self) -> BoolArray:
+        """Which elements count (F, n_y, n_u)."""
+        return np.isfinite(self.sigma)
+
+    def noise_covariance(self) -> ComplexArray | None:
+        """cov(vec G) (F, n_y n_u, n_y n_u) by the measured noise, as far as it is known."""
+        if self.noise is None or self.correlated is not None:
+            return self.correlated
+        t = vec(self.scale)
+        C: ComplexArray = t[:, :, None] * self.noise.full() * t[:, None, :]
+        return C
+
+
+def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
+    """The weights of one measured response under the study's masks, band, floor, smoothing and factors.
+
+    Raises DataError where neither a variance nor a floor tells how much its lines count, and where a full covariance is
+    asked for that is not there or singular.
+    """
+    where = response.configuration.name
+    floor = spec.weights.floor
+    if response.uncertainty is None and floor == 0:
+        raise DataError(
+            f"configuration {where}: no variance is known (that takes two periods or two realisations) and "
+            "fit.weights.floor is 0; set the floor, for example 0.01"
+        )
+    variance, scale = _measured_variance(response, spec.weights.smooth)
+    sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
+    factor = _factors(response, spec.weights.factors)
+    used = _asked_for(response, spec) & (factor > 0)
+    notes: list[str] = []
+    if response.uncertainty is None:
+        notes.append(f"configuration {where}: no variance is known; the floor of {floor:g} alone weighs its lines")
+    mute = _no_more_than_noise(response, variance, used)
+    if mute.any():
+        notes.append(f"configuration {where}: left out, no more than noise: {_element_names(response, mute)}")
+        used &= ~mute
+    silent = used & (sigma == 0)
+    if silent.any():
+        notes.append(f"configuration {where}: left out, {int(silent.sum())} elements of zero variance and no floor")
+        used &= ~silent
+    sigma = np.where(used, sigma, np.inf)
+    correlated = correlated_noise(response, variance, sigma, spec.weights)
+    return Weights(sigma, response.uncertainty, scale, floor, tuple(notes), factor, correlated)
+
+
+def one_by_one(spec: FitSpec) -> FitSpec:
+    """The same without correlated weights unless asked for: how a covariance will weigh that is yet to be measured."""
+    if spec.weights.covariance == "full":
+        return spec
+    return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
+
+
+def normalised(weights: Sequence[Weights], responses: Sequence[FrequencyResponse]) -> tuple[Weights, ...]:
+    """Weights with which every configuration has the same sum |G|^2 / sigma^2, the geometric mean of what they had."""
+    power = np.array(
+        [
+            np.sum(w.factor[w.used] * np.abs(r.G[w.used] / w.sigma[w.used]) ** 2)
+            for w, r in zip(weights, responses, strict=True)
+        ]
+    )
+    some = power > 0
+    mean = np.exp(np.mean(np.log(power[some]))) if some.any() else 1.0
+    return tuple(
+        replace(w, factor=w.factor * (mean / p if p > 0 else 1.0)) for w, p in zip(weights, power, strict=True)
+    )
+
+
+def vec(array: FloatArray | ComplexArray) -> Any:
+    """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
+    return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
+
+
+def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> FloatArray:
+    """What the study multiplies the weights by (F, n_y, n_u)."""
+    product = np.ones(response.G.shape)
+    for one in factors:
+        product = np.where(_matches(response, one), product * one.factor, product)
+    return product
+
+
+def _measured_variance(response: FrequencyResponse, width: int) -> tuple[FloatArray, FloatArray]:
+    """v~ and the scale of C (F, n_y, n_u): the total variance, never below what the noise alone explains."""
+    known = response.uncertainty
+    if known is None:
+        return np.zeros(response.G.shape), np.ones(response.G.shape)
+    smooth, unbiased = _smoothed_elements(response, known, width)
+    if response.total is not None and response.noise is not None:
+        smooth = np.maximum(smooth, _smoothed_elements(response, response.noise, width)[0])
+    scale = np.sqrt(np.divide(smooth, unbiased, out=np.ones_like(smooth), where=unbiased > 0))
+    return smooth, scale
+
+
+def _smoothed_elements(response: FrequencyResponse, known: Covariance, width: int) -> tuple[FloatArray, FloatArray]:
+    smooth, unbiased = np.zeros(response.G.shape), np.zeros(response.G.shape)
+    for i, j in np.ndindex(response.G.shape[1:]):
+        weakness = None if known.left is None else known.left[:, j, j].real
+        v, G = known.variance[:, i, j], response.G[:, i, j]
+        smooth[:, i, j], unbiased[:, i, j] = smoothed(v, G, known.dof, width, weakness)
+    return smooth, unbiased
+
+
+def _asked_for(response: FrequencyResponse, spec: FitSpec) -> BoolArray:
+    """What band and masks leave (F, n_y, n_u)."""
+    used = np.ones(response.G.shape, dtype=np.bool_)
+    if spec.band_hz is not None:
+        used &= _within(response.freq_hz, spec.band_hz)[:, None, None]
+    for mask in spec.mask:
+        used &= ~_matches(response, mask)
+    return used
+
+
+def _matches(response: FrequencyResponse, mask: MaskSpec | FactorSpec) -> BoolArray:
+    """Where all that a mask or a factor gives is true (F, n_y, n_u)."""
+    if mask.configurations and response.configuration.name not in mask.configurations:
+        return np.zeros(response.G.shape, dtype=np.bool_)
+    lines = _within(response.freq_hz, mask.band_hz) if mask.band_hz else np.ones(response.n_lines, dtype=np.bool_)
+    outputs = np.array([mask.output in ("", name) for name in response.outputs])
+    inputs = np.array([mask.input in ("", name) for name in response.inputs])
+    masked: BoolArray = lines[:, None, None] & outputs[:, None] & inputs
+    return masked
+
+
+def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
+    inside: BoolArray = (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
+    return inside
+
+
+def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used: BoolArray) -> BoolArray:
+    """Elements (n_y, n_u) whose lines that count carry less signal than noise, mean |G|^2 / v < 2, or are all zero.
+
+    A weak element with a few lines above its noise stays: the weights know how much each line is worth.
+    """
+    power = np.abs(response.G) ** 2
+    ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)
+    mute: BoolArray = np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0)
+    return mute
+
+
+def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
+    return ", ".join(
+        f"{response.outputs[i]} from {response.inputs[j]}" for i, j in zip(*np.nonzero(chosen), strict=True)
+    )
+
+
+def check_masks(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
+    """Refuse a mask or a factor that names what was not measured; StudyError says what was."""
+    _check_places(responses, "fit.mask", spec.mask)
+    _check_places(responses, "fit.weights.factors", spec.weights.factors)
+
+
+def _check_places(responses: Sequence[FrequencyResponse], key: str, masks: Sequence[MaskSpec | FactorSpec]) -> None:
+    there = {
+        "configuration": {r.configuration.name for r in responses},
+        "output": {name for r in responses for name in r.outputs},
+        "input": {name for r in responses for name in r.inputs},
+    }
+    for place, mask in enumerate(masks):
+        asked = [("configuration", name) for name in mask.configurations]
+        asked += [(kind, name) for kind, name in (("output", mask.output), ("input", mask.input)) if name]
+        for kind, name in asked:
+            if name not in there[kind]:
+                raise StudyError(
+                    f"{key}[{place}]: no {kind} '{name}' was measured; {did_you_mean(name, sorted(there[kind]))}"
+                )

@@ -1,0 +1,96 @@
+"""Coherences, singular values and noise of one configuration's measurement; a word on inputs hardly excited."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.frf.experiment_blocks import Gathered, added
+from elastid.frf.lines import LEAST_SNR
+from elastid.response import Levels, Quality
+
+# An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
+_HARDLY = 100.0
+# Beyond this condition one combination of the inputs has less than a hundredth of the power of another.
+_WORST_CONDITION = 10.0
+
+
+def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Quality:
+    """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
+    blocks, S_Z, n_y = data.blocks, data.scatter.S_Z, G.shape[1]
+    spread = np.einsum("fii->fi", S_Z).real
+    noise = spread / data.scatter.dof
+    power = [np.abs(each.Y) ** 2 for each in blocks]
+    U_H = [(each.U.conj() * each.periods).swapaxes(1, 2) for each in blocks]
+    coherence, multiple = coherences(
+        np.sum([p @ each.periods for each, p in zip(blocks, power, strict=True)], axis=0) + spread[:, :n_y],
+        added(each.Y @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, :n_y, n_y:],
+        added(each.U @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, n_y:, n_y:],
+    )
+    amplitude = np.sqrt(np.sum([p.sum(axis=2) for p in power], axis=0) / len(data.periods))
+    return Quality(
+        coherence=coherence,
+        multiple_coherence=multiple,
+        singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
+        input_singular_values=input_singular_values(data),
+        input_noise=noise[:, n_y:],
+        output_noise=noise[:, :n_y],
+        excited=Levels(freq_hz, amplitude, np.sqrt(noise[:, :n_y] * np.mean(1 / data.periods))),
+    )
+
+
+def input_singular_values(data: Gathered) -> FloatArray:
+    """Of U (F, n_u, K) / sqrt(K), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
+    S_U = data.UU / len(data.periods)
+    rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
+    rms[rms == 0] = 1.0
+    power = np.linalg.eigvalsh(S_U / np.outer(rms, rms))
+    values: FloatArray = np.sqrt(np.maximum(power[:, ::-1], 0.0))
+    return values
+
+
+def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    r"""Ordinary (F, n_y, n_u) and multiple coherence (F, n_y) from power yy (F, n_y) and spectra S_yu and S_uu.
+
+    .. math:: \gamma_{ij}^2 = \frac{|S_{y_i u_j}|^2}{S_{y_i y_i} S_{u_j u_j}}, \quad
+              \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
+    """
+    both = yy[:, :, None] * np.einsum("fii->fi", uu).real[:, None, :]
+    ordinary = np.divide(np.abs(yu) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+    explained = np.sum((yu @ np.linalg.inv(uu)) * yu.conj(), axis=2).real
+    multiple = np.divide(explained, yy, out=np.zeros(explained.shape), where=yy > 0)
+    return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
+
+
+def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[str]:
+    """A word for every output that hardly moved."""
+    excited = quality.excited
+    weak = excited.amplitude**2 <= LEAST_SNR * excited.noise**2
+    return [
+        f"configuration {where}: output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
+        f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque"
+        for i, name in enumerate(outputs)
+        if weak[:, i].mean() > 0.5
+    ]
+
+
+def input_words(where: str, inputs: Sequence[str], data: Gathered, quality: Quality) -> list[str]:
+    """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
+    power = np.einsum("fii->fi", data.UU).real / len(data.periods)
+    noise = quality.input_noise * np.mean(1 / data.periods)
+    weak = power < _HARDLY * noise
+    words = [
+        f"configuration {where}: input {name} was hardly excited: less than 20 dB above its noise at "
+        f"{int(weak[:, i].sum())} of {len(weak)} lines, so that its column of G is uncertain; raise its torque"
+        for i, name in enumerate(inputs)
+        if weak[:, i].mean() > 0.5
+    ]
+    if np.median(quality.condition) > _WORST_CONDITION:
+        words.append(
+            f"configuration {where}: the inputs move nearly together: the condition of the input matrix, each input "
+            f"relative to its RMS, is {np.median(quality.condition):.3g} at the median line (1 is best); take "
+            "orthogonal experiments"
+        )
+    return words

@@ -1,0 +1,152 @@
+r"""Covariance of a mean frequency response: from the scatter of periods (noise) and of realisations (total).
+
+To first order every estimator has the error sum_m V_m W_m with the equation error V = Y - G U and U W = 1, so
+
+.. math:: cov(vec\, \hat G) = \sum_m (W_m^T diag(1 / P_e)\, W_m^*) \otimes C_V, \quad
+          C_V = \Gamma C_Z \Gamma^H, \quad \Gamma = [1, -G]
+
+with C_V the covariance (n_y, n_y) of V in one period: it holds the noise of outputs and inputs together, so that
+neither the (n_y + n_u) n_u square covariance of all spectra nor its Jacobian is ever formed.
+(Pintelon and Schoukens, System Identification, 2nd ed., section 2.7, in the form of the equation error.)
+
+Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt(dof) of itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.frf.experiment_blocks import Block, Gathered, Scatter, added
+from elastid.frf.methods import Estimate
+from elastid.response import Covariance
+
+# A sample covariance of vec G needs twice as many degrees of freedom as it has rows, or its inverse is worthless.
+_FULL = 2
+
+
+def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
+    """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
+    n_y = G.shape[1]
+    S = scatter.S_Z
+    YU, UU = S[:, :n_y, n_y:], S[:, n_y:, n_y:]
+    cross = YU @ _H(G)
+    C_V: ComplexArray = (S[:, :n_y, :n_y] - cross - _H(cross) + G @ UU @ _H(G)) / scatter.dof
+    return C_V
+
+
+def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
+    """Covariance of vec G that the disturbing noise explains: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
+    P = np.concatenate([each.periods for each in blocks])
+    if np.ptp(P) == 0:
+        return kronecker(estimate.left / P[0], C_V, dof)
+    left = added(_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True))
+    return kronecker(left, C_V, dof)
+
+
+def total_error(data: Gathered, estimate: Estimate) -> tuple[ComplexArray, int] | None:
+    r"""C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
+
+    With D = Y - G U of all of them, U and W side by side,
+
+    .. math:: C_T = \frac{D D^H}{K - 2 n_u + tr(W^H W\, U U^H)}
+
+    The denominator is K - n_u where all are excited alike and makes C_T unbiased where they are not.  None for one
+    realisation, or where no experiment is left over when G is fitted.
+    """
+    n_u = estimate.G.shape[2]
+    K = len(data.periods)
+    if len(data.blocks) < 2 or n_u >= K:
+        return None
+    D = (each.Y - estimate.G @ each.U for each in data.blocks)
+    expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
+    return added(each @ _H(each) for each in D) / expected[:, None, None], K - n_u
+
+
+def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: int) -> Covariance:
+    """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
+
+    Where the realisations alone give twice as many degrees of freedom as vec G has elements, their sample covariance,
+    which does not suppose that every experiment is disturbed alike.
+    """
+    _, n_y, n_u = estimate.G.shape
+    M = len(blocks)
+    if n_u > 1 and _FULL * n_y * n_u <= M - 1 and all(each.U.shape[2] >= n_u for each in blocks):
+        return _sample_covariance(blocks, estimate.G)
+    return kronecker(estimate.left, C_T, dof)
+
+
+def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covariance:
+    """Covariance of one realisation's vec G by stochastic nonlinear distortion: M (total - noise), no less than zero.
+
+    Negative eigenvalues of the difference, which chance leaves where noise dominates, are set to zero.
+    """
+    if total.left is not None and total.right is not None and noise.left is not None and noise.right is not None:
+        share = np.einsum("fii->f", noise.left).real / np.einsum("fii->f", total.left).real
+        return kronecker(M * total.left, positive(total.right - share[:, None, None] * noise.right), total.dof)
+    if total.matrix is not None:
+        matrix = M * positive(total.matrix - noise.full())
+        return full_covariance(matrix, total.variance.shape, total.dof)
+    return Covariance(M * np.maximum(total.variance - noise.variance, 0.0), total.dof)
+
+
+def positive(A: ComplexArray) -> ComplexArray:
+    """The positive semidefinite matrix next to each Hermitian A (F, n, n)."""
+    value, vector = np.linalg.eigh(A)
+    nearest: ComplexArray = (vector * np.maximum(value, 0.0)[:, None, :]) @ _H(vector)
+    return nearest
+
+
+def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
+    """left (x) right, or only its diagonal where fewer degrees of freedom than outputs leave right singular."""
+    variance: FloatArray = _real_diagonal(right)[:, :, None] * _real_diagonal(left)[:, None, :]
+    if right.shape[1] > dof:
+        return Covariance(variance, dof)
+    return Covariance(variance, dof, left, right)
+
+
+def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:
+    """A covariance of vec G (F, n_y n_u, n_y n_u) with its variances in the shape (F, n_y, n_u) of G."""
+    F, n_y, n_u = shape
+    variance = _real_diagonal(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
+    return Covariance(variance, dof, matrix=matrix)
+
+
+def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[str]:
+    """A word where a covariance is more or less than the Kronecker form, by its degrees of freedom."""
+    words = []
+    for what, covariance in (("noise", noise), ("total", total)):
+        if covariance is None or covariance.form == "kronecker":
+            continue
+        n_y, n_u = covariance.variance.shape[1:]
+        kept = (
+            f"variances only: {covariance.dof:g} complex degrees of freedom cannot correlate {n_y} outputs"
+            if covariance.form == "diagonal"
+            else f"the full covariance of its {n_y * n_u} elements, from {covariance.dof:g} complex degrees of freedom"
+        )
+        words.append(f"configuration {where}: the {what} of G has {kept}")
+    return words
+
+
+def _sample_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance:
+    M, shape = len(blocks), G.shape
+    D = np.stack([each.Y @ each.W for each in blocks])
+    D = D - D.mean(axis=0)
+    vec = D.transpose(1, 3, 2, 0).reshape(shape[0], -1, M)
+    return full_covariance(vec @ _H(vec) / (M - 1) / M, shape, M - 1)
+
+
+def _real_diagonal(A: ComplexArray) -> FloatArray:
+    diagonal: FloatArray = np.maximum(np.einsum("fii->fi", A).real, 0.0)
+    return diagonal
+
+
+def _T(A: ComplexArray) -> ComplexArray:
+    return np.swapaxes(A, -1, -2)
+
+
+def _H(A: ComplexArray) -> ComplexArray:
+    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
+    return adjoint

@@ -1,0 +1,215 @@
+"""One configuration's records, one at a time, to what its estimators need: mean spectra and the scatter of periods."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.frf.period_selection import trusted
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import PeriodSpectra, period_spectra, reference_spectrum
+from elastid.record import Record
+
+# Lines whose spectra, of all periods of a record, fit into the processor's cache.
+_AT_ONCE = 256
+
+
+@dataclass(frozen=True)
+class Block:
+    """The E experiments of one realisation (or of several), as means over their periods.
+
+    U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): the torque that was injected, or None.  periods (E,): how many.
+    input_noise (F, n_u): variance of U in one period, with its degrees of freedom.
+    """
+
+    U: ComplexArray
+    Y: ComplexArray
+    R: ComplexArray | None
+    periods: FloatArray
+    input_noise: FloatArray
+    dof: int
+
+    @cached_property
+    def W(self) -> ComplexArray:
+        """(F, E, n_u) with U W = 1: U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
+        _, n_u, E = self.U.shape
+        if n_u == E:
+            W: ComplexArray = np.linalg.inv(self.U).astype(np.complex128, copy=False)
+            return W
+        right: ComplexArray = np.swapaxes(self.U, 1, 2).conj() @ np.linalg.inv(self.UU)
+        return right
+
+    @cached_property
+    def UU(self) -> ComplexArray:
+        """U U^H (F, n_u, n_u)."""
+        return self.U @ np.swapaxes(self.U, 1, 2).conj()
+
+    @cached_property
+    def input_rms(self) -> FloatArray:
+        """RMS (n_u,) of each input over lines and experiments; 1 for one that is zero."""
+        rms: FloatArray = np.sqrt(np.mean(np.abs(self.U) ** 2, axis=(0, 2)))
+        return np.where(rms > 0, rms, 1.0)
+
+    def on(self, lines: BoolArray) -> Block:
+        """The same on some of its lines (F,)."""
+        if lines.all():
+            return self
+        R = None if self.R is None else self.R[lines]
+        return replace(self, U=self.U[lines], Y=self.Y[lines], R=R, input_noise=self.input_noise[lines])
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """S_Z (F, n_y + n_u, n_y + n_u): sum over periods of (Z - mean)(Z - mean)^H, Z = [Y; U]; expectation dof C_Z."""
+
+    S_Z: ComplexArray
+    dof: int
+
+    def on(self, lines: BoolArray) -> Scatter:
+        """The same on some of its lines (F,)."""
+        return self if lines.all() else Scatter(self.S_Z[lines], self.dof)
+
+    @property
+    def C_Z(self) -> ComplexArray:
+        """Covariance of [Y; U] in one period."""
+        return self.S_Z / self.dof
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """A block for each realisation, the scatter of all their periods, and what was noticed."""
+
+    blocks: tuple[Block, ...]
+    scatter: Scatter
+    notes: tuple[str, ...] = ()
+
+    @property
+    def periods(self) -> FloatArray:
+        """(K,): how many of each of the K experiments."""
+        return np.concatenate([each.periods for each in self.blocks])
+
+    @cached_property
+    def UU(self) -> ComplexArray:
+        """U U^H (F, n_u, n_u) of all experiments."""
+        return added(each.UU for each in self.blocks)
+
+    @cached_property
+    def every(self) -> Block:
+        """All experiments of all realisations as one block."""
+        return pooled(self.blocks)
+
+    def on(self, lines: BoolArray) -> Gathered:
+        """The same on some of its lines (F,)."""
+        return Gathered(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
+
+
+class _Sums:
+    """What is added up over experiments: the scatter of their periods, before its scale (F, n)."""
+
+    def __init__(self, scale: ComplexArray) -> None:
+        self.scale = scale
+        self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), dtype=np.complex128)
+        self.dof = 0
+
+    def add(self, spectra: PeriodSpectra) -> ComplexArray:
+        """Adds the scatter of a record's periods; returns their mean Z (F, n)."""
+        mean = np.empty_like(self.scale)
+        # In parts that stay in the processor's cache.
+        for first in range(0, len(mean), _AT_ONCE):
+            part = slice(first, first + _AT_ONCE)
+            V = np.concatenate([spectra.y[:, part], spectra.u[:, part]], axis=2)
+            mean[part] = V.mean(axis=0)
+            V -= mean[part]
+            V = np.moveaxis(V, 0, 2)
+            self.S[part] += V @ np.swapaxes(V, 1, 2).conj()
+        self.dof += len(spectra.periods) - 1
+        return mean * self.scale
+
+    def power(self) -> FloatArray:
+        """Sum (F, n) over periods of |Z - mean|^2."""
+        power: FloatArray = np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2
+        return power
+
+    def scatter(self) -> Scatter:
+        """S_Z."""
+        self.S *= self.scale[:, :, None]
+        self.S *= self.scale[:, None, :].conj()
+        return Scatter(self.S, self.dof)
+
+
+def gathered(
+    realisations: Iterable[Sequence[Record]],
+    lines: IntArray,
+    detection: IntArray,
+    spec: EstimatorSpec,
+    with_reference: bool,
+) -> Gathered:
+    """Mean spectra at lines (F,) and detection lines (K,), all in order, of one record after another.
+
+    Which periods can be trusted is told by the excited lines.  The spectra of r are there if asked for.
+    """
+    everywhere = np.union1d(lines, detection)
+    excited = np.isin(everywhere, lines)
+    sums: _Sums | None = None
+    blocks: list[Block] = []
+    notes: list[str] = []
+    for group in realisations:
+        power, dof = (0.0, 0) if sums is None else (sums.power(), sums.dof)
+        means, R, periods = [], [], []
+        for record in group:
+            spectra = period_spectra(record, everywhere, spec.quantity)
+            kept = trusted(spectra.on(excited), spec)
+            notes += kept.notes
+            periods.append(len(kept.periods))
+            sums = sums or _Sums(spectra.scale)
+            means.append(sums.add(spectra.only(kept.periods)))
+            R.append(reference_spectrum(record, everywhere) if with_reference else None)
+        assert sums is not None  # a group holds at least one record
+        noise = (sums.power() - power)[:, len(group[0].outputs) :] / (sums.dof - dof)
+        blocks.append(_block(means, R, periods, noise, sums.dof - dof))
+    assert sums is not None
+    return Gathered(tuple(blocks), sums.scatter(), tuple(notes))
+
+
+def _block(
+    means: Sequence[ComplexArray],
+    R: Sequence[ComplexArray | None],
+    periods: Sequence[int],
+    input_noise: FloatArray,
+    dof: int,
+) -> Block:
+    n_y = means[0].shape[1] - input_noise.shape[1]
+    known = [each for each in R if each is not None]
+    return Block(
+        U=np.stack([mean[:, n_y:] for mean in means], axis=2),
+        Y=np.stack([mean[:, :n_y] for mean in means], axis=2),
+        R=np.stack(known, axis=2) if len(known) == len(means) else None,
+        periods=np.array(periods, dtype=np.float64),
+        input_noise=input_noise,
+        dof=dof,
+    )
+
+
+def added(terms: Iterable[ComplexArray]) -> ComplexArray:
+    """Their sum, two in memory at a time."""
+    return reduce(np.add, terms)
+
+
+def pooled(blocks: Sequence[Block]) -> Block:
+    """All experiments of all realisations as one block."""
+    if len(blocks) == 1:
+        return blocks[0]
+    R = [each.R for each in blocks if each.R is not None]
+    dof = sum(each.dof for each in blocks)
+    return Block(
+        U=np.concatenate([each.U for each in blocks], axis=2),
+        Y=np.concatenate([each.Y for each in blocks], axis=2),
+        R=np.concatenate(R, axis=2) if len(R) == len(blocks) else None,
+        periods=np.concatenate([each.periods for each in blocks]),
+        input_noise=np.sum([each.dof / dof * each.input_noise for each in blocks], axis=0),
+        dof=dof,
+    )

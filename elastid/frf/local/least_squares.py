@@ -1,0 +1,185 @@
+r"""Local least squares at every line at once: a low-order rational model of response and transient in each window.
+
+.. math:: A_k(r) Z_e(k + r) = B_k(r) R_e(k + r) + T_{k,e}(r) + A_k(r) V_e(k + r), \quad A_k(0) = 1
+
+B, T are polynomials in the offset r, T of each experiment e its own; A is a scalar polynomial that all outputs and
+experiments share, as they share the poles (A = 1: the local polynomial method). Response and transient at the line are
+B_k(0) and T_k(0). Rows are divided by |A| of the iteration before (Sanathanan and Koerner), so that their noise is V
+again: the estimate is free of the bias of the plain linear problem, and its residual is the noise, not A times it.
+(Pintelon, Schoukens, Vandersteen and Barbe, MSSP 24, 2010; McKelvey and Guerin, SYSID 2012, for the rational form.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.frf.local.windows import Windows, WindowTerms
+
+# Iterations of the denominator; further ones change it by less than the noise does.
+_ITERATIONS = 4
+# |A| below this part of its maximum weighs no more before the last iteration: a pole wandering onto a bin would
+# otherwise make the others count for nothing.
+_LEAST_A = 0.1
+# Powers of r times Z that the other terms explain up to rounding do not determine A.
+_ROUNDING = 1e-11
+# Outputs weigh by their residual, but none as if it were known better than this part of it.
+_LEAST_RESIDUAL = 1e-9
+
+
+@dataclass(frozen=True)
+class LocalFit:
+    r"""Of each line: B(0) and T(0), the residual, and what their covariance is made of.
+
+    B (F, n_z, n_u).  T (F, E, n_z), none without transient terms.  scatter (F, n_z, n_z): the sum of V V^H, of
+    expectation dof C_V.  With left (F, n_u, n_u), M (F, d, n_z, n_u) = dB(0) / dA_p and A_cov (F, d, d) of A_1 ... A_d,
+
+    .. math:: cov(vec\, B(0)) = left \otimes C_V + \sum_{pq} vec(M_p)\, A_{pq}\, vec(M_q)^H
+
+    T_left (F, E): cov(T_e(0)) = T_left_e C_V.  condition (F,): of the regressors.
+    """
+
+    B: ComplexArray
+    T: ComplexArray
+    scatter: ComplexArray
+    dof: float
+    left: ComplexArray
+    M: ComplexArray
+    A_cov: ComplexArray
+    T_left: FloatArray
+    condition: FloatArray
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """The last weighted problem: regressors Q L, Z and r^p Z weighted, what Q leaves of them, and A_1 ... A_d.
+
+    Z, V (f, rows, n_z).  X, V_X (f, d, rows, n_z).  scale (f, n_z): by which the outputs were weighted for A.
+    """
+
+    Q: ComplexArray
+    L: ComplexArray
+    Z: ComplexArray
+    X: ComplexArray
+    V: ComplexArray
+    V_X: ComplexArray
+    a: ComplexArray
+    scale: FloatArray
+
+
+def fitted(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
+    """One model at the lines of the windows (f of them), from Z (E, B, n_z) and R (E, B, n_u) at the available bins."""
+    E, n_z = len(Z), Z.shape[2]
+    f, n_w = where.index.shape
+    Phi = _regressors(R[:, where.index], where.offset, terms)
+    size = np.linalg.norm(Phi, axis=1, keepdims=True)
+    size = np.where(size > 0, size, 1.0)
+    # Rows are (experiment, bin) pairs.
+    rows = np.moveaxis(Z[:, where.index], 0, 1).reshape(f, E * n_w, n_z)
+    powers = np.tile(where.offset, (1, E))[:, None] ** np.arange(1, terms.poles + 1)[:, None]
+    solution = _iterated(Phi / size, rows, powers)
+    return _local_fit(solution, size, terms, E, terms.degrees_of_freedom(n_w, E, n_z))
+
+
+def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Solution:
+    """A from rows weighted by 1 / |A| of the iteration before, then B and T with A as it is; powers (f, d, rows)."""
+    X = powers[..., None] * Z[:, None]
+    iterations = _ITERATIONS if powers.shape[1] else 0
+    a = np.zeros(powers.shape[:2], dtype=np.complex128)
+    V, least = Z, _LEAST_RESIDUAL * _rms(Z)
+    for iteration in range(iterations + 1):
+        scale = np.maximum(_rms(V), least)
+        A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
+        floor = _LEAST_A if iteration < iterations else 1e-12
+        w = 1 / np.maximum(A, floor * A.max(axis=1, keepdims=True))
+        Q, L = np.linalg.qr(Phi * w[..., None])
+        W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X
+        V, V_X = W_Z - Q @ (_H(Q) @ W_Z), W_X - Q[:, None] @ (_H(Q)[:, None] @ W_X)
+        if iteration < iterations:
+            a = _denominator(V, V_X, W_X, scale)
+        V = V + np.einsum("fp,fprz->frz", a, V_X)
+    return _Solution(Q, L, W_Z, W_X, V, V_X, a, scale)
+
+
+def _regressors(R: ComplexArray, r: FloatArray, terms: WindowTerms) -> ComplexArray:
+    """Phi (f, E n_w, columns + E transient columns) from R (E, f, n_w, n_u): first R, r R, ..., then 1, r, ..."""
+    E, f, n_w, _ = R.shape
+    powers = r[..., None] ** np.arange(terms.order + 1)
+    of_R: ComplexArray = np.einsum("efwu,fwp->fewpu", R, powers).reshape(f, E * n_w, terms.columns)
+    if not terms.transient:
+        return of_R
+    of_T = np.einsum("fwp,ed->fewdp", powers, np.eye(E)).reshape(f, E * n_w, -1)
+    return np.concatenate([of_R, of_T.astype(np.complex128)], axis=2)
+
+
+def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: FloatArray) -> ComplexArray:
+    """a (f, d): least squares of V + sum_p a_p V_Xp, outputs by their scale; 0 where rounding would decide."""
+    f, d = V_X.shape[:2]
+    if d == 0:
+        return np.zeros((f, 0), dtype=np.complex128)
+    X = np.moveaxis(V_X / scale[:, None, None, :], 1, 3).reshape(f, -1, d)
+    size = np.linalg.norm(W_X / scale[:, None, None, :], axis=(2, 3))
+    size[size == 0] = 1.0
+    guard = np.broadcast_to(_ROUNDING * np.eye(d), (f, d, d))
+    Q, L = np.linalg.qr(np.concatenate([X / size[:, None, :], guard], axis=1))
+    target = np.concatenate([-(V / scale[:, None, :]).reshape(f, -1, 1), np.zeros((f, d, 1))], axis=1)
+    a: ComplexArray = np.linalg.solve(L, _H(Q) @ target)[..., 0] / size
+    return a
+
+
+def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int, dof: float) -> LocalFit:
+    """What is wanted of a solution whose regressors were divided by size (f, 1, columns)."""
+    Q, L, n_u = solution.Q, solution.L, terms.n_u
+    diagonal = np.abs(np.einsum("fcc->fc", L))
+    smallest = diagonal.min(axis=1)
+    condition = np.divide(diagonal.max(axis=1), smallest, out=np.full(len(L), np.inf), where=smallest > 0)
+    L = np.where(np.isfinite(condition)[:, None, None], L, np.eye(L.shape[1]))
+    # The columns at r^0: the inputs, and one constant for each experiment's transient.
+    constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)
+    first = np.concatenate([np.arange(n_u), constants])
+    # Their rows (f, wanted, rows) of the pseudo-inverse of the weighted regressors.
+    inverse = (np.linalg.inv(L)[:, first] @ _H(Q)) / np.swapaxes(size, 1, 2)[:, first]
+    of_B, of_T = inverse[:, :n_u], inverse[:, n_u:]
+    AZ = solution.Z + np.einsum("fp,fprz->frz", solution.a, solution.X)
+    scatter = np.swapaxes(solution.V, 1, 2) @ solution.V.conj()
+    return LocalFit(
+        B=np.swapaxes(of_B @ AZ, 1, 2),
+        T=of_T @ AZ,
+        scatter=scatter,
+        dof=dof,
+        left=of_B @ _H(of_B),
+        M=np.swapaxes(of_B[:, None] @ solution.X, 2, 3),
+        A_cov=_denominator_covariance(solution.V_X, solution.scale, scatter / dof),
+        T_left=np.sum(np.abs(of_T) ** 2, axis=2),
+        condition=condition,
+    )
+
+
+def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexArray) -> ComplexArray:
+    """cov(A_1 ... A_d) (f, d, d) of weighted least squares whose weights are not the inverse of C_V."""
+    f, d = V_X.shape[:2]
+    if d == 0:
+        return np.zeros((f, 0, 0), dtype=np.complex128)
+    X = V_X / scale[:, None, None, :]
+    normal = np.einsum("fprz,fqrz->fpq", X.conj(), X, optimize=True)
+    size = np.sqrt(np.einsum("fpp->fp", normal).real)
+    size = np.where(size > 0, size, 1.0)
+    normal = normal / (size[:, :, None] * size[:, None, :]) + _ROUNDING * np.eye(d)
+    C = C_V / (scale[:, :, None] * scale[:, None, :])
+    meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / (size[:, :, None] * size[:, None, :])
+    inverse = np.linalg.inv(normal)
+    covariance: ComplexArray = inverse @ meat @ _H(inverse) / (size[:, :, None] * size[:, None, :])
+    return covariance
+
+
+def _rms(Z: ComplexArray) -> FloatArray:
+    """RMS (f, n_z) over the rows of Z (f, rows, n_z), 1 where there is nothing."""
+    rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=1))
+    return np.where(rms > 0, rms, 1.0)
+
+
+def _H(A: ComplexArray) -> ComplexArray:
+    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
+    return adjoint

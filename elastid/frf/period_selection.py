@@ -1,0 +1,177 @@
+"""Which periods of a record can be trusted: transients at its start and single bad periods are left out with a word.
+
+Each channel of each period has a distance from the other periods, relative to the size of its spectrum,
+
+    D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
+
+and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.base.errors import DataError
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import PeriodSpectra
+
+# Fewer periods do not tell which of them is the odd one out.
+_FEWEST_FOR_OUTLIERS = 5
+# A period this close to the others is as good as they are, however exactly they agree.
+_NEGLIGIBLE = 1e-4
+# Distances scatter at least by this part of their median; few periods alone would sometimes say less by chance.
+_LEAST_SPREAD = 0.1
+# So many lines, evenly taken, tell a distance as well as all.
+_ENOUGH_LINES = 500
+
+
+@dataclass(frozen=True)
+class Distances:
+    """D (P, c) of every period and channel, what is typical (c,) of good periods, and the limit (c,) for far ones."""
+
+    D: FloatArray
+    typical: FloatArray
+    limit: FloatArray
+
+    @property
+    def far(self) -> BoolArray:
+        """Periods (P,) that are far in any channel."""
+        far: BoolArray = np.any(np.maximum(self.limit, _NEGLIGIBLE) < self.D, axis=1)
+        return far
+
+
+@dataclass(frozen=True)
+class Compared:
+    """X (c, P, 2 K): real and imaginary parts of each channel at enough lines.
+
+    power (c, P): its squares; apart (c, P, P): how far any two periods are from each other.
+    """
+
+    X: FloatArray
+    power: FloatArray
+    apart: FloatArray
+
+    @classmethod
+    def of(cls, spectra: PeriodSpectra) -> Compared:
+        """All periods of a record with each other."""
+        few = spectra.on(slice(None, None, -(-len(spectra.scale) // _ENOUGH_LINES)))
+        Z = np.concatenate([few.y, few.u], axis=2) * few.scale
+        X = np.ascontiguousarray(np.moveaxis(Z, 2, 0)).view(np.float64)
+        products = X @ np.swapaxes(X, 1, 2)
+        power = np.einsum("cpp->cp", products)
+        squares = power[:, :, None] + power[:, None, :] - 2 * products
+        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)))
+
+
+def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
+    """The periods that can be used, at least two; notes say which were left out and by how much they differ.
+
+    Raises DataError where transient_periods leaves fewer than two.
+    """
+    spectra = _without_left_out(spectra)
+    compared, P = Compared.of(spectra), len(spectra.periods)
+    if spec.transient_periods == "auto":
+        leading, words = _transient(spectra, compared, spec.outlier_sigma)
+    elif P - spec.transient_periods >= 2:
+        leading, words = spec.transient_periods, ()
+    else:
+        raise DataError(
+            f"record {spectra.record.name}: transient_periods {spec.transient_periods} leaves "
+            f"{max(0, P - spec.transient_periods)} of {P} periods; at least two are needed for the noise level"
+        )
+    settled = np.arange(leading, P)
+    far, more = _outliers(spectra, compared, settled, spec.outlier_sigma)
+    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *words, *more))
+
+
+def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
+    """What the repair of the log could not save; it has said so."""
+    keep = ~np.isin(spectra.periods, spectra.record.left_out)
+    if keep.sum() < 2:
+        raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair")
+    return spectra.only(np.flatnonzero(keep))
+
+
+def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Distances:
+    """Distances of all periods from the good ones (indices), of a good one from the other good ones.
+
+    Their spread is the median absolute deviation of D over the good periods, but at least what as many lines as
+    carry the noise would show.
+    """
+    size = np.sqrt(np.maximum(np.median(compared.power[:, good], axis=1), 1e-300))
+    D = _median_of_others(compared.apart, good) / size
+    typical = np.median(D[good], axis=0)
+    spread = 1.4826 * np.median(np.abs(D[good] - typical), axis=0)
+    V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
+    noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
+    share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
+    # A noise that only few lines carry scatters more: 1 / sum of share^2 is their number.
+    least = typical * np.maximum(_LEAST_SPREAD, 0.5 * np.linalg.norm(share, axis=1))
+    return Distances(D, typical, typical + outlier_sigma * np.maximum(spread, least))
+
+
+def _median_of_others(apart: FloatArray, good: IntArray) -> FloatArray:
+    """Median (P, c) over the good periods of what each period is apart (c, P, P) from them, itself left out."""
+    of_good = apart[:, :, good]
+    of_good[:, good, np.arange(len(good))] = np.inf
+    of_good.sort(axis=2)
+    others = np.full(apart.shape[1], len(good))
+    others[good] -= 1
+    low, high = ((others - 1) // 2)[None, :, None], (others // 2)[None, :, None]
+    median: FloatArray = (np.take_along_axis(of_good, low, 2) + np.take_along_axis(of_good, high, 2))[:, :, 0].T / 2
+    return median
+
+
+def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float) -> tuple[int, tuple[str, ...]]:
+    """How many periods at the start are a transient."""
+    P = len(spectra.periods)
+    later = np.arange(P - max(2, -(-P // 2)), P)
+    if later[0] == 0:
+        return 0, ()
+    found = distances(compared, later, outlier_sigma)
+    leading = int(np.argmin(np.append(found.far[: later[0]], False)))
+    if leading == 0:
+        return 0, ()
+    word = _word(spectra, np.arange(leading), found, "a transient")
+    if leading == later[0]:
+        word += "; it may last longer than half of the record: measure more periods"
+    return leading, (word,)
+
+
+def _outliers(
+    spectra: PeriodSpectra, compared: Compared, settled: IntArray, outlier_sigma: float
+) -> tuple[IntArray, tuple[str, ...]]:
+    """Those of the settled periods (indices) that are far from the others."""
+    none = settled[:0]
+    if len(settled) < _FEWEST_FOR_OUTLIERS:
+        return none, ()
+    found = distances(compared, settled, outlier_sigma)
+    far = settled[found.far[settled]]
+    return far, (_word(spectra, far, found, "no repetition of the others"),) if len(far) else ()
+
+
+def _word(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: str) -> str:
+    record = spectra.record
+    kind = "half period" if record.half_wave else "period"
+    channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
+    worst = int(np.argmax((found.D[left_out] / np.maximum(found.limit, _NEGLIGIBLE)).max(axis=0)))
+    numbers = spectra.periods[left_out] + 1
+    total = record.n_samples // record.repeat_samples
+    when = ""
+    if record.rate_is_known:
+        length = record.repeat_samples / record.rate_hz
+        when = f" (from {_listed([f'{(n - 1) * length:.6g} s' for n in numbers])})"
+    by = _listed([f"{100 * d:.2g} %" for d in found.D[left_out, worst]])
+    return (
+        f"record {record.name}: {kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
+        f"{when} left out as {what}: {by} away from the other periods in {channels[worst]}, "
+        f"where {100 * found.typical[worst]:.2g} % is usual"
+    )
+
+
+def _listed(items: Sequence[str]) -> str:
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"

@@ -1,0 +1,124 @@
+r"""The friction of a robot: which law acts at which place, its numbers on the link side, under load and temperature.
+
+With the ratio n of a motor: \tau_a = |n| \tau_m, v_m = |n| v_a, so torques go with |n|, stiffness and damping with n^2,
+velocities with 1 / |n|.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
+from elastid.friction.law import Law
+from elastid.friction.static import Tustin
+from elastid.robot import Friction, Robot
+
+
+@dataclass(frozen=True)
+class PlacedLaw:
+    """A law at `motor <name>` or `joint <name>`; `scale` = |ratio| of a motor, 1 at a joint; spec on its own side.
+
+    slides: whether its own side translates, N and m; a motor's turns.
+    """
+
+    place: str
+    law: Law
+    spec: Friction
+    scale: float
+    slides: bool = False
+
+    def curve(self, load: float = 0.0, temperature: float | None = None, level: float = 1.0) -> FloatArray:
+        """The numbers (5,) of `law.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
+
+        level: a factor on all of the friction's torque.  temperature: the reference unless given.
+        Raises ValueError where the temperature leaves less stiction than Coulomb friction, or no Stribeck velocity.
+        """
+        spec, n = self.spec, self.scale
+        F_c, F_s, nu_s, alpha_T = spec.coulomb, spec.break_away, spec.stribeck_velocity, 0.0
+        if spec.load is not None:
+            F_c += spec.load.coulomb * abs(load) / n
+            F_s += spec.load.of_stiction * abs(load) / n
+        if spec.temperature is not None and temperature is not None:
+            warm, rise = spec.temperature, temperature - spec.temperature.reference
+            F_s += warm.stiction * rise
+            nu_s = None if nu_s is None else nu_s + warm.stribeck_velocity * rise
+            alpha_T = warm.viscous * math.expm1(-rise / warm.decay)
+        self._check(F_c, F_s, nu_s, load, temperature)
+        inverse = 0.0 if nu_s is None else n / nu_s
+        torques = level * n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
+        curve: FloatArray = np.insert(torques, 2, inverse)
+        return curve
+
+    def _check(self, F_c: float, F_s: float, nu_s: float | None, load: float, temperature: float | None) -> None:
+        torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")
+        state = f"friction of {self.place} under a load of {load:.4g} {torque}"
+        state += "" if temperature is None else f" at {temperature:.4g} degC"
+        if F_s < F_c * (1 - 1e-12):
+            raise ValueError(
+                f"{state}: stiction falls to {F_s:.4g} {torque}, below coulomb of {F_c:.4g} {torque}; correct its "
+                "dependence on load and temperature"
+            )
+        if nu_s is not None and not nu_s > 0:
+            raise ValueError(f"{state}: stribeck_velocity falls to {nu_s:.4g} {speed}; correct its temperature slope")
+
+    def at_rest(self) -> tuple[float, float]:
+        """Stiffness and damping at rest, link side, Nm/rad and Nms/rad."""
+        curve = self.curve()
+        return self.law.at_rest(float(curve[0]), float(curve[1]))
+
+
+def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
+    """All dry friction of a robot, motors first. A motor's `coulomb` alone is Coulomb's law, smoothed."""
+    found = []
+    for joint in robot.driven:
+        motor = joint.motor
+        if motor is not None and motor.friction is not None:
+            found.append(_placed(f"motor {joint.name}", motor.friction, abs(motor.ratio)))
+        elif motor is not None and motor.coulomb > 0:
+            found.append(_placed(f"motor {joint.name}", Friction(motor.coulomb), abs(motor.ratio)))
+    found += [
+        _placed(f"joint {joint.name}", joint.friction, 1.0, joint.slides)
+        for joint in robot.joints
+        if joint.friction is not None
+    ]
+    return tuple(found)
+
+
+def coulomb_levels(robot: Robot) -> FloatArray:
+    """F_c (n_u,) in Nm, link side, that a motor must overcome to slide: its own, and that of a joint it turns rigidly.
+
+    A gear spring lets the motor move against a joint that sticks, so that the joint's friction is no limit there.
+    """
+    levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
+    own = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
+    flexible = robot.flexible
+    rigid = [0.0 if joint in flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
+    total: FloatArray = np.array(own) + np.array(rigid)
+    return total
+
+
+def _placed(place: str, spec: Friction, n: float, slides: bool = False) -> PlacedLaw:
+    return PlacedLaw(place, _law(spec, n), spec, n, slides)
+
+
+def _law(spec: Friction, n: float) -> Law:
+    if spec.dahl is not None:
+        return Bristle(n**2 * spec.dahl.stiffness)
+    if spec.lugre is not None:
+        bristle = spec.lugre
+        inverse = 0.0 if bristle.damping_velocity is None else n / bristle.damping_velocity
+        return Bristle(n**2 * bristle.stiffness, n**2 * bristle.damping, inverse)
+    if spec.maxwell_slip is not None:
+        slip = spec.maxwell_slip
+        elements = MaxwellElements(
+            tuple(n**2 * stiffness for stiffness in slip.stiffness),
+            slip.shares,
+            tuple(n**2 * damping for damping in slip.damping or (0.0,) * len(slip.stiffness)),
+            n * slip.attraction,
+        )
+        return SmoothMaxwellSlip(elements) if slip.switching == "smooth" else SwitchedMaxwellSlip(elements)
+    return Tustin()

@@ -1,0 +1,174 @@
+r"""How all that is taken at the operating point moves with the parameters, the point itself moving with them.
+
+.. math:: \begin{bmatrix} K_{ff} & \Phi_f^T \\ \Phi_f & 0 \end{bmatrix}
+          \begin{bmatrix} dq_f \\ d\lambda \end{bmatrix} = - \frac{\partial}{\partial \theta}
+          \begin{bmatrix} \partial V / \partial q_f + \Phi_f^T \lambda \\ \varphi \end{bmatrix} d\theta,
+          \qquad \frac{dA}{d\theta} = \frac{\partial A}{\partial \theta}
+          + \frac{\partial A}{\partial q_f} \frac{dq_f}{d\theta}
+          + \frac{\partial A}{\partial \lambda} \frac{d\lambda}{d\theta}
+
+f: the free coordinates, all but the motors', which are held. The motions that the loops allow turn with them,
+Phi dZ = -dPhi Z; of all dZ that do, which differ by a change of the coordinates y, the one that leaves the motors'
+rows of Z, and with them B, alone. So the derivatives are exact, whatever the parameter is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.linear.equilibrium import OperatingPoint, free_coordinates
+from elastid.linear.linear_model import Slope
+from elastid.model.elastic import ElasticModel
+from elastid.model.outputs import readout
+from elastid.model.parallel_linkage.null_space import RANK, null_space
+
+# What is left of a loop that opens, beside how far a coordinate would open it if nothing followed.
+OPEN = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """triangles (3 n (n + 1) / 2, n_theta): what the point's motion adds to the slopes of M, D, K.
+
+    By name, for parameters that have any: Z (n_q, n) of the motions allowed, C and T (n_y, n_q) of what is measured.
+    """
+
+    triangles: FloatArray
+    Z: Mapping[str, FloatArray] = field(default_factory=dict)
+    C: Mapping[str, FloatArray] = field(default_factory=dict)
+    T: Mapping[str, FloatArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Following:
+    """shift(q, lambda_, theta) -> the partial derivatives of the equation above, A the triangles of M, D, K, and Phi.
+
+    of_theta: of statics (n_f, n_theta), phi (n_c, n_theta), vec Phi (n_c n_q, n_theta).  of_q: of A (.., n_f), vec Phi
+    (n_c n_q, n_f).  of_lambda: of A (.., n_c).
+    """
+
+    model: ElasticModel
+    of_theta: ca.Function
+    of_q: ca.Function
+    of_lambda: ca.Function
+
+    def at(
+        self, point: OperatingPoint, theta: FloatArray, K: FloatArray, Z: FloatArray, outputs: tuple[str, ...]
+    ) -> Moved:
+        """The motion at an equilibrium, whose stiffness is K (n_q, n_q) and whose motions are Z (n_q, n).
+
+        StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
+        """
+        model, free, at = self.model, free_coordinates(self.model), (point.q, point.lambda_, theta)
+        statics, phi, Phi_theta = (part.full() for part in self.of_theta(*at))
+        A_q, Phi_q = (part.full() for part in self.of_q(*at))
+        if not model.n_c:
+            dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
+            return Moved(A_q @ dq, **_reading(model, at, outputs, dq))
+        Phi = model.constraint_jacobian(point.q, theta).full()
+        inverse, Y = np.linalg.pinv(Phi[:, free], rcond=RANK), null_space(Phi[:, free])
+        K_f = K[np.ix_(free, free)]
+        back = -inverse @ phi
+        self._check_closed(Phi[:, free] @ back + phi, phi)
+        dq = back - Y @ np.linalg.lstsq(Y.T @ K_f @ Y, Y.T @ (statics + K_f @ back))[0]
+        dlambda = -inverse.T @ (statics + K_f @ dq)
+        turned = (Phi_theta + Phi_q @ dq).T.reshape(-1, model.n_q, model.n_c).transpose(0, 2, 1)
+        motions = {}
+        for name, dPhi in zip(model.parameters, turned, strict=True):
+            if np.any(dPhi):
+                motions[name] = np.zeros_like(Z)
+                motions[name][free] = -inverse @ (dPhi @ Z)
+        triangles = A_q @ dq + self.of_lambda(*at).full() @ dlambda
+        return Moved(triangles, motions, **_reading(model, at, outputs, dq))
+
+    def _check_closed(self, left: FloatArray, phi: FloatArray) -> None:
+        """Every row of phi (n_c, n_theta) can be taken back by the joints."""
+        opened = np.abs(left).max(axis=0) > OPEN * np.abs(phi).max(initial=0.0)
+        names = [name for name, one in zip(self.model.parameters, opened, strict=True) if one]
+        if names:
+            raise StudyError(
+                f"{', '.join(names)}: no motion of the joints keeps the loops of robot {self.model.robot.name} closed "
+                "when it changes (an offset out of the plane of a planar linkage, for one); leave it out of "
+                "fit.parameters, or close that loop by a rod"
+            )
+
+
+def following_of(model: ElasticModel, triangles: ca.SX, q: ca.SX, lambda_: ca.SX, theta: ca.SX) -> Following:
+    """Differentiate the equilibrium, and the triangles of M, D, K as expressions of q, lambda_ and theta."""
+    free = free_coordinates(model).tolist()
+    Phi, phi = model.constraint_jacobian(q, theta), model.constraint(q, theta)
+    statics = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
+    arguments, stacked = [q, lambda_, theta], ca.vec(triangles)
+    held = (statics[free], phi, ca.vec(Phi))
+    return Following(
+        model,
+        ca.Function("of_theta", arguments, [ca.jacobian(part, theta) for part in held]),
+        ca.Function("of_q", arguments, [ca.jacobian(part, q)[:, free] for part in (stacked, ca.vec(Phi))]),
+        ca.Function("of_lambda", arguments, [ca.jacobian(stacked, lambda_)]),
+    )
+
+
+def total(
+    slopes: Mapping[str, Slope], moved: Moved, matrices: Mapping[str, FloatArray], Z: FloatArray
+) -> dict[str, Slope]:
+    """Slopes of Z^T (M, D, K) Z, of C Z and T Z: those with Z, C and T held, and what their own motion adds.
+
+    matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates.
+    """
+    found = dict(slopes)
+    for name in dict.fromkeys((*moved.Z, *moved.C, *moved.T)):
+        dZ = moved.Z.get(name, np.zeros_like(Z))
+        held = found.get(name, Slope())
+        parts = {letter: _sum(getattr(held, letter), _symmetric(dZ.T @ matrices[letter] @ Z)) for letter in "MDK"}
+        for letter, own in (("C", moved.C), ("T", moved.T)):
+            parts[letter] = _sum(own[name] @ Z if name in own else None, matrices[letter] @ dZ)
+        found[name] = replace(held, **parts)
+    return found
+
+
+def _sum(one: FloatArray | None, other: FloatArray) -> FloatArray | None:
+    """one + other, None where both are zero."""
+    if not np.any(other):
+        return one
+    return other if one is None else one + other
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return matrix + matrix.T
+
+
+def _reading(
+    model: ElasticModel, at: tuple[FloatArray, FloatArray, FloatArray], outputs: tuple[str, ...], dq: FloatArray
+) -> dict[str, dict[str, FloatArray]]:
+    """How C and T (n_y, n_q) of the outputs move, by name."""
+    if all(place.startswith(("motor ", "joint ")) for place in outputs):
+        return {}
+    slopes = (part.full() for part in _readout_slopes(model, outputs)(at[0], at[2]))
+    C_q, C_theta, T_q, T_theta = slopes
+    return {
+        letter: dict(_by_name(model, of_theta + of_q @ dq, len(outputs)))
+        for letter, of_q, of_theta in (("C", C_q, C_theta), ("T", T_q, T_theta))
+    }
+
+
+def _by_name(model: ElasticModel, slopes: FloatArray, n_y: int) -> Iterator[tuple[str, FloatArray]]:
+    """Columns of slopes (n_y n_q, n_theta) as matrices (n_y, n_q), those that are not zero."""
+    for name, column in zip(model.parameters, slopes.T, strict=True):
+        if np.any(column):
+            yield name, column.reshape(model.n_q, n_y).T
+
+
+@lru_cache(maxsize=8)
+def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
+    """(q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
+    q, theta, free = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters)), free_coordinates(model)
+    parts = [ca.vec(ca.densify(part)) for part in readout(model, q, theta, outputs)]
+    slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
+    return ca.Function("readout_slopes", [q, theta], slopes)

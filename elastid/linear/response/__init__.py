@@ -1,0 +1,1 @@
+"""Frequency responses of a LinearModel and their derivatives."""

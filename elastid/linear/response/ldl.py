@@ -1,0 +1,76 @@
+r"""Z(omega) X = B by Z = L D L^T, all coordinates in an order that fills L least; compiled, where numba is installed.
+
+.. math:: Z^{(k+1)}_{ij} = Z^{(k)}_{ij} - \frac{z^{(k)}_{ki} z^{(k)}_{kj}}{z^{(k)}_{kk}}, \qquad i, j > k
+
+Symmetric, so half of an LU; what is zero for every theta is never touched: six motors behind their gears cost next to
+nothing. Nothing is exchanged for the sake of digits: a line whose pivot is small beside the terms that it is made of,
+as that of an undamped part on its own resonance, is solved by LAPACK instead.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+
+# |pivot| beside the sizes of its terms, below which the quotients would cost digits.
+SMALL_PIVOT = 1e-3
+# Lines times coordinates squared, from which a fit of some hundred evaluations is faster with compiled loops.
+MANY = 20_000
+
+
+def is_worth_it(n_lines: int, n: int) -> bool:
+    """Whether so many lines of n coordinates win back the second that loading the loops takes, and they are there."""
+    return n_lines * n**2 >= MANY and is_compiled()
+
+
+@cache
+def is_compiled() -> bool:
+    """Whether the loops can be compiled here: numba is installed (the extra `fast`), in a version that fits NumPy's."""
+    try:
+        import numba  # noqa: F401
+    except ImportError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """The order (n,) of the coordinates, and where L^T is not zero then (n, n), above its diagonal."""
+
+    order: IntArray
+    filled: BoolArray
+
+    @classmethod
+    def of(cls, coupled: BoolArray) -> Elimination:
+        """Of a pattern (n, n): which coordinates act on each other; next is always the one that acts on the fewest."""
+        acts = (coupled | coupled.T) & ~np.eye(len(coupled), dtype=bool)
+        filled, left, order = np.zeros_like(acts), np.ones(len(acts), dtype=bool), []
+        while left.any():
+            k = int(np.argmin(np.where(left, (acts & left).sum(axis=1), len(acts))))
+            left[k] = False
+            filled[k] = acts[k] & left
+            acts |= np.outer(filled[k], filled[k]) & ~np.eye(len(acts), dtype=bool)
+            order.append(k)
+        places = np.array(order, np.int64)
+        return cls(places, filled[np.ix_(places, places)])
+
+    def products(
+        self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
+    ) -> ComplexArray:
+        """B^T Z^-1 Y (F, m, n_d) of Z = K + j omega D - omega^2 M, real B (n, m), Y (n, n_d).
+
+        Raises LinAlgError where Z is singular.
+        """
+        from elastid.linear.response.ldl_numba import eliminate
+
+        order = np.ix_(self.order, self.order)
+        found, smallest = np.empty((len(omega), B.shape[1], Y.shape[1]), complex), np.empty(len(omega))
+        eliminate(M[order], D[order], K[order], B[self.order], omega, self.filled, Y[self.order], found, smallest)
+        for line in np.flatnonzero(~(smallest > SMALL_PIVOT**2)):  # not above: NaN too
+            Z = K + 1j * omega[line] * D - omega[line] ** 2 * M
+            found[line] = np.linalg.solve(Z, B.astype(complex)).T @ Y
+        return found

@@ -1,0 +1,82 @@
+"""What gravity makes of nonlinear springs: deflection, torque and tangent stiffness where the robot rests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen
+from elastid.linear.equilibrium import OperatingPoint
+from elastid.model.elastic import ElasticModel
+from elastid.model.nonlinear_springs import deflections, tangents
+
+# Beyond b + FLANK e the flank of a gap has 95 % of its stiffness.
+FLANK = 2.0
+
+
+@dataclass(frozen=True)
+class Preload:
+    """The springs at rest, in the order of `joints`: deflection (rad, m), tangent (Nm/rad, N/m), (n_s,) each."""
+
+    joints: tuple[str, ...]
+    deflection: FloatArray
+    tangent: FloatArray
+
+    def __post_init__(self) -> None:
+        """Freeze the arrays."""
+        object.__setattr__(self, "deflection", frozen(self.deflection))
+        object.__setattr__(self, "tangent", frozen(self.tangent))
+
+
+def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Preload, ...]:
+    """The springs of a robot at each operating point; theta (n_theta,): model.parameters, SI."""
+    q, symbols = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters))
+    named = dict(zip(model.parameters, ca.vertsplit(symbols), strict=True))
+    deflection, tangent = deflections(model.robot, q), tangents(model.robot, q, named)
+    function = ca.Function("preload", [q, symbols], [ca.vertcat(*deflection.values()), ca.vertcat(*tangent.values())])
+    at_points = (function(point.q, theta) for point in points)
+    return tuple(Preload(tuple(deflection), x.full().ravel(), k.full().ravel()) for x, k in at_points)
+
+
+def spring_words(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[str, ...]:
+    """A sentence for each joint that rests inside its backlash, or where its spring pulls, with the configurations."""
+    if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
+        return ()
+    values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
+    names = [point.configuration.name for point in points]
+    loads = preloads(model, theta, points)
+    words: list[str] = []
+    for i, joint in enumerate(loads[0].joints if loads else ()):
+        x, k = (np.array([getattr(load, what)[i] for load in loads]) for what in ("deflection", "tangent"))
+        words += [*_in_the_gap(model, joint, values, names, x, k), *_pulling(model, joint, names, x, k)]
+    return tuple(words)
+
+
+def _in_the_gap(
+    model: ElasticModel, joint: str, values: dict[str, float], names: list[str], x: FloatArray, k: FloatArray
+) -> Iterator[str]:
+    b = values.get(f"b_{joint}", 0.0)
+    e = values.get(f"e_{joint}", 0.0) * b
+    inside = np.flatnonzero(np.abs(x) < b + FLANK * e)
+    if inside.size:
+        unit = model.robot.parameters()[f"b_{joint}"][1]
+        found = ", ".join(f"{names[i]} (deflected by {x[i]:.2g} {unit})" for i in inside)
+        share = k[inside] / values[f"k_{joint}"]
+        yield (
+            f"joint {joint} rests inside its backlash of +-{b:.2g} {unit} in {found}: the response depends on the "
+            f"amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that the model "
+            "has at rest describes none; take configurations in which gravity presses the joint onto one flank, or "
+            "leave these out"
+        )
+
+
+def _pulling(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[str]:
+    unit = model.robot.parameters()[f"k_{joint}"][1]
+    for i in np.flatnonzero(k < 0):
+        yield (
+            f"the spring of joint {joint} is unstable in {names[i]}: deflected by {x[i]:.2g} it pulls further, with "
+            f"{k[i]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic"
+        )

@@ -1,0 +1,195 @@
+r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressions, and the ElasticModel made of them.
+
+.. math:: \begin{bmatrix} M(q_l) & S(q_l) \\ S^T & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
+          \qquad q = [q_l;\, q_m]
+
+Niglis & Oberg (2015), eq. 2.22, and 2.10 where no motor rides on a body (S = 0). Every formulation starts from
+`open_chain`; what a formulation adds (constraints, fewer coordinates) is a change of these values. Conventions of sign
+and side: `elastic`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.model.drivetrain import drivetrain, input_matrix, rigid_rows
+from elastid.model.elastic import ElasticModel
+from elastid.model.gravity_compensators import compensators
+from elastid.model.motor_coupling import rotors
+from elastid.model.multibody import (
+    angular_velocities,
+    bias,
+    composites,
+    frame_velocities,
+    gravity_in_frames,
+    inertias,
+    mass_matrix,
+    rates,
+    tree,
+    turns,
+)
+from elastid.model.nonlinear_springs import nonlinear_springs
+from elastid.model.spring_energy import Strain, strains_of_joints
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class Equations:
+    """Symbols q, v (n_q,), theta (n_theta,) and expressions of them, for a list of named coordinates.
+
+    parameters: the names of theta, robot.parameters() and coordinates of the geometry that are to be symbols, too.
+    M (n_q, n_q).  f (n_q,): Coriolis, centrifugal, dV/dq + dR/dv.  V: potential of springs, gravity and compensators.
+    D (n_q, n_q): Hessian of R.  phi (n_c,): constraints, (0, 1) for most trees.  J (3 n_bodies + 6 n_f, n_q): J v
+    stacks the absolute angular velocities of the bodies in their own axes, then velocity and angular velocity of each
+    named frame in its own.  gravity (3 n_f,): seen in those frames.  B (n_q, n_u).  strains: of every spring.
+    """
+
+    coordinates: tuple[str, ...]
+    parameters: tuple[str, ...]
+    q: ca.SX
+    v: ca.SX
+    theta: ca.SX
+    M: ca.SX
+    f: ca.SX
+    V: ca.SX
+    D: ca.SX
+    phi: ca.SX
+    J: ca.SX
+    gravity: ca.SX
+    B: FloatArray
+    strains: tuple[Strain, ...]
+
+
+def coordinates_of(robot: Robot) -> tuple[str, ...]:
+    """`joint <name>` of every joint in the robot's order, then `motor <name>` of every flexible joint."""
+    return (
+        *(f"joint {joint.name}" for joint in robot.joints),
+        *(f"motor {joint.name}" for joint in robot.flexible),
+    )
+
+
+def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
+    """The equations of the tree of bodies: all joints, then the motors of flexible joints.
+
+    Constraints are those of rigid gears that are coupled with elastic ones alone.  geometry: names of robot.geometry
+    that are symbols in them; what else it names has no effect.
+    """
+    table = robot.parameters(geometry)
+    coordinates = coordinates_of(robot)
+    n_q, n_l = len(coordinates), len(robot.joints)
+    q, v, theta = ca.SX.sym("q", n_q), ca.SX.sym("v", n_q), ca.SX.sym("theta", len(table))
+    named = dict(zip(table, ca.vertsplit(theta), strict=True))
+
+    gravity = np.array(robot.gravity)
+    layout = tree(robot, named)
+    turned = turns(layout, q[:n_l])
+    carried = inertias(robot, layout, named)
+    composite = composites(layout, carried, turned)
+    drive = drivetrain(robot, named)
+    moving = rates(layout, turned)
+    J = ca.vertcat(angular_velocities(layout, moving), frame_velocities(layout, moving))
+    V_hard, f_hard = nonlinear_springs(robot, q, named)
+    V_balance, f_balance = compensators(robot, layout, turned, q, named)
+    J = ca.horzcat(J, ca.SX(J.size1(), n_q - n_l))
+    carried_rotors = rotors(robot, named, q, v, J)
+    return Equations(
+        coordinates=coordinates,
+        parameters=tuple(table),
+        q=q,
+        v=v,
+        theta=theta,
+        M=ca.diagcat(mass_matrix(layout, composite, turned), ca.SX(n_q - n_l, n_q - n_l)) + drive.M + carried_rotors.M,
+        f=ca.vertcat(bias(layout, carried, turned, v[:n_l], gravity), ca.SX(n_q - n_l, 1))
+        + carried_rotors.c
+        + drive.K @ q
+        + drive.D @ v
+        + f_hard
+        + f_balance,
+        V=q.T @ drive.K @ q / 2 - ca.dot(composite[-1].h, ca.DM(gravity)) + V_hard + V_balance,
+        D=drive.D,
+        phi=ca.sparsify(ca.DM(rigid_rows(robot))) @ q,
+        J=J,
+        gravity=gravity_in_frames(layout, turned, gravity),
+        B=input_matrix(robot),
+        strains=strains_of_joints(robot, q, named),
+    )
+
+
+def by_name(of: Equations) -> dict[str, ca.SX]:
+    """The symbol of each parameter."""
+    return dict(zip(of.parameters, ca.vertsplit(of.theta), strict=True))
+
+
+def with_coordinates(of: Equations, names: Sequence[str]) -> Equations:
+    """The same with further coordinates at the end, which nothing moves or holds yet."""
+    more = len(names)
+    if not more:
+        return of
+    return replace(
+        of,
+        coordinates=(*of.coordinates, *names),
+        q=ca.vertcat(of.q, ca.SX.sym("s", more)),
+        v=ca.vertcat(of.v, ca.SX.sym("s_rate", more)),
+        M=ca.diagcat(of.M, ca.SX(more, more)),
+        f=ca.vertcat(of.f, ca.SX(more, 1)),
+        D=ca.diagcat(of.D, ca.SX(more, more)),
+        J=ca.horzcat(of.J, ca.SX(of.J.size1(), more)),
+        B=np.vstack([of.B, np.zeros((more, of.B.shape[1]))]),
+    )
+
+
+def with_strains(of: Equations, *strains: Strain) -> Equations:
+    """The same with the strains of further springs, or others in the place of those of the same springs."""
+    by_spring = {strain.spring: strain for strain in (*of.strains, *strains)}
+    return replace(of, strains=tuple(by_spring.values()))
+
+
+def with_energies(of: Equations, V: ca.SX, D: ca.SX) -> Equations:
+    """The same with a further potential V(q) and dissipation v^T D(q) v / 2."""
+    return replace(of, V=of.V + V, D=of.D + D, f=of.f + ca.gradient(V, of.q) + D @ of.v)
+
+
+def elastic_model(robot: Robot, of: Equations, independent: tuple[str, ...] | None = None) -> ElasticModel:
+    """The named functions of the contract; the stiffness is the exact Hessian of V + lambda^T phi."""
+    table = robot.parameters(of.parameters)
+    q, v, theta = of.q, of.v, of.theta
+    lambda_, turning = ca.SX.sym("lambda", of.phi.size1()), 3 * len(robot.all_bodies)
+    K = ca.hessian(of.V + ca.dot(lambda_, of.phi), q)[0]
+    return ElasticModel(
+        robot=robot,
+        coordinates=of.coordinates,
+        inputs=robot.motor_locations,
+        parameters=tuple(table),
+        theta=np.array([value for value, _ in table.values()]),
+        B=of.B,
+        mass=_function("mass", {"q": q, "theta": theta}, {"M": of.M}),
+        force=_function("force", {"q": q, "v": v, "theta": theta}, {"f": of.f}),
+        constraint=_function("constraint", {"q": q, "theta": theta}, {"phi": of.phi}),
+        damping=_function("damping", {"q": q, "theta": theta}, {"D": of.D}),
+        stiffness=_function("stiffness", {"q": q, "lambda_": lambda_, "theta": theta}, {"K": K}),
+        potential_gradient=_function("potential_gradient", {"q": q, "theta": theta}, {"g": ca.gradient(of.V, q)}),
+        potential=_function("potential", {"q": q, "theta": theta}, {"V": of.V}),
+        constraint_jacobian=_function("constraint_jacobian", {"q": q, "theta": theta}, {"Phi": ca.jacobian(of.phi, q)}),
+        independent=independent,
+        angular_velocity=_function("angular_velocity", {"q": q}, {"J": of.J[:turning, :]}),
+        frame_velocity=_function("frame_velocity", {"q": q, "theta": theta}, {"J": of.J[turning:, :]}),
+        frame_gravity=_function("frame_gravity", {"q": q}, {"g": of.gravity}),
+        springs=tuple(strain.spring for strain in of.strains),
+        strain=_function("strain", {"q": q, "theta": theta}, _strain(of)),
+    )
+
+
+def _strain(of: Equations) -> dict[str, ca.SX]:
+    """c (n_s,) and b (n_s, n_q) of all springs."""
+    stiffness = ca.vertcat(ca.SX(0, 1), *(strain.stiffness for strain in of.strains))
+    deflection = ca.vertcat(ca.SX(0, 1), *(strain.deflection for strain in of.strains))
+    return {"c": stiffness, "b": ca.jacobian(deflection, of.q)}
+
+
+def _function(name: str, arguments: dict[str, ca.SX], value: dict[str, ca.SX]) -> ca.Function:
+    return ca.Function(name, [*arguments.values()], [*value.values()], [*arguments], [*value])

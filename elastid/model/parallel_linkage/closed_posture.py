@@ -1,0 +1,246 @@
+r"""Putting loops together: the passive joints of a robot where no spring and no rod gives, on the branch of its start.
+
+.. math:: \varphi(q_a, q_p) = 0, \qquad \dot q_p = -\Phi_p^{-1} \Phi_a \dot q_a
+
+Most loops close in two ways. The passive joints are found at the start posture by Newton's method from the joints'
+`start` and followed from there to the angles wanted, in steps too small to change over. Many postures at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import StudyError
+from elastid.model.parallel_linkage.loop_closure import closures, joints_within
+from elastid.robot import Robot
+
+STEP = 0.05  # rad or m of a driven joint between two postures on the way
+NEWTON = 4  # steps at each of them; the error of the predictor is about STEP^2
+FIRST = 60  # steps at the start posture, from angles that are guesses
+LARGEST = 0.3  # rad or m in one of these
+CLOSED = 1e-10  # m between two ends that are together
+# sin of the angle at which a lever no longer moves what it should; postures nearer to alignment are refused.
+SINGULAR = 0.03
+RANK = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """Closure of a robot's loops over many postures: rows (n_g,), gaps (3 n_loops,) and their Jacobians to q (n_l,).
+
+    passive (n_p,), driven (n_u,): the joints that the loops move, and those that motors move.
+    """
+
+    robot: Robot
+    function: ca.Function
+    passive: IntArray
+    driven: IntArray
+
+    def rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """phi (Q, n_g) and Phi (Q, n_g, n_l) at q (Q, n_l)."""
+        rows, Phi, _ = self.function.map(len(q))(q.T)
+        phi: FloatArray = np.array(rows.full().T)
+        return phi, _stacked(Phi, len(q))
+
+    def lever(self, q: FloatArray) -> float:
+        """The longest way (m) that an end goes per radian of a passive joint, at q (n_l,)."""
+        _, _, gaps = self.function(q)
+        ways = np.array(gaps.full()[:, self.passive])
+        length = np.sqrt((ways.reshape(-1, 3, len(self.passive)) ** 2).sum(axis=1))
+        return float(length.max(initial=0.0))
+
+
+@lru_cache(maxsize=8)
+def mechanism(robot: Robot) -> Mechanism:
+    """Built once in a process for each robot."""
+    q = ca.SX.sym("q", len(robot.joints))
+    found = closures(robot, q)
+    rows, gaps = ca.vertcat(*(one.rows for one in found)), ca.vertcat(*(one.gap for one in found))
+    within = {i for loop in robot.loops for i in joints_within(robot, loop)}
+    passive = [i for i in sorted(within) if robot.joints[i].is_passive]
+    driven = [i for i, joint in enumerate(robot.joints) if joint.motor is not None]
+    function = ca.Function("closure", [q], [rows, ca.densify(ca.jacobian(rows, q)), ca.densify(ca.jacobian(gaps, q))])
+    return Mechanism(robot, function, np.array(passive, np.int64), np.array(driven, np.int64))
+
+
+def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
+    """The joints (n_l,) at the driven joints' angles (n_u,): passive ones as the loops have them, elastic ones at 0.
+
+    StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
+    """
+    if not robot.loops:
+        return _open(robot, angles)
+    parts = mechanism(robot)
+    q = followed(robot, angles[None]).ravel()
+    phi, _ = parts.rows(q[None])
+    if not np.abs(phi).max(initial=0.0) <= CLOSED:
+        raise StudyError(_why_open(parts, angles))
+    _check_posture(parts, q)
+    return q
+
+
+def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
+    """The joints (Q, n_l) at the driven joints' angles (Q, n_u), followed from the start; some may stay open.
+
+    near (n_u,): angles amid the others, through which all of them are reached, so that the way there is gone once.
+    """
+    start = _open(robot, np.array([[joint.start for joint in robot.driven]]))
+    if not robot.loops:
+        return _open(robot, angles)
+    parts = mechanism(robot)
+    start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
+    q = _closed_at_start(parts, start)
+    if near is not None:
+        q = _gone(parts, q, near[None])
+    return _gone(parts, q, angles)
+
+
+def _gone(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
+    """From one posture q (1, n_l) to the driven joints' angles (Q, n_u)."""
+    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / STEP)))
+    q = np.repeat(q, len(angles), axis=0)
+    way = (angles - q[:, parts.driven]) / steps
+    for _ in range(steps):
+        q = _stepped(parts, q, way)
+    return q
+
+
+def rates(robot: Robot, q: FloatArray) -> FloatArray:
+    """T (Q, n_l, n_u) with q' = T q_a' at joints q (Q, n_l) where no spring gives and no rod stretches."""
+    driven = [i for i, joint in enumerate(robot.joints) if joint.motor is not None]
+    T = np.zeros((len(q), len(robot.joints), len(driven)))
+    T[:, driven, range(len(driven))] = 1.0
+    if robot.loops:
+        parts = mechanism(robot)
+        _, Phi = parts.rows(q)
+        T[:, parts.passive] = -np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK) @ Phi[:, :, parts.driven]
+    return T
+
+
+def _stepped(parts: Mechanism, q: FloatArray, way: FloatArray) -> FloatArray:
+    """One step (Q, n_u) of the driven joints: along the tangent, then back onto the closure."""
+    q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
+    for _ in range(NEWTON):
+        q = q + _correction(parts, q)
+    return q
+
+
+def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
+    phi, Phi = parts.rows(q)
+    dq = np.zeros_like(q)
+    dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK) @ phi[:, :, None])[:, :, 0]
+    longest = np.abs(dq).max(axis=1, initial=0.0, keepdims=True)
+    step: FloatArray = dq * np.minimum(1.0, LARGEST / np.maximum(longest, LARGEST))
+    return step
+
+
+def _closed_at_start(parts: Mechanism, q: FloatArray) -> FloatArray:
+    for _ in range(FIRST):
+        q = q + _correction(parts, q)
+        if np.abs(parts.rows(q)[0]).max() <= CLOSED:
+            break
+    return q + _correction(parts, q)
+
+
+def _open(robot: Robot, angles: FloatArray) -> FloatArray:
+    q = np.zeros((*angles.shape[:-1], len(robot.joints)))
+    q[..., [i for i, joint in enumerate(robot.joints) if joint.motor is not None]] = angles
+    return q
+
+
+def _why_open(parts: Mechanism, angles: FloatArray) -> str:
+    """Which loop stays open by how much at the posture wanted, or at the start already, or is locked."""
+    robot = parts.robot
+    (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
+    (end,) = followed(robot, angles[None])
+    at_start = np.abs(parts.rows(start[None])[0]).max() > CLOSED
+    loop, gap = _widest(robot, start if at_start else end)
+    if at_start:
+        return (
+            f"loop {loop} does not close at the start posture: {gap}; correct its ends or its rod's length, "
+            "or the `start` of its joints"
+        )
+    locked = _locked(parts, start)
+    if locked:
+        return (
+            f"the loops lock {locked}, which cannot move without bending something; leave a joint of loop {loop} "
+            "without motor and spring, or drop a constraint"
+        )
+    return (
+        f"loop {loop} does not close: {gap} at the driven joints' angles "
+        f"{', '.join(f'{a:.4g}' for a in angles)}, followed from the start posture; move them nearer to it, or correct "
+        "the loop's ends or its rod's length"
+    )
+
+
+def _locked(parts: Mechanism, q: FloatArray) -> str:
+    """The driven joints that no motion of the passive ones follows."""
+    _, Phi = parts.rows(q[None])
+    left = np.abs(Phi[0] @ rates(parts.robot, q[None])[0]).max(axis=0)
+    return ", ".join(
+        joint.name
+        for joint, rest in zip(parts.robot.driven, left, strict=True)
+        if rest > 1e-6 * max(np.abs(Phi).max(), 1e-300)
+    )
+
+
+def _widest(robot: Robot, q: FloatArray) -> tuple[str, str]:
+    """The loop that is most open, and by how much in words."""
+    x = ca.SX.sym("q", len(robot.joints))
+    found = closures(robot, x)
+    rows = [np.abs(ca.Function("rows", [x], [one.rows])(q).full()).max() for one in found]
+    worst = found[int(np.argmax(rows))]
+    gap = float(np.linalg.norm(ca.Function("gap", [x], [worst.gap])(q).full()))
+    if worst.loop.rod is not None:
+        return (
+            worst.loop.name,
+            (f"its ends are {1e3 * gap:.4g} mm apart, the rod is {1e3 * worst.loop.rod.length:.4g} mm long"),
+        )
+    return worst.loop.name, f"its ends are {1e3 * gap:.4g} mm apart"
+
+
+def _check_posture(parts: Mechanism, q: FloatArray) -> None:
+    """Every passive joint follows the driven ones, and not by a lever that has folded up."""
+    _, Phi = parts.rows(q[None])
+    locked = _locked(parts, q)
+    if locked:
+        raise StudyError(
+            f"the loops lock {locked}: no motion of the passive joints follows, so that only springs could give; leave "
+            "a joint of the loop without motor and spring, or drop a constraint"
+        )
+    n_p = len(parts.passive)
+    if not n_p:
+        return
+    _, s, Vt = np.linalg.svd(Phi[0][:, parts.passive])
+    smallest = s[n_p - 1] if len(s) >= n_p else 0.0
+    if smallest > SINGULAR * parts.lever(q):
+        return
+    free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]
+    if _generic_rank(parts) < n_p:
+        raise StudyError(
+            f"the loops leave joint {', '.join(free)} undetermined: it can move with all motors held; close the loop "
+            "by a rod in the place of a body on joints, or give the joint a spring"
+        )
+    raise StudyError(
+        f"the linkage is at a singular posture: lever and rod are aligned to within {smallest / parts.lever(q):.2g} "
+        f"rad, and joint {', '.join(free)} may fold over to either side; move the configuration away from it"
+    )
+
+
+def _generic_rank(parts: Mechanism) -> int:
+    """Rank of Phi_p where no posture is special."""
+    random = np.random.default_rng(0)
+    q = random.uniform(-1.0, 1.0, (5, len(parts.robot.joints)))
+    _, Phi = parts.rows(q)
+    return int(max(np.linalg.matrix_rank(one[:, parts.passive], tol=RANK * np.abs(one).max()) for one in Phi))
+
+
+def _stacked(matrix: ca.DM, count: int) -> FloatArray:
+    full = matrix.full()
+    stacked: FloatArray = full.reshape(full.shape[0], count, -1).transpose(1, 0, 2)
+    return stacked

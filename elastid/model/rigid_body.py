@@ -1,0 +1,61 @@
+r"""The rigid robot alone: torques of a motion, torques of a force from outside. CasADi functions of link coordinates.
+
+.. math:: \tau = M(q)\, a + c(q, v) + g(q), \qquad \tau_{ext} = J(q)^T w
+
+Springs, dampers, friction and rotors are not in them; an elastic joint is a joint like any other here.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from elastid.base.errors import StudyError
+from elastid.model.multibody import bias, frame_velocities, inertias, rates, tree, turns
+from elastid.robot import Robot
+
+
+def inverse_dynamics(robot: Robot) -> ca.Function:
+    """tau(q, v, a, theta) (n_l,): what the joints bear, by Newton-Euler; theta in the order of robot.parameters().
+
+    Nm of a rotation, N of a translation, in the order of robot.joints.
+    """
+    n, names = len(robot.joints), list(robot.parameters())
+    q, v, a = (ca.SX.sym(name, n) for name in "qva")
+    theta = ca.SX.sym("theta", len(names))
+    layout = tree(robot)
+    carried = inertias(robot, layout, dict(zip(names, ca.vertsplit(theta), strict=True)))
+    tau = bias(layout, carried, turns(layout, q), v, np.array(robot.gravity), a)
+    return ca.Function("inverse_dynamics", [q, v, a, theta], [tau], ["q", "v", "a", "theta"], ["tau"])
+
+
+def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "base") -> ca.Function:
+    """tau(q, w) (n_l,): generalised forces of a wrench w (6,) = [force in N, moment in Nm] at a named frame's origin.
+
+    axes: in which w is given.  In the equations it stands on the right, beside B u, zero for the motors' coordinates.
+    StudyError where the robot has no such frame.
+    """
+    names = [each.name for each in robot.frames]
+    if frame not in names:
+        raise StudyError(f"robot {robot.name} has no frame {frame}; there are {', '.join(names) or 'none'}")
+    q, w = ca.SX.sym("q", len(robot.joints)), ca.SX.sym("w", 6)
+    layout = tree(robot)
+    turned = turns(layout, q)
+    row = 6 * names.index(frame)
+    J = frame_velocities(layout, rates(layout, turned))[row : row + 6, :]
+    seat = layout.named[names.index(frame)]
+
+    def own(vector: ca.SX) -> ca.SX:
+        """A vector of the base in the frame's axes."""
+        chain, i = [], seat.frame
+        while i >= 0:
+            chain.append(i)
+            i = layout.frames[i].parent
+        for i in reversed(chain):
+            vector = turned[i].back(ca.DM(layout.frames[i].R.T) @ vector)
+        return ca.DM(seat.R.T) @ vector
+
+    wrench = w if axes == "frame" else ca.vertcat(own(w[:3]), own(w[3:]))
+    return ca.Function("external_torque", [q, w], [J.T @ wrench], ["q", "w"], ["tau"])

@@ -1,0 +1,169 @@
+"""Text logs: CSV and its relatives, with or without headings, decimal points or commas, units rows and comments."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.recorded import TextFormatSpec
+
+# The usual ways to write numbers in columns, the most usual first: delimiter and decimal.
+_WRITTEN: tuple[tuple[str, Literal[".", ","]], ...] = (
+    (",", "."),
+    (";", "."),
+    (";", ","),
+    ("tab", "."),
+    ("tab", ","),
+    ("whitespace", "."),
+    ("whitespace", ","),
+)
+# Bytes at the start of a log that tell how it is written, and how many whole lines at their end.
+_LOOKED_AT = 65536
+_LINES_LOOKED_AT = 20
+
+
+@dataclass(frozen=True)
+class TextLog:
+    """The lines of a text log, its headings (none: an empty tuple), where its data start and how many columns it has.
+
+    number_lines are the lines as numbers are written in code: with decimal points.
+    """
+
+    path: Path
+    format: TextFormatSpec
+    number_lines: tuple[str, ...]
+    headings: tuple[str, ...]
+    first: int
+    n_columns: int
+
+    def columns(self, wanted: Sequence[int]) -> FloatArray:
+        """Columns (n_samples, len(wanted)), counted from 0; DataError names the file line of what is not a number."""
+        needed = sorted(set(wanted))
+        try:
+            data: FloatArray = np.loadtxt(
+                self.number_lines[self.first :],
+                delimiter=_delimiter(self.format),
+                comments=self.format.comment or None,
+                usecols=needed,
+                quotechar='"',
+                ndmin=2,
+            )
+        except ValueError as error:
+            raise DataError(self._complaint(needed) or f"{self.path}: {error}") from None
+        return data[:, [needed.index(column) for column in wanted]]
+
+    def _complaint(self, columns: Sequence[int]) -> str:
+        for number, line in enumerate(self.number_lines[self.first :], start=self.first + 1):
+            fields = _fields(line, self.format)
+            for column in columns if fields else ():
+                title = f" ('{self.headings[column]}')" if column < len(self.headings) else ""
+                if column >= len(fields):
+                    return (
+                        f"{self.path}, line {number}: it has {len(fields)} columns, column {column + 1}{title} is "
+                        "wanted; mend the line, or leave it out with samples"
+                    )
+                if not _is_number(fields[column]):
+                    return (
+                        f"{self.path}, line {number}, column {column + 1}{title}: '{fields[column]}' is not a number; "
+                        "check delimiter and decimal under text, or mend the line"
+                    )
+        return ""
+
+
+def open_text(path: Path, text: TextFormatSpec) -> TextLog:
+    """Find headings and data of a text log; DataError where there are no numbers, StudyError for a mixed-up format."""
+    delimiter = _delimiter(text)
+    if delimiter == text.decimal:
+        raise StudyError(
+            f"text: delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is mostly ';'"
+        )
+    lines = _decoded(path.read_bytes()).splitlines()
+    numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
+    first = text.header_lines
+    while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
+        first += 1
+    if not any(line.strip() for line in lines):
+        raise DataError(f"{path}: the file is empty; write it again, or name another one")
+    if first >= len(numbers):
+        raise DataError(
+            f"{path}: no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
+            f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}"
+        )
+    n_columns = len(_fields(numbers[first], text))
+    return TextLog(path, text, numbers, _headings(lines[:first], text, n_columns), first, n_columns)
+
+
+def guessed(path: Path) -> TextFormatSpec:
+    """How a text log seems to be written: the delimiter and decimal that make most of its fields numbers."""
+    with path.open("rb") as file:
+        lines = _decoded(file.read(_LOOKED_AT)).splitlines()[-_LINES_LOOKED_AT - 1 : -1]
+    formats = [TextFormatSpec(delimiter, decimal) for delimiter, decimal in _WRITTEN]
+    return max(formats, key=lambda text: sum(_numbers_less_words(line, text) for line in lines))
+
+
+def otherwise_written(path: Path, text: TextFormatSpec) -> str:
+    """The end of a message about a log that cannot be read as stated: how it seems to be written, if otherwise."""
+    seems = guessed(path)
+    if (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
+        return ""
+    return f"; it seems to be written with {described_format(seems)}"
+
+
+def described_format(text: TextFormatSpec) -> str:
+    """A format as a study states it."""
+    return f"text: {{delimiter: '{text.delimiter}', decimal: '{text.decimal}'}}"
+
+
+def _numbers_less_words(line: str, text: TextFormatSpec) -> int:
+    fields = _fields(line.replace(",", ".") if text.decimal == "," else line, text)
+    return sum(1 if _is_number(field) else -1 for field in fields)
+
+
+def _decoded(raw: bytes) -> str:
+    """UTF-8, UTF-16 with a byte order mark, or what Windows loggers in Europe write."""
+    if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return raw.decode("utf-16", errors="replace")
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
+
+
+def _headings(head: Sequence[str], text: TextFormatSpec, n_columns: int) -> tuple[str, ...]:
+    """The first line without numbers after header_lines; else the last header line; else the last comment."""
+    after = head[text.header_lines :]
+    plain = [_fields(line, text) for line in [*after, *reversed(head[: text.header_lines])]]
+    comments = [line.lstrip(f" {text.comment}") for line in reversed(head) if text.comment and text.comment in line]
+    for fields in plain + [_fields(line, text) for line in comments]:
+        if len(fields) == n_columns:
+            return tuple(fields)
+    return ()
+
+
+def _delimiter(text: TextFormatSpec) -> str | None:
+    names = {"whitespace": None, " ": None, "tab": "\t", "\\t": "\t"}
+    return names.get(text.delimiter, text.delimiter)
+
+
+def _fields(line: str, text: TextFormatSpec) -> list[str]:
+    content = line.split(text.comment, 1)[0] if text.comment else line
+    if not content.strip():
+        return []
+    fields = [field.strip().strip('"').strip() for field in content.split(_delimiter(text))]
+    # Many loggers end every line of data, but not the headings, with a delimiter.
+    return fields if fields[-1] else fields[:-1]
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,50 @@
+"""What was found in a log: a word for the user, and a count that is kept with the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import SupportsInt
+
+from elastid.base.arrays import FloatArray
+
+
+@dataclass(frozen=True)
+class Finding:
+    """what: the kind of repair, under which counts are added up.  word: what, where, how many, what was done."""
+
+    what: str
+    count: int
+    word: str
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """signals (n, c) after a repair; left_out: repetitions, counted from 0, that are no measurement any more."""
+
+    signals: FloatArray
+    findings: tuple[Finding, ...] = ()
+    left_out: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Log:
+    """How words name a log's channels and times. first: number in the file of the first sample."""
+
+    where: str
+    names: tuple[str, ...]
+    rate_hz: float | None = None
+    first: int = 0
+
+    def at(self, sample: SupportsInt) -> str:
+        """A sample by its number in the file and, where the rate is known, its time."""
+        number = self.first + int(sample)
+        return f"sample {number}" + ("" if self.rate_hz is None else f" ({number / self.rate_hz:.6g} s)")
+
+
+def counts(findings: Iterable[Finding]) -> dict[str, int]:
+    """The counts of each kind, added up."""
+    total: dict[str, int] = {}
+    for finding in findings:
+        total[finding.what] = total.get(finding.what, 0) + finding.count
+    return total

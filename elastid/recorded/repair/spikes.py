@@ -1,0 +1,96 @@
+"""Single samples far off are replaced by what the other repetitions say of them (Hampel's rule across periods).
+
+    e = x - median over periods,   d = |e - running median of e| > 8 sigma
+
+and a spike only where e is as far from the parabola through the samples beside it, six times as far as each of those,
+and d six times as large as beside it: drift, transients, steps and bursts of oscillation are none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.recorded.repair.finding import Finding, Log, Repaired
+from elastid.recorded.repair.quantisation import step
+from elastid.recorded.repair.repeats import expected
+
+REPLACED = "spikes replaced"
+SIGMAS = 8.0
+FEWEST_PERIODS = 3
+# More than this part of a channel are no single spikes.
+MOST = 0.01
+_WINDOW = 11
+_LONGEST = 2
+_BESIDE = 6
+_ABOVE_BESIDE = 6.0
+
+
+def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
+    """Signals (P L, c), finite, without spikes of one or two samples; as they are for fewer than three repetitions."""
+    if len(signals) // L < FEWEST_PERIODS:
+        return Repaired(signals)
+    result, findings = signals.copy(), []
+    for c, name in enumerate(log.names):
+        x = signals[:, c]
+        spikes, usual = _spikes(x, L, sign)
+        if spikes.size == 0:
+            continue
+        if spikes.size > MOST * len(x):
+            word = f"{name}: {spikes.size} of {len(x)} samples stand out of the others; so many are left as they are"
+            findings.append(Finding("spikes left", int(spikes.size), word))
+            continue
+        result[spikes, c] = usual
+        word = (
+            f"{name}: {spikes.size} of {len(x)} samples are spikes, the first is {log.at(spikes[0])}: replaced by the "
+            "median of the other periods"
+        )
+        findings.append(Finding(REPLACED, int(spikes.size), word))
+    return Repaired(result, tuple(findings))
+
+
+def _spikes(x: FloatArray, L: int, sign: int) -> tuple[IntArray, FloatArray]:
+    """The numbers (k,) of the spikes, and what is usual (k,) there."""
+    from scipy.ndimage import median_filter
+
+    e = x - expected(x, L, sign, np.ones(len(x), dtype=np.bool_), robust=True)
+    d = np.abs(e - median_filter(e, _WINDOW, mode="mirror"))
+    least = max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x))
+    far = np.flatnonzero(d > least)
+    spikes, usual = [far[:0]], [x[:0]]
+    for run in np.split(far, np.flatnonzero(np.diff(far) > 1) + 1):
+        # Near an end nothing tells a spike from a bend.
+        inside = run.size > 0 and run[0] > _BESIDE and run[-1] < len(e) - _BESIDE
+        if inside and len(run) <= _LONGEST and _is_alone(d, run):
+            local, scatter = _parabola(e, run)
+            away = np.abs(e[run] - local).max()
+            if away > max(least, _ABOVE_BESIDE * scatter):
+                spikes.append(run)
+                usual.append(x[run] - e[run] + local)
+    return np.concatenate(spikes), np.concatenate(usual)
+
+
+def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
+    """The parabola through the samples beside a run, at the run, and how far the worst of those is from it."""
+    first, last = int(run[0]), int(run[-1])
+    beside = np.r_[max(0, first - 1 - _BESIDE) : max(0, first - 1), last + 2 : min(len(e), last + 2 + _BESIDE)]
+    middle = (first + last) / 2
+    powers = np.vander((beside - middle) / _BESIDE, 3)
+    coefficients = np.linalg.lstsq(powers, e[beside], rcond=None)[0]
+    scatter = float(np.abs(e[beside] - powers @ coefficients).max())
+    local: FloatArray = np.vander((run - middle) / _BESIDE, 3) @ coefficients
+    return local, scatter
+
+
+def _threshold(d: FloatArray) -> float:
+    """8 sigma, sigma from the median; where most samples agree exactly, from the smaller 99 %."""
+    sigma = 1.4826 * float(np.median(d))
+    if sigma == 0:
+        sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
+    return SIGMAS * sigma
+
+
+def _is_alone(d: FloatArray, run: IntArray) -> bool:
+    first, last = int(run[0]), int(run[-1])
+    beside = np.concatenate([d[max(0, first - 2 * _BESIDE) : first - 1], d[last + 2 : last + 2 + 2 * _BESIDE]])
+    return bool(d[run].max() > _ABOVE_BESIDE * beside.max())

@@ -1,0 +1,66 @@
+"""The order in which the faults of a log are mended: each step leaves what the next one relies on.
+
+clock -> lost samples -> is it periodic? -> missing samples -> spikes; limits and steps are told of what was logged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+from elastid.recorded.repair.clipping import clipped
+from elastid.recorded.repair.clock import resampled
+from elastid.recorded.repair.drift import wandering
+from elastid.recorded.repair.finding import Log, Repaired
+from elastid.recorded.repair.lost_samples import realigned
+from elastid.recorded.repair.missing import filled
+from elastid.recorded.repair.quantisation import quantised
+from elastid.recorded.repair.spikes import despiked
+
+# A resampled sample counts as missing where a missing one has this much part in it.
+_TOUCHED = 0.02
+
+
+def repaired(
+    signals: FloatArray, drivers: IntArray, N: int, half_wave: bool, log: Log, check: Callable[[FloatArray], None]
+) -> Repaired:
+    """Signals (n, c), some samples NaN, mended: whole repetitions of N samples, or of half as many where half_wave.
+
+    drivers: the columns that the generator sends.  check: refuses drivers (n, d) that are not periodic.
+    Raises DataError for what cannot be mended.
+    """
+    L, sign = (N // 2, -1) if half_wave else (N, 1)
+    bridged = _bridged(signals)
+    clock = _at_the_clock(signals, bridged, drivers, N, log)
+    in_step = realigned(clock.signals, _bridged(clock.signals)[:, drivers], N, log)
+    check(_bridged(in_step.signals)[:, drivers])
+    whole = filled(in_step.signals, L, sign, log)
+    clean = despiked(whole.signals, L, sign, log)
+    as_logged = bridged if clock.findings else clean.signals
+    told = (*clipped(as_logged, L, log), *quantised(as_logged, L, sign, log))
+    told += wandering(clean.signals, drivers, L, sign, log)
+    findings = (*clock.findings, *in_step.findings, *whole.findings, *clean.findings, *told)
+    return Repaired(clean.signals, findings, whole.left_out)
+
+
+def _bridged(signals: FloatArray) -> FloatArray:
+    """Straight lines where samples are missing: good enough to compare periods with."""
+    result = signals.copy()
+    rows = np.arange(len(signals))
+    for c in np.flatnonzero(~np.isfinite(signals).all(axis=0)):
+        known = np.isfinite(signals[:, c])
+        result[:, c] = np.interp(rows, rows[known], signals[known, c])
+    return result
+
+
+def _at_the_clock(signals: FloatArray, bridged: FloatArray, drivers: IntArray, N: int, log: Log) -> Repaired:
+    """What is missing stays missing: its place is resampled along."""
+    missing = ~np.isfinite(signals)
+    both = resampled(np.concatenate([bridged, missing], axis=1), bridged[:, drivers], N, log)
+    if not both.findings:
+        return Repaired(signals)
+    values, touched = np.split(both.signals, 2, axis=1)
+    return replace(both, signals=np.where(np.abs(touched) > _TOUCHED, np.nan, values))

@@ -1,0 +1,138 @@
+"""A file with a frequency response -> FrequencyResponse on the link side, whatever its format.
+
+    G = f_y / f_u (j omega)^k G_file
+
+f_y, f_u turn the file's numbers into SI on the link side (scale, sign, unit, torque constant, gear), k its quantity
+into the one that is wanted.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import DataError
+from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.record import MOTION_ORDER, Configuration, Motion
+from elastid.recorded.files.logs import name_in_file, opened_log
+from elastid.recorded.files.text import TextLog, guessed
+from elastid.recorded.link_side import link_side_factor, to_joints
+from elastid.recorded.responses.arrays_of_files import dataset_table, struct_table, structs_in
+from elastid.recorded.responses.table import ResponseTable
+from elastid.recorded.responses.text import text_table
+from elastid.recorded.responses.uff import SUFFIXES, uff_contents, uff_table
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Robot
+
+# Beyond these, squares and their products overflow or vanish.
+_SMALLEST, _LARGEST = 1e-60, 1e60
+
+
+def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
+    """What the file holds; DataError where it holds no such response."""
+    if path.suffix.lower() in SUFFIXES:
+        return uff_table(path, spec.channels)
+    with opened_log(path, spec.text) as log:
+        if isinstance(log, TextLog):
+            return text_table(path, log, spec)
+        is_matlab = path.suffix.lower() == ".mat"
+        if structs_in(log) or (is_matlab and spec.columns.response not in log):
+            return struct_table(path, log, response)
+        return dataset_table(path, log, spec)
+
+
+def contents_of(path: Path) -> tuple[str, ...]:
+    """A line for each frequency response in a file; none where there is none."""
+    if path.suffix.lower() in SUFFIXES:
+        return uff_contents(path)
+    with opened_log(path, guessed(path)) as log:
+        if isinstance(log, TextLog):
+            return ()
+        tables = [(name, struct_table(path, log, name)) for name in structs_in(log)]
+    return tuple(
+        f"response {name or '(its own variables)'}: {table.G.shape[1]} outputs x {table.G.shape[2]} inputs, "
+        f"{len(table.freq)} lines, {table.freq[0]:g} to {table.freq[-1]:g} {table.frequency_unit or '(no unit)'}"
+        f"{'' if table.variance is None else ', with variance'}"
+        for name, table in tables
+    )
+
+
+def link_side_response(
+    table: ResponseTable, spec: ResponsesSpec, configuration: Configuration, robot: Robot, quantity: Motion
+) -> FrequencyResponse:
+    """The table's channels in SI on the link side, all outputs as `quantity`.
+
+    Lines at 0 Hz or below and lines that are not finite are left out with a word.  The variance is the file's, else
+    (relative_std |G|)^2, else none.  Raises DataError where no line is left or a channel is not in the table.
+    """
+    outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
+    rows, columns = [table.row(c) for c in outputs], [table.column(c) for c in inputs]
+    freq_hz = table.freq_hz(spec.frequency_unit)
+    order = np.argsort(freq_hz, kind="stable")
+    freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
+    for i, j in np.argwhere(np.isnan(G).all(axis=0)):
+        raise DataError(
+            f"{table.path}: the response of {name_in_file(outputs[i])} to {name_in_file(inputs[j])} is not in it"
+        )
+    f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
+    powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
+    good = (freq_hz > 0) & np.isfinite(G).all(axis=(1, 2))
+    variance = None if table.variance is None else table.variance[order][:, rows][:, :, columns]
+    if variance is not None:
+        good &= np.isfinite(variance).all(axis=(1, 2))
+    notes = _left_out(table, freq_hz, good)
+    freq_hz, G = freq_hz[good], G[good]
+    _refuse_uncomputable(table.path, G, spec)
+    if np.any(np.diff(freq_hz) == 0):
+        raise DataError(f"{table.path}: {freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them")
+    gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
+    gain_of_elements = gain[:, :, None] / f_u
+    T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
+    G = T_y @ (gain_of_elements * G) @ T_u
+    if variance is not None:
+        variance = T_y**2 @ (variance[good] * np.abs(gain_of_elements) ** 2) @ T_u**2
+    return FrequencyResponse(
+        freq_hz,
+        G,
+        tuple(c.at for c in inputs),
+        tuple(c.at for c in outputs),
+        quantity,
+        configuration,
+        noise=_noise(variance, np.abs(G), spec),
+        notes=notes,
+        sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
+    )
+
+
+def _refuse_uncomputable(path: Path, G: ComplexArray, spec: ResponsesSpec) -> None:
+    """DataError for numbers whose squares overflow or vanish; zeros are numbers like others."""
+    size = np.abs(np.where(G == 0, 1.0, G))
+    worst = np.argwhere((size < _SMALLEST) | (size > _LARGEST))
+    if not worst.size:
+        return
+    line, i, j = worst[0]
+    outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
+    raise DataError(
+        f"{path}: the response of {name_in_file(outputs[i])} to {name_in_file(inputs[j])} is {size[line, i, j]:.3g} at "
+        f"{len(worst)} places, which nothing measures; check what the file writes where it has no value"
+    )
+
+
+def _noise(variance: FloatArray | None, magnitude: FloatArray, spec: ResponsesSpec) -> Covariance | None:
+    """Nobody tells how many degrees of freedom a variance from elsewhere has: it is taken as known."""
+    if variance is None and spec.relative_std is not None:
+        variance = (spec.relative_std * magnitude) ** 2
+    return None if variance is None else Covariance(variance, float("inf"))
+
+
+def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[str, ...]:
+    if good.all():
+        return ()
+    if not good.any():
+        raise DataError(f"{table.path}: none of its {len(good)} lines is finite and above 0 Hz in all of its elements")
+    static = int(np.sum(freq_hz <= 0))
+    what = [f"{static} at 0 Hz" if static else "", f"{int(np.sum(~good)) - static} not finite"]
+    words = " and ".join(word for word in what if word and not word.startswith("0 "))
+    return (f"{table.path.name}: {int(np.sum(~good))} of {len(good)} lines are left out: {words}",)

@@ -1,0 +1,90 @@
+"""Frequency responses in universal files, data set 58 (text or binary), read by pyuff: the extra `uff`.
+
+Nodes and directions are the names of inputs and outputs: 3z is node 3 along z, 3rz about z. A negative direction is
+the same place with the other sign.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import IntArray
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.recorded.responses.table import ResponseTable, label
+
+SUFFIXES = (".uff", ".unv")
+_FREQUENCY_RESPONSE = 4
+_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
+_QUANTITY = {8: "position", 11: "velocity", 12: "acceleration"}
+
+
+def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
+    """All responses of a universal file as one matrix.
+
+    Raises StudyError where pyuff is not installed or the file's quantity is not what a channel says, DataError where
+    elements are missing or do not share their frequencies.
+    """
+    sets = _responses(path)
+    outputs, inputs = (tuple(dict.fromkeys(_place(each, side) for each in sets)) for side in ("rsp", "ref"))
+    freq = np.asarray(sets[0]["x"], dtype=np.float64)
+    G = np.full((len(freq), len(outputs), len(inputs)), np.nan, dtype=np.complex128)
+    for each in sets:
+        output, input_ = _place(each, "rsp"), _place(each, "ref")
+        if not np.array_equal(np.asarray(each["x"]), freq):
+            raise DataError(f"{path}: the response of {output} to {input_} has other frequencies than the first one")
+        sign = _sign(each, "rsp") * _sign(each, "ref")
+        G[:, outputs.index(output), inputs.index(input_)] = sign * np.asarray(each["data"])
+        _check_quantity(path, each, output, channels)
+    return ResponseTable(path, freq, "Hz", G, outputs, inputs)
+
+
+def uff_contents(path: Path) -> tuple[str, ...]:
+    """One line for each response of a universal file."""
+    return tuple(
+        f"response of {_place(each, 'rsp')} ({_quantity(each) or 'unknown quantity'}) "
+        f"to {_place(each, 'ref')}: {len(each['x'])} lines, {each['x'][0]:g} to {each['x'][-1]:g} Hz"
+        for each in _responses(path)
+    )
+
+
+def _responses(path: Path) -> list[dict[str, Any]]:
+    try:
+        import pyuff
+    except ImportError:
+        raise StudyError(
+            f"{path}: universal files are read by pyuff, which is not installed: pip install 'elastid[uff]'"
+        ) from None
+    try:
+        file = pyuff.UFF(str(path))
+        wanted: IntArray = np.flatnonzero(file.get_set_types() == 58)
+        sets = [file.read_sets(int(i)) for i in wanted]
+    except Exception as error:  # pyuff raises whatever a damaged file leads it to
+        raise DataError(f"{path}: not a universal file that can be read ({error})") from None
+    found = [each for each in sets if int(each["func_type"]) == _FREQUENCY_RESPONSE]
+    if not found:
+        raise DataError(f"{path}: none of its {len(sets)} data sets 58 is a frequency response (function type 4)")
+    return found
+
+
+def _quantity(each: dict[str, Any]) -> str | None:
+    return _QUANTITY.get(int(each["ordinate_spec_data_type"]))
+
+
+def _place(each: dict[str, Any], side: str) -> str:
+    direction = abs(int(each[f"{side}_dir"]))
+    return f"{int(each[f'{side}_node'])}{_DIRECTIONS[direction] if direction < len(_DIRECTIONS) else f'?{direction}'}"
+
+
+def _sign(each: dict[str, Any], side: str) -> int:
+    return -1 if int(each[f"{side}_dir"]) < 0 else 1
+
+
+def _check_quantity(path: Path, each: dict[str, Any], output: str, channels: tuple[ChannelSpec, ...]) -> None:
+    says = _quantity(each)
+    for channel in channels:
+        if channel.role == "y" and label(channel) == output and says not in (None, channel.quantity):
+            raise StudyError(f"{path}: output {output} is of quantity {says}, its channel says {channel.quantity}")

@@ -1,0 +1,157 @@
+"""Every mode of the identified model as the robot would show it: at rest, and at both ends of its swing.
+
+All panels are on one canvas in inches, to one scale: axes of their own would take most of the time of a report.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from elastid.base.arrays import FloatArray
+from elastid.model.stick_figure import Kind
+from elastid.report.figures import style
+from elastid.report.modes.mode_drawing import ModeDrawing
+from elastid.report.modes.mode_row import ModeRow
+from elastid.report.numbers import number
+
+# Panels side by side: at most, at least; in inches: their width, and the room beside, above and below each.
+ACROSS, LEAST, WIDE, BESIDE, ABOVE, BELOW = 6, 4, 1.4, 0.45, 0.6, 0.42
+# A panel is at least and at most so much higher than wide, whatever the robot.
+FLAT, TALL = 0.5, 1.3
+# Letters of an inch of a line of small print, and lines above a panel; parts of an axis between numbers.
+LETTERS, LINES, PARTS = 15, 3, 4
+WIDTHS: dict[Kind, float] = {"arm": 2.4, "strut": 1.3, "mass": 0.8}
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A view of a mode: its lower left corner and its size in inches, and where the base frame's axes run on it.
+
+    low, high (3,): what it shows, m.  inches: to a metre.  hanging: the numbers grow downwards.
+    """
+
+    mode: int
+    plane: tuple[int, int]
+    corner: tuple[float, float]
+    size: tuple[float, float]
+    low: FloatArray
+    inches: float
+    hanging: bool
+
+    def placed(self, points: FloatArray) -> FloatArray:
+        """Points (..., 3) in m on the canvas (..., 2)."""
+        x, y = (self.inches * (points[..., axis] - self.low[i]) for i, axis in enumerate(self.plane))
+        y = self.size[1] - y if self.hanging else y
+        return np.stack([self.corner[0] + x, self.corner[1] + y], axis=-1)
+
+
+def mode_sketches(row: ModeRow, drawing: ModeDrawing, title: str, rate_is_known: bool) -> Figure:
+    """The sticks of each mode in its one or two best views; above them what stores the energy."""
+    size, panels = _laid_out(drawing)
+    figure = Figure(figsize=size)
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    axes.set(xlim=(0, size[0]), ylim=(0, size[1]))
+    axes.axis("off")
+    for panel in panels:
+        _draw_axes(axes, panel)
+    _draw_sticks(axes, drawing, panels)
+    columns = max(len(drawing.views(mode)) for mode in range(len(row.frequency_hz)))
+    for mode in range(len(row.frequency_hz)):
+        first = next(panel for panel in panels if panel.mode == mode)
+        lines = _words(row, mode, rate_is_known, columns * (WIDE + BESIDE) - 0.1)
+        x, y = first.corner[0], first.corner[1] + first.size[1] + 0.07
+        axes.text(x, y, style.plain("\n".join(lines)), fontsize=style.SMALL, va="bottom", linespacing=1.3)
+    style.titled(figure, f"Modes, {title}: frequency, damping ratio, where the energy is")
+    return figure
+
+
+def _words(row: ModeRow, mode: int, rate_is_known: bool, room: float) -> list[str]:
+    unit = "Hz" if rate_is_known else "× the rate"
+    first = f"mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, {number(100 * row.damping_ratio[mode], 2)} %"
+    # A share is not broken.
+    shares = row.carried[mode].replace(" ", "\u00a0").replace(",\u00a0", ", ")
+    return [first, *textwrap.wrap(shares, int(LETTERS * room))][:LINES]
+
+
+def _laid_out(drawing: ModeDrawing) -> tuple[tuple[float, float], list[Panel]]:
+    """The size of the canvas in inches, and the panels mode by mode."""
+    views = [drawing.views(mode) for mode in range(drawing.moved.shape[2])]
+    columns = max(map(len, views))
+    modes_a_row = min(ACROSS // columns, max(len(views), LEAST // columns))
+    middle, half = _middle(drawing, views)
+    inches = WIDE / (2 * half[0])
+    panel = WIDE, 2 * half[1] * inches
+    each = panel[1] + ABOVE + BELOW
+    size = modes_a_row * columns * (WIDE + BESIDE) + 0.1, -(-len(views) // modes_a_row) * each + 0.35
+    panels = []
+    for mode, planes in enumerate(views):
+        down, right = divmod(mode, modes_a_row)
+        for column, plane in enumerate(planes):
+            corner = BESIDE + (right * columns + column) * (WIDE + BESIDE), size[1] - 0.35 - (down + 1) * each + BELOW
+            hanging = drawing.hanging and plane[1] == drawing.up
+            panels.append(Panel(mode, plane, corner, panel, middle[list(plane)] - half, inches, hanging))
+    return size, panels
+
+
+def _middle(drawing: ModeDrawing, views: Sequence[tuple[tuple[int, int], ...]]) -> tuple[FloatArray, FloatArray]:
+    """The middle (3,) of what is drawn, and half the width and height (2,) that any panel needs."""
+    reach = np.abs(drawing.moved.real).max(axis=2)
+    low, high = (drawing.points - reach).min(axis=0), (drawing.points + reach).max(axis=0)
+    planes = [plane for pair in views for plane in pair]
+    wide, tall = (max(0.54 * float((high - low)[plane[i]]) for plane in planes) for i in (0, 1))
+    wide = max(wide, tall / TALL)
+    return (low + high) / 2, np.array([wide, max(tall, FLAT * wide)])
+
+
+def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> None:
+    """Grey at rest, below orange and blue at the ends of the swing; joints as dots, the base as a square."""
+    pairs = np.array([link[:2] for link in drawing.links])
+    widths = [WIDTHS[kind] for _, _, kind in drawing.links] * len(panels)
+    for sign, color in ((0, style.WEAK), (-1, style.FITTED), (1, style.MEASURED)):
+        points = [panel.placed(drawing.points + sign * drawing.moved[:, :, panel.mode].real) for panel in panels]
+        segments = np.concatenate([placed[pairs] for placed in points])
+        axes.add_collection(LineCollection(list(segments), colors=color, linewidths=widths, capstyle="round"))
+        joints = np.concatenate([placed[list(drawing.joints)] for placed in points])
+        axes.plot(*joints.T, ls="none", marker="o", ms=3.2, color=color, mec="white", mew=0.4)
+    base = np.array([panel.placed(drawing.points[0]) for panel in panels])
+    axes.plot(*base.T, ls="none", marker="s", ms=5, color=style.TRUTH)
+
+
+def _draw_axes(axes: Axes, panel: Panel) -> None:
+    """A thin grid with numbers, and what runs where."""
+    (left, bottom), (wide, high) = panel.corner, panel.size
+    grid = []
+
+    def write(x: float, y: float, text: str, ha: str, va: str, rotation: float = 0.0) -> None:
+        axes.text(x, y, text, ha=ha, va=va, rotation=rotation, fontsize=style.SMALL - 0.5)
+
+    for i, axis in enumerate(panel.plane):
+        for value in _ticks(panel.low[i], panel.low[i] + panel.size[i] / panel.inches):
+            x, y = panel.placed(np.full(3, value))
+            if i == 0:
+                grid.append([(x, bottom), (x, bottom + high)])
+                write(x, bottom - 0.05, f"{value:g}", "center", "top")
+            else:
+                grid.append([(left, y), (left + wide, y)])
+                write(left - 0.05, y, f"{value:g}", "right", "center")
+        name = f"{'xyz'[axis]} in m"
+        if i == 0:
+            write(left + wide / 2, bottom - 0.27, name, "center", "center")
+        else:
+            write(left - 0.36, bottom + high / 2, name, "center", "center", 90.0)
+    axes.add_collection(LineCollection(grid, colors="#DDDDDD", linewidths=0.4))
+    corner = [(left, bottom + high), (left, bottom), (left + wide, bottom)]
+    axes.add_collection(LineCollection([corner], colors=style.TRUTH, linewidths=0.6))
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    values = MaxNLocator(PARTS, steps=[1, 2, 5, 10]).tick_values(low, high)
+    return [round(float(value), 12) + 0.0 for value in values if low <= value <= high]

@@ -1,0 +1,150 @@
+"""One self-contained HTML page per study: it opens from a mail attachment, offline, on a phone and on paper."""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import warnings
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from matplotlib.figure import Figure
+from PIL import Image
+
+from elastid.report.content import ReportContent
+from elastid.report.figures.drawings import CONFIGURATION, drawings
+from elastid.report.numbers import digits, interval_of, number, percent
+from elastid.report.page.booklet import booklet
+from elastid.report.page.embedding import script_policy
+from elastid.report.page.explorer import explorer
+from elastid.report.page.mode_viewer import mode_viewer
+from elastid.report.parameter_rows import parameter_rows
+
+Format: TypeAlias = Literal["png", "pdf"]
+
+DPI = 110
+# A figure on the page has so many colors: less than half of the bytes, and no eye sees it.
+COLORS = 256
+# Bytes for figures on the page; what does not fit is linked to, the largest first. With the data of 20 configurations
+# of a six-axis robot the page then stays below 10 MB.
+ROOM = 6_000_000
+# Without names and dates of the writing program the same content gives the same bytes.
+_METADATA: dict[Format, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+}
+
+
+@dataclass(frozen=True)
+class EmbeddedFigure:
+    """A figure as the page holds it: PNG in base64, or empty where there is but a file (or none) beside the page."""
+
+    name: str
+    section: str
+    caption: str
+    png: str
+    file: str = ""
+
+
+def write_report(content: ReportContent, folder: Path, formats: Collection[Format]) -> Path:
+    """folder/report.html, and folder/figures/*.png and *.pdf as formats say; returns the page's path.
+
+    With pdf among the formats also folder/report.pdf, for paper: verdict, warnings, parameters, and all figures.
+
+    Every file appears whole or not at all, the page last. The same content gives the same bytes.
+    """
+    figures = folder / "figures"
+    figures.mkdir(parents=True, exist_ok=True)
+    embedded, paper = [], io.BytesIO()
+    with booklet(paper, content) as add:
+        for drawing in drawings(content):
+            png = rendered(drawing.figure, "png")
+            for kind in formats:
+                _write(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind))
+            if "pdf" in formats:
+                add(drawing.figure)
+            text = base64.b64encode(fewer_colors(png)).decode("ascii")
+            file = f"figures/{drawing.name}.{'png' if 'png' in formats else 'pdf'}" if formats else ""
+            embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file))
+    if "pdf" in formats:
+        _write(folder / "report.pdf", paper.getvalue())
+    page = folder / "report.html"
+    _write(page, html(content, within(embedded, ROOM)).encode("utf-8"))
+    return page
+
+
+def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]:
+    """The figures with the largest of single configurations taken off the page until the rest has room (bytes)."""
+    too_much = sum(len(figure.png) for figure in figures) - room
+    dropped = set()
+    for figure in sorted(figures, key=lambda figure: -len(figure.png)):
+        if too_much > 0 and figure.section.startswith(CONFIGURATION):
+            dropped.add(figure.name)
+            too_much -= len(figure.png)
+    return [replace(figure, png="") if figure.name in dropped else figure for figure in figures]
+
+
+def fewer_colors(png: bytes) -> bytes:
+    """The same picture with a palette."""
+    buffer = io.BytesIO()
+    with Image.open(io.BytesIO(png)) as image:
+        few = image.convert("RGB").quantize(COLORS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    few.save(buffer, "png", optimize=True)
+    return buffer.getvalue()
+
+
+def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
+    """The page; everything that a study or a file could have named is escaped."""
+    environment = Environment(
+        loader=PackageLoader("elastid.report", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
+    free = set(content.result.parameters.free_names)
+    rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
+    left_out = [agreement.configuration for agreement in content.validation.left_out]
+    frf = explorer(content.frf, left_out, content.model_std) if content.frf else None
+    modes = mode_viewer(content.modes, rate_is_known)
+    scripts = [*(frf.scripts if frf else ()), *([modes.script] if modes else ())]
+    return environment.get_template("template.html.j2").render(
+        content=content,
+        result=content.result,
+        rows=parameter_rows(content.result, content.truth),
+        given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
+        agreements=content.validation.configurations,
+        figures=figures,
+        explorer=frf,
+        mode_viewer=modes,
+        scripts=scripts,
+        policy=script_policy(scripts),
+        rate_is_known=rate_is_known,
+    )
+
+
+def rendered(figure: Figure, kind: Format) -> bytes:
+    """The figure as a file; a letter that the font lacks is drawn as a box without a word."""
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        figure.savefig(buffer, format=kind, dpi=DPI, metadata=_METADATA[kind])
+    return buffer.getvalue()
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Under a temporary name first, so that a killed run leaves no half file."""
+    temporary = path.with_name(f".{path.name}.part")
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,108 @@
+r"""A gravity compensator: a spring of steel or gas between points of two bodies, at the distance L of each other.
+
+.. math:: F_{coil} = k_c (L - L_0), \qquad F_{gas} = \pm F_0 \left( \frac{h_0}{h_0 \pm (L_0 - L)} \right)^{\kappa}
+
+F: the force that draws the two points together.  Gas in a cylinder that draws (+) is compressed as L grows, gas in a
+strut that pushes (-) as L shrinks. F_0 = p_0 A and h_0 = V_0 / A, the height of the gas column, at the length L_0, with
+the absolute pressure p_0, the piston's area A and the volume V_0. kappa: 1 while the gas keeps its temperature, 1.4 in
+motion too fast for heat to flow.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.base.section import section
+from elastid.base.units import Force, Length, LinearStiffness, Ratio
+from elastid.robot.body import BASE
+from elastid.robot.named_numbers import Numbers, below, coordinates
+from elastid.robot.placement import Vector3
+
+
+@section
+class Anchor:
+    """A point of a body, in the body's axes, m."""
+
+    body: str = BASE
+    point: Vector3 = (0.0, 0.0, 0.0)
+
+
+@section
+class CoilSpring:
+    """A mechanical spring of `stiffness` k_c, without force at the length `rest_length` L_0."""
+
+    stiffness: LinearStiffness
+    rest_length: Length = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no coil can have."""
+        if not self.stiffness > 0:
+            raise ValueError(f"stiffness is {self.stiffness:g} N/m; it must be positive")
+        if self.rest_length < 0:
+            raise ValueError(f"rest_length is {self.rest_length:g} m; it must not be negative")
+
+    def numbers(self, name: str) -> Numbers:
+        """kc_ and L0_ of a compensator."""
+        return {f"kc_{name}": ("N/m", ("stiffness",)), f"L0_{name}": ("m", ("rest_length",))}
+
+
+@section
+class GasSpring:
+    """A gas spring of `force` F_0 and gas column `column` h_0 at the length `length` L_0, exponent `kappa`."""
+
+    force: Force
+    length: Length
+    column: Length
+    kappa: Ratio = 1.0
+    action: Literal["push", "draw"] = "push"
+
+    def __post_init__(self) -> None:
+        """Refuse what no gas spring can have."""
+        for name, unit in (("force", "N"), ("length", "m"), ("column", "m")):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} is {getattr(self, name):g} {unit}; it must be positive")
+        if not 1 <= self.kappa <= 2:
+            raise ValueError(f"kappa is {self.kappa:g}; it is 1 (isothermal) to 1.4 (adiabatic, nitrogen) or 1.67")
+
+    def numbers(self, name: str) -> Numbers:
+        """F0_, L0_, h0_ and kappa_ of a compensator."""
+        return {
+            f"F0_{name}": ("N", ("force",)),
+            f"L0_{name}": ("m", ("length",)),
+            f"h0_{name}": ("m", ("column",)),
+            f"kappa_{name}": ("1", ("kappa",)),
+        }
+
+
+@section
+class Compensator:
+    """A coil or a gas spring, one of the two, between the points `ends` of two bodies."""
+
+    name: str
+    ends: tuple[Anchor, Anchor]
+    coil: CoilSpring | None = None
+    gas: GasSpring | None = None
+
+    def __post_init__(self) -> None:
+        """One spring, between two bodies."""
+        if (self.coil is None) == (self.gas is None):
+            raise ValueError(f"compensator {self.name}: give either coil or gas, the spring that it is")
+        first, second = self.ends
+        if first.body == second.body:
+            raise ValueError(
+                f"compensator {self.name}: both ends are on {first.body}, so that it never moves; fix one to the body "
+                "beyond the joint that it relieves"
+            )
+
+    @property
+    def numbers(self) -> Numbers:
+        """Those of its spring."""
+        if self.coil is not None:
+            return below("coil", self.coil.numbers(self.name))
+        return below("gas", self.gas.numbers(self.name)) if self.gas is not None else {}
+
+    @property
+    def geometry(self) -> Numbers:
+        """pc1_ and pc2_: where its ends are on their bodies."""
+        first, second = (coordinates(f"pc{i + 1}_{self.name}", ("ends", i, "point")) for i in (0, 1))
+        return first | second

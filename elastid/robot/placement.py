@@ -1,0 +1,63 @@
+"""Directions, placements and vectors of a robot's description."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.section import section
+from elastid.base.units import Angle, InUnit, Length
+
+Axis: TypeAlias = Literal["x", "y", "z"] | tuple[float, float, float]
+Vector3: TypeAlias = tuple[Length, Length, Length]
+Angles3: TypeAlias = tuple[Angle, Angle, Angle]
+Acceleration3: TypeAlias = tuple[
+    Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")], Annotated[float, InUnit("m/s^2")]
+]
+
+# Cosine of a pitch below which roll and yaw turn about the same axis.
+LEVEL = 1e-9
+_UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+def unit_axis(axis: Axis) -> FloatArray:
+    """A direction (3,) of length one; ValueError for the zero vector."""
+    vector = np.array(_UNIT_AXES[axis] if isinstance(axis, str) else axis, dtype=float)
+    length = float(np.linalg.norm(vector))
+    if not length > 0:
+        raise ValueError("an axis is the zero vector; give a direction such as [0, 0, 1] or z")
+    return vector / length
+
+
+@section
+class Placement:
+    """Where something sits in its parent: translation xyz (m), then roll, pitch, yaw (rad, about fixed axes)."""
+
+    xyz: Vector3 = (0.0, 0.0, 0.0)
+    rpy: Angles3 = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def of(cls, rotation: FloatArray, translation: FloatArray) -> Placement:
+        """The placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
+        R = rotation
+        level = float(np.hypot(R[0, 0], R[1, 0]))
+        if level > LEVEL:
+            roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
+        else:
+            roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0
+        x, y, z = (float(length) for length in translation)
+        return cls((x, y, z), (float(roll), float(np.arctan2(-R[2, 0], level)), float(yaw)))
+
+    @property
+    def rotation(self) -> FloatArray:
+        """R (3, 3) = Rz(yaw) Ry(pitch) Rx(roll): the body's axes as columns in the parent's."""
+        (sr, sp, sy), (cr, cp, cy) = np.sin(self.rpy), np.cos(self.rpy)
+        return np.array(
+            [
+                [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+                [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+                [-sp, cp * sr, cp * cr],
+            ]
+        )

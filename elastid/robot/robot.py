@@ -1,0 +1,271 @@
+"""The whole robot: its bodies as a tree, and what closes the tree into loops."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from functools import cached_property
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.section import section
+from elastid.robot.body import BASE, Body, Frame, Payload
+from elastid.robot.gears import GearCoupling, check_gears, gearboxes, mixing
+from elastid.robot.gravity_compensator import Compensator
+from elastid.robot.joint import Joint
+from elastid.robot.loop import Loop
+from elastid.robot.measurement_chain import Chain
+from elastid.robot.named_numbers import Numbers, at, below, replaced
+from elastid.robot.placement import Acceleration3, Placement
+
+# A frame's places: translation of its origin along its axes, and rotation about them.
+FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
+
+
+@section
+class Robot:
+    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies,
+    gears that couple axes, and the chain of measurement around all of it.
+
+    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.  chain: of measurement.
+    Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
+    is not there or that its joint has nothing to do with, gear ratios that form a singular matrix.
+    """
+
+    name: str
+    bodies: tuple[Body, ...]
+    gravity: Acceleration3 = (0.0, 0.0, -9.81)
+    source: str = ""
+    frames: tuple[Frame, ...] = ()
+    payload: Payload | None = None
+    loops: tuple[Loop, ...] = ()
+    compensators: tuple[Compensator, ...] = ()
+    gears: tuple[GearCoupling, ...] = ()
+    chain: Chain = Chain()
+
+    def __post_init__(self) -> None:
+        """Check the tree."""
+        known = [BASE]
+        for body in self.bodies:
+            if body.parent not in known:
+                raise ValueError(
+                    f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
+                )
+            if body.name in known:
+                raise ValueError(f"body {body.name} is given twice")
+            known.append(body.name)
+        _refuse_twice("joint", [joint.name for joint in self.joints])
+        _refuse_twice("frame", [frame.name for frame in self.frames])
+        for frame in self.frames:
+            if frame.body not in known:
+                raise ValueError(
+                    f"frame {frame.name}: its body {frame.body} is not there; there are {', '.join(known)}"
+                )
+        if self.payload is not None:
+            _refuse_twice("body", [body.name for body in self.all_bodies])
+        self._check_loops()
+        if not self.driven:
+            raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
+        self._check_compensators()
+        for joint in self.driven:
+            self._check_carrier(joint)
+        check_gears(self.driven, self.gears)
+
+    def _check_compensators(self) -> None:
+        """Each has its own name and ends on bodies that there are."""
+        names = [compensator.name for compensator in self.compensators]
+        bodies = [BASE, *(body.name for body in self.bodies)]
+        for compensator in self.compensators:
+            if names.count(compensator.name) > 1:
+                raise ValueError(f"compensator {compensator.name} is given twice")
+            for end in compensator.ends:
+                if end.body not in bodies:
+                    raise ValueError(
+                        f"compensator {compensator.name} ends on {end.body}, which is no body; there are "
+                        f"{', '.join(bodies)}"
+                    )
+
+    def _check_loops(self) -> None:
+        """Loops join bodies that exist and share no name with what has numbers of its own."""
+        bodies = [body.name for body in self.bodies]
+        joints = [joint.name for joint in self.joints]
+        for i, loop in enumerate(self.loops):
+            for end in loop.ends:
+                if end.body not in (BASE, *bodies):
+                    raise ValueError(
+                        f"loop {loop.name}: there is no body {end.body}; {did_you_mean(end.body, [BASE, *bodies])}"
+                    )
+            taken = bodies + joints + [other.name for other in self.loops[:i]]
+            if loop.name in taken:
+                raise ValueError(
+                    f"loop {loop.name}: a body, joint or loop is called so already; its numbers need a name of its own"
+                )
+
+    @cached_property
+    def all_bodies(self) -> tuple[Body, ...]:
+        """The bodies and, last, the payload."""
+        if self.payload is None:
+            return self.bodies
+        at = self.payload.at
+        bodies = {body.name: (body.name, Placement()) for body in self.bodies}
+        seats = bodies | {frame.name: (frame.body, frame.placement) for frame in self.frames}
+        if at not in seats:
+            raise ValueError(f"payload: it is at {at}, which is no frame and no body; there are {', '.join(seats)}")
+        return (*self.bodies, self.payload.body(*seats[at]))
+
+    @property
+    def joints(self) -> tuple[Joint, ...]:
+        """All joints, in the order of the tree: the link coordinates q_l."""
+        return tuple(joint for body in self.bodies for joint in body.joints)
+
+    @property
+    def driven(self) -> tuple[Joint, ...]:
+        """The joints with a motor, in order: inputs, and the angles of a configuration."""
+        return tuple(joint for joint in self.joints if joint.motor is not None)
+
+    @cached_property
+    def flexible(self) -> tuple[Joint, ...]:
+        """The joints between which and their motors something gives, in order: the motor coordinates q_m.
+
+        A spring of their own, or one before a gear that couples them with another motor.
+        """
+        places = {place for box in gearboxes(self.driven, self.gears) for place in box.gears}
+        return tuple(joint for place, joint in enumerate(self.driven) if place in places)
+
+    @property
+    def motor_locations(self) -> tuple[str, ...]:
+        """`motor <joint>` of each motor: the inputs, and the outputs unless a study says otherwise."""
+        return tuple(f"motor {joint.name}" for joint in self.driven)
+
+    @property
+    def mixing(self) -> FloatArray:
+        """E (n_u, n_u) of eta = diag(ratio) E, the identity where no gear couples two axes.
+
+        With motor angles and torques each referred to the link side by its own ratio alone: q_m' = E q_a, tau_a =
+        E^T tau_m'.
+        """
+        return mixing(self.driven, self.gears)
+
+    @property
+    def eta(self) -> FloatArray:
+        """The matrix of gear ratios (n_u, n_u): q_m = eta q_a from the link side to the motors, tau_a = eta^T tau_m."""
+        eta: FloatArray = np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing
+        return eta
+
+    def ratio(self, joint: str) -> float:
+        """Gear ratio of the motor of a joint; KeyError where it has none."""
+        for candidate in self.driven:
+            if candidate.name == joint and candidate.motor is not None:
+                return candidate.motor.ratio
+        raise KeyError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
+
+    def _check_carrier(self, joint: Joint) -> None:
+        """A motor rides on a body between the base and its joint, or on one that its joint moves."""
+        carrier = joint.motor.on if joint.motor is not None else ""
+        if carrier in ("", BASE):
+            return
+        parents = {body.name: body.parent for body in self.bodies}
+        if carrier not in parents:
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, which is no body of robot {self.name}; there are "
+                f"{BASE}, {', '.join(parents)}"
+            )
+        moved = next(body.name for body in self.bodies if joint in body.joints)
+        if moved not in _up(parents, carrier) and carrier not in _up(parents, moved):
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
+                f"by it, so that no gear can lead from one to the other; bodies it can be on: {BASE}, "
+                f"{', '.join(b for b in parents if moved in _up(parents, b) or b in _up(parents, moved))}"
+            )
+
+    def check_location(self, location: str) -> None:
+        """Refuse a place that the robot does not have; StudyError lists those it has."""
+        if location not in self.locations:
+            raise StudyError(f"'{location}' is not a place on robot {self.name}; there are {', '.join(self.locations)}")
+
+    @cached_property
+    def locations(self) -> tuple[str, ...]:
+        """All places that a study may name."""
+        return (
+            *(f"motor {joint.name}" for joint in self.driven),
+            *(f"joint {joint.name}" for joint in self.joints),
+            *(f"body {body.name} {axis}" for body in self.all_bodies for axis in "xyz"),
+            *(f"frame {frame.name} {axis}" for frame in self.frames for axis in FRAME_AXES),
+            *(f"accelerometer {frame.name} {axis}" for frame in self.frames for axis in "xyz"),
+        )
+
+    def slides(self, location: str) -> bool:
+        """Whether a place translates, so that it is measured in m: a sliding joint and its motor, a frame's origin."""
+        kind, _, rest = location.partition(" ")
+        if kind in ("motor", "joint"):
+            return any(joint.slides for joint in self.joints if joint.name == rest)
+        return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
+
+    def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
+        """Those of some places that translate."""
+        return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
+
+    @property
+    def numbers(self) -> Numbers:
+        """Every number that has a name: its unit and its place, joint by joint, then body by body, loop by loop."""
+        places: Numbers = {}
+        for b, body in enumerate(self.bodies):
+            for j, joint in enumerate(body.joints):
+                places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
+        for b, body in enumerate(self.bodies):
+            places |= below("bodies", below(b, body.numbers))
+        for i, loop in enumerate(self.loops):
+            places |= below("loops", below(i, loop.numbers))
+        for c, compensator in enumerate(self.compensators):
+            places |= below("compensators", below(c, compensator.numbers))
+        payload = below("payload", self.payload.numbers) if self.payload is not None else {}
+        return places | payload | below("chain", self.chain.numbers)
+
+    @cached_property
+    def geometry(self) -> Numbers:
+        """Every length and coordinate that has a name, alike; they count among the parameters where they are asked for.
+
+        A model in which all of them were symbols would be several times as large.
+        """
+        places: Numbers = {}
+        for b, body in enumerate(self.bodies):
+            places |= below("bodies", below(b, body.geometry))
+            for j, joint in enumerate(body.joints):
+                places |= below("bodies", below(b, below("joints", below(j, joint.geometry))))
+        for i, loop in enumerate(self.loops):
+            places |= below("loops", below(i, loop.geometry))
+        for c, compensator in enumerate(self.compensators):
+            places |= below("compensators", below(c, compensator.geometry))
+        return places
+
+    def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
+        """Every number with a name: its value and SI unit; of the geometry those that are named, last."""
+        named = {name: place for name, place in self.geometry.items() if name in geometry} if geometry else {}
+        return {name: (at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
+
+    def with_parameters(self, values: Mapping[str, float]) -> Robot:
+        """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
+        places = self.numbers
+        if any(name not in places for name in values):
+            places |= self.geometry
+        for name in values:
+            if name not in places:
+                raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")
+        changed: Robot = replaced(self, {places[name][1]: value for name, value in values.items()})
+        return changed
+
+
+def _up(parents: Mapping[str, str], body: str) -> list[str]:
+    """The body and those that carry it."""
+    chain = [body]
+    while parents.get(chain[-1], BASE) != BASE:
+        chain.append(parents[chain[-1]])
+    return chain
+
+
+def _refuse_twice(what: str, names: Iterable[str]) -> None:
+    listed = list(names)
+    for name in listed:
+        if listed.count(name) > 1:
+            raise ValueError(f"{what} {name} is given twice")

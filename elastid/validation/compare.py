@@ -1,0 +1,284 @@
+r"""Several models of one robot on the same frequency responses: which of them predicts what it was not fitted to?
+
+Each model is fitted to all configurations, and again without each fold of them. On a configuration c that was left out
+its misfit, and from the fit to all its information criterion, are
+
+.. math:: m_c = \frac{1}{n_c} \sum_k \frac{|\hat G - G|^2}{\sigma^2}, \qquad
+          \mathrm{QAIC} = V / \hat c + 2 n_x
+
+m_c: mean over the elements and lines that count, 1 where only what the weights allow for is left. c: V / dof of the
+model that fits best, so that an error that all models share does not count as evidence; only differences of QAIC mean
+something (Burnham & Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It takes the residuals of
+lines as independent, which a model error is not: where the two disagree, the left-out configurations are right.
+
+Two models are told apart where the mean over configurations of m_c - m_c(best) is beyond its standard error, and
+beyond what the ends of two searches differ by.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen
+from elastid.base.errors import ElastidError, StudyError
+from elastid.fit.identify import estimated, predict
+from elastid.fit.setup.groups import OF, is_of_one
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
+from elastid.fit.weights.weights import weigh
+from elastid.model.spec import ModelSpec
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+from elastid.validation.agreement import agreement
+
+if TYPE_CHECKING:
+    from elastid.validation.elasticity_search import Trial
+
+# Part of the misfit by which two fits of one model may differ.
+SAME = 1e-3
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A model to compare: the robot, the formulation of its equations, and what is fitted of it."""
+
+    name: str
+    robot: Robot
+    fit: FitSpec
+    model: ModelSpec
+
+
+@dataclass(frozen=True)
+class RefitTask:
+    """One fit: of a variant to all responses but those of the configurations left out."""
+
+    variant: Variant
+    left_out: tuple[str, ...]
+    seed: int
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What a model makes of a configuration that it was not fitted to: misfit m_c, magnitude and phase errors."""
+
+    misfit: float
+    rms_log_db: float
+    phase_rms_deg: float
+
+
+@dataclass(frozen=True)
+class Refit:
+    """How a task ended.  cost, n_free and dof: of the fit; status `failed`, with a message, where there is none."""
+
+    status: str
+    message: str
+    n_free: int
+    cost: float
+    dof: int
+    left_out: dict[str, LeftOut]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A model in the ranking.  misfit (n_c,): by configuration, NaN where none was left out or the fit failed.
+
+    criterion: QAIC above the smallest.  rms_log_db, phase_rms_deg: over the left-out configurations.
+    """
+
+    name: str
+    n_free: int
+    cost: float
+    dof: int
+    criterion: float
+    misfit: FloatArray
+    rms_log_db: float
+    phase_rms_deg: float
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        """Freeze the misfits."""
+        object.__setattr__(self, "misfit", frozen(self.misfit))
+
+    @property
+    def mean_misfit(self) -> float:
+        """Over the configurations; infinite where one of them is not known."""
+        return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
+
+    def behind(self, best: Row) -> tuple[float, float]:
+        """Mean difference of the misfits to the best model's, and its standard error."""
+        difference = self.misfit - best.misfit
+        n = difference.size
+        return float(difference.mean()), float(difference.std(ddof=1) / math.sqrt(n)) if n > 1 else math.inf
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict.
+
+    trials: of the search that met these models, in its order; none where they were given.
+    """
+
+    configurations: tuple[str, ...]
+    rows: tuple[Row, ...]
+    verdict: str
+    trials: tuple[Trial, ...] = ()
+
+
+def folds(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
+    """The configurations in so many parts, every one in one of them; none where there is but one configuration."""
+    n = min(parts or len(names), len(names))
+    return tuple(tuple(names[i::n]) for i in range(n)) if n > 1 else ()
+
+
+def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
+    """Fit a variant without some configurations and hold it against them."""
+    kept, out = _divided(responses, task.left_out)
+    variant = task.variant
+    masks = _masks(variant.fit.mask, [r.configuration.name for r in kept])
+    spec = replace(variant.fit, mask=masks)
+    try:
+        result = estimated(kept, variant.robot, spec, model=variant.model, seed=task.seed)
+        modelled = predict(result, variant.robot, out, variant.model)
+    except ElastidError as error:
+        return Refit("failed", str(error), 0, math.inf, 0, {})
+    pairs = zip(out, modelled, strict=True)
+    scores = {m.configuration.name: _score(m, G, variant.fit) for m, G in pairs}
+    return Refit(result.status, result.message, len(result.parameters.free), result.cost, result.dof, scores)
+
+
+def ranked(configurations: Sequence[str], variants: Sequence[Variant], refits: Sequence[Sequence[Refit]]) -> Comparison:
+    """The comparison; refits of each variant: to all configurations, then without each fold."""
+    full = [of[0] for of in refits]
+    fitted = [f for f in full if f.status != "failed"]
+    best_fit = min(fitted, key=lambda f: f.cost, default=None)
+    scale = 1.0 if best_fit is None else max(best_fit.cost / max(best_fit.dof, 1), 1e-300)
+    aic = np.array([f.cost / scale + 2 * f.n_free if f.status != "failed" else math.inf for f in full])
+    aic = aic - (aic.min() if np.isfinite(aic).any() else 0.0)
+    rows = [
+        _row(variant.name, of, float(a), configurations) for variant, of, a in zip(variants, refits, aic, strict=True)
+    ]
+    rows.sort(key=lambda row: (row.mean_misfit, row.criterion))
+    return Comparison(tuple(configurations), tuple(rows), _verdict(rows))
+
+
+def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
+    """A study's fit without the parameters that its own robot has and a variant has not.
+
+    StudyError where it names no others: without any it would be another fit, that of every stiffness.
+    """
+    there, known = robot.parameters(robot.geometry), own.parameters(own.geometry)
+
+    def gone(key: str) -> bool:
+        key = key.partition(OF)[0]
+        return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
+
+    kept = {key: wish for key, wish in spec.parameters.items() if not gone(key)}
+    if spec.parameters and not kept:
+        raise StudyError(
+            f"fit.parameters names only what this model does not have ({', '.join(spec.parameters)}); name further "
+            "ones, such as the stiffnesses of the gears"
+        )
+    return replace(spec, parameters=kept)
+
+
+def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
+    """A study's fit with these parameters at their starts, for a model that does not have them."""
+    free = {parameter.name for parameter in choose(spec, robot).free}
+    still = {
+        name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
+        for name in names
+        if name in free
+    }
+    patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
+    left = free - still.keys()
+    kept = {
+        key: wish
+        for key, wish in patterns.items()
+        if not is_of_one(key) or any(fnmatchcase(name, key.partition(OF)[0]) for name in left)
+    }
+    return replace(spec, parameters={**kept, **still})
+
+
+def _divided(
+    responses: Sequence[FrequencyResponse], left_out: Sequence[str]
+) -> tuple[list[FrequencyResponse], list[FrequencyResponse]]:
+    out = [response for response in responses if response.configuration.name in left_out]
+    return [response for response in responses if response.configuration.name not in left_out], out
+
+
+def _masks(masks: Sequence[MaskSpec], names: Sequence[str]) -> tuple[MaskSpec, ...]:
+    """The masks as far as they speak of these configurations."""
+    kept = []
+    for mask in masks:
+        there = tuple(name for name in mask.configurations if name in names)
+        if there or not mask.configurations:
+            kept.append(replace(mask, configurations=there))
+    return tuple(kept)
+
+
+def _score(measured: FrequencyResponse, modelled: FrequencyResponse, spec: FitSpec) -> LeftOut:
+    weights = weigh(measured, replace(spec, mask=_masks(spec.mask, [measured.configuration.name])))
+    used = weights.used
+    error = np.abs(measured.G - modelled.G)[used] / weights.sigma[used]
+    off = agreement(measured, modelled, left_out=True)
+    misfit = float(np.mean(error**2)) if error.size else math.nan
+    return LeftOut(misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
+
+
+def _row(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> Row:
+    full, scores = refits[0], {c: score for each in refits[1:] for c, score in each.left_out.items()}
+    nothing = LeftOut(math.nan, math.nan, math.nan)
+    by_configuration = [scores.get(c, nothing) for c in configurations] if len(refits) > 1 else []
+    notes = [f"fit to all: {full.message}"] if full.status == "failed" else []
+    failed = [each for each in refits[1:] if each.status == "failed"]
+    notes += [f"{len(failed)} of {len(refits) - 1} fits failed: {failed[0].message}"] if failed else []
+    if full.status not in ("converged", "failed"):
+        notes.append(full.status.replace("_", " "))
+    squares = np.array([[score.rms_log_db, score.phase_rms_deg] for score in by_configuration]).reshape(-1, 2) ** 2
+    db, deg = np.sqrt(squares.mean(axis=0)) if len(squares) else (math.nan, math.nan)
+    return Row(
+        name=name,
+        n_free=full.n_free,
+        cost=full.cost,
+        dof=full.dof,
+        criterion=criterion,
+        misfit=np.array([score.misfit for score in by_configuration]),
+        rms_log_db=float(db),
+        phase_rms_deg=float(deg),
+        note="; ".join(notes),
+    )
+
+
+def _verdict(rows: Sequence[Row]) -> str:
+    best = rows[0]
+    if not math.isfinite(best.mean_misfit):
+        if not math.isfinite(best.criterion):
+            return "No model could be fitted."
+        return (
+            f"{best.name} has the smallest information criterion; how the models predict is not known, since a single "
+            "configuration leaves none out"
+        )
+    others = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
+    alike = [row for row in others if row.behind(best)[0] <= max(row.behind(best)[1], SAME * best.mean_misfit)]
+    simplest = min([best, *alike], key=lambda row: row.n_free)
+    sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
+    if alike:
+        sentence += f"; {', '.join(row.name for row in alike)} cannot be told from it by these data"
+    worse = [row for row in others if row not in alike]
+    if worse:
+        sentence += f"; the others are worse by more than the standard error, by {_worse(worse, best)}"
+    if simplest is not best and simplest.n_free < best.n_free:
+        sentence += f". The simplest that is as good is {simplest.name}, with {simplest.n_free} parameters"
+    return sentence + "."
+
+
+def _worse(rows: Sequence[Row], best: Row) -> str:
+    factors = [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rows]
+    low, high = min(factors), max(factors)
+    return f"a factor {low:.3g} of the error" if len(rows) == 1 else f"factors {low:.3g} to {high:.3g} of the error"

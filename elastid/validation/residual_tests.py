@@ -1,0 +1,119 @@
+"""The measured uncertainty, and what noise alone would do to the residual of a true model."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.fit.weights.smoothed_variance import SUPPORT, smoothed
+from elastid.response import Covariance, FrequencyResponse
+
+LAGS = (1, 2, 3)
+# The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
+NORMAL_BELOW = 0.752
+# Random phases drawn for what chance does to the autocorrelations.
+TURNS = 400
+# Fewer numbers tell nothing about the shape of their distribution.
+_ENOUGH = 16
+
+
+def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
+    """sigma and its degrees of freedom; zeros where the measurement came without an uncertainty."""
+    covariance = measured.uncertainty
+    return (np.zeros(measured.G.shape), 0.0) if covariance is None else smoothed_std(measured, covariance)
+
+
+def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[FloatArray, float]:
+    """Standard deviation (F, n_y, n_u) of G and its degrees of freedom, smoothed over lines where they are few."""
+    G, variance = measured.G, covariance.variance
+    smooth = np.empty(G.shape)
+    for i, j in np.ndindex(G.shape[1:]):
+        smooth[:, i, j] = smoothed(variance[:, i, j], G[:, i, j], covariance.dof)[1]
+    return np.sqrt(smooth), max(covariance.dof, SUPPORT)
+
+
+def above_2sigma(measured: FrequencyResponse) -> BoolArray:
+    """Which lines (F, n_y, n_u) stand above the measured uncertainty; all that are not zero where there is none."""
+    magnitude = np.abs(measured.G)
+    above: BoolArray = (magnitude >= 2 * sigma_of(measured)[0]) & (magnitude > 0)
+    return above
+
+
+def inside_expected(dof: float) -> float:
+    r"""P(|E| <= 2 sigma) = 1 - (1 + 4 / dof)^{-dof} of a true model.
+
+    |E|^2 / sigma^2 is F-distributed with 2 and 2 dof degrees of freedom; dof counts complex numbers. 0.80 for two
+    realisations, 0.982 for a variance that is known, NaN where there is none.
+    """
+    if dof == 0:
+        return math.nan
+    return 1 - math.exp(-4 if math.isinf(dof) else -dof * math.log1p(4 / dof))
+
+
+def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    r"""|r_l| (3, n_y, n_u) of a normalised residual e (F, n_y, n_u) along frequency, and its 95 % bound.
+
+    .. math:: r_l = \sum_k \bar e_k e_{k+l} / \sum_k |e_k|^2, \qquad
+              b_l^2 = -\ln 0.05 \sum_k |e_k|^2 |e_{k+l}|^2 / (\sum_k |e_k|^2)^2
+
+    Given the magnitudes, the sum of a white circular residual is close to complex normal of that variance, so the
+    bound holds even where sigma is uncertain. A line with e = 0 does not take part.
+    """
+    power = np.abs(e) ** 2
+    total = power.sum(axis=0)
+    total = np.where(total > 0, total, np.nan)
+    r = np.stack([np.abs((e[:-lag].conj() * e[lag:]).sum(axis=0)) for lag in LAGS]) / total
+    variance = np.stack([(power[:-lag] * power[lag:]).sum(axis=0) for lag in LAGS]) / total**2
+    return r, np.sqrt(-math.log(0.05) * variance)
+
+
+def coloured_by_chance(e: ComplexArray) -> float:
+    """Standard deviation of the share of autocorrelations beyond their bound, of white residuals like e (F, n_y, n_u).
+
+    Elements that err together, as all outputs of one experiment do, are beyond it together. So every line is turned by
+    a random phase, the same for all elements: that leaves magnitudes and correlations between elements as they are,
+    and nothing along frequency.
+    """
+    power = np.abs(e) ** 2
+    some = np.any(power > 0, axis=0)
+    if not some.any():
+        return math.nan
+    rng = np.random.default_rng(0)
+    turns = np.exp(2j * np.pi * rng.random((TURNS, len(e))))
+    beyond = np.zeros(TURNS)
+    for lag in LAGS:
+        product = (e[:-lag].conj() * e[lag:])[:, some]
+        bound = np.sqrt(-math.log(0.05) * np.sum(np.abs(product) ** 2, axis=0))
+        beyond += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) > bound, axis=1)
+    return float(beyond.std() / (len(LAGS) * some.sum()))
+
+
+def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:
+    r"""Anderson and Darling's statistic A*^2 (n_y, n_u) of the real and imaginary parts of a residual e (F, n_y, n_u).
+
+    .. math:: A^2 = -n - \frac1n \sum_{i=1}^n (2i - 1) [\ln \Phi(z_i) + \ln(1 - \Phi(z_{n+1-i}))],
+              \quad A^{*2} = A^2 (1 + 0.75 / n + 2.25 / n^2)
+
+    z: the n = 2 F numbers, less their mean, over their standard deviation, in order. Of normal residuals 5 % exceed
+    NORMAL_BELOW, whatever their variance; single lines that are far off, or a few, raise it most. Where sigma has but
+    `dof` degrees of freedom, |e|^2 becomes dof ln(1 + |e|^2 / dof) first, which is exponential as it would be for a
+    known one. NaN where fewer than eight lines have a residual that is not 0.
+    """
+    statistic = np.full(e.shape[1:], np.nan)
+    for i, j in np.ndindex(e.shape[1:]):
+        some = e[:, i, j][e[:, i, j] != 0]
+        if math.isfinite(dof) and dof > 0:
+            power = np.abs(some) ** 2 / np.mean(np.abs(some) ** 2)
+            some = some / np.abs(some) * np.sqrt(dof * np.log1p(power / dof))
+        z = np.concatenate([some.real, some.imag])
+        n = len(z)
+        if n < _ENOUGH:
+            continue
+        z = np.sort((z - z.mean()) / z.std(ddof=1))
+        weight = 2 * np.arange(1, n + 1) - 1
+        A2 = -n - np.mean(weight * (log_ndtr(z) + log_ndtr(-z[::-1])))
+        statistic[i, j] = A2 * (1 + 0.75 / n + 2.25 / n**2)
+    return statistic
