@@ -1,0 +1,400 @@
+"""How fast the fit is: the kernel against bare solves, a whole fit against other solvers and libraries, in one run.
+
+    python scripts/benchmarks/fit.py [--quick] [--growth]
+
+20 configurations x 200 lines, 18 coordinates, 6 inputs and outputs, 40 logarithmic parameters (12 stiffnesses, 12
+dampings, 6 motor frictions, 4 joint frictions, 6 rotor inertias), weights from a full 36 x 36 covariance at every line:
+288 000 real residuals. One process, one BLAS thread. The same start, the same residuals and, but for finite
+differences, the same Jacobian; every fit must reach the same cost. `floor` is the useful work of one evaluation,
+96 kflop a line (computation.md), at the rate of a zgemm on this machine. CasADi (MX, automatic differentiation, LAPACK)
+and, where it is installed, JAX (jacfwd, compiled) work out residuals, Jacobian and normal matrix of one configuration.
+--growth: time for twice the lines and twice the configurations, and peak memory of 500 configurations with diagonal
+weights. The last line is one JSON object with the numbers of the table.
+
+Measured (CPU time, medians in turn, a quiet machine of two cores): with compiled loops (the extra fast) one evaluation
+takes 1.8 times the bare solves and 4.6 times the floor, with NumPy alone 2.5 and 6.4 times; CasADi takes 58 and JAX 45
+times as long for one. A whole fit is 15 times faster than least_squares with the same Jacobian, 28 times faster than
+with finite differences and 54 times faster than with CasADi's derivatives, all at the same cost within 3e-14. Twice the
+lines take 0.95 and twice the configurations 1.00 of twice the time; 500 configurations work in 5 MB.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+import statistics
+import time
+import tracemalloc
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from unittest.mock import patch
+
+import casadi as ca
+import numpy as np
+from scipy.optimize import least_squares
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.problem.residuals import RESIDUALS, as_real
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.solve.solvers import solve
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.weights.weights import vec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.ldl import is_worth_it
+from elastid.linear.response.transfer import to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+NOISE = 0.02
+BARE, FLOOR = "numpy.linalg.solve alone", "96 kflop a line by zgemm (floor)"
+EVALUATION, PLAIN = "cost, gradient, normal matrix", "the same, NumPy alone"
+IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
+
+
+def build_robot() -> Robot:
+    """Six driven elastic joints, each followed by an elastic rotation: 18 coordinates."""
+    driven, further = "zyyxyx", "xxzyzy"
+    stiffness = np.array([9e5, 8e5, 5e5, 1.5e5, 1.2e5, 6e4])
+    bodies = []
+    for i in range(6):
+        scale = 0.5**i
+        joints = (
+            Joint(
+                f"{i + 1}",
+                driven[i],
+                Spring(stiffness[i], stiffness[i] / 500),
+                Motor(3e-3 * 0.75**i, 120.0, 2e-3 * 0.75**i),
+                viscous=10.0,
+            ),
+            Joint(f"{i + 1}e", further[i], Spring(2 * stiffness[i], stiffness[i] / 300)),
+        )
+        bodies.append(
+            Body(
+                f"{i + 1}",
+                "base" if i == 0 else f"{i}",
+                Placement((0.25 if i == 1 else 0.0, 0.0, (0.4, 0.4, 0.9, 0.5, 0.5, 0.15)[i])),
+                joints,
+                mass=200 * scale,
+                center_of_mass=(0.1, 0.05, 0.2),
+                inertia=(14 * scale, 12 * scale, 9 * scale),
+            )
+        )
+    return Robot("18 coordinates", tuple(bodies))
+
+
+def measured(robot: Robot, n_configurations: int, freq_hz: FloatArray, full: bool = True) -> list[FrequencyResponse]:
+    """Responses of the robot with relative noise, configurations drawn at random."""
+    rng = np.random.default_rng(0)
+    model = serial(robot)
+    linearisation = Linearisation.of(model)
+    responses = []
+    mixing = rng.standard_normal((36, 72)) + 1j * rng.standard_normal((36, 72))
+    root = np.linalg.cholesky(mixing @ mixing.conj().T / 144)
+    for i in range(n_configurations):
+        configuration = Configuration(f"{i + 1}", rng.uniform(-1.2, 1.2, 6))
+        linear = linearisation.at(configuration, model.theta, robot.motor_locations, "acceleration")
+        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
+        deviation = NOISE * np.abs(exact.G) + 1e-3 * NOISE * np.abs(exact.G).max(axis=0)
+        white = rng.standard_normal((len(freq_hz), 36, 1)) + 1j * rng.standard_normal((len(freq_hz), 36, 1))
+        lower = vec(deviation)[:, :, None] * root
+        noise = (lower @ white / np.sqrt(2))[:, :, 0].reshape(-1, 6, 6).swapaxes(1, 2)
+        matrix = lower @ lower.conj().swapaxes(1, 2) if full else None
+        variance = np.sum(np.abs(lower) ** 2, axis=2).reshape(-1, 6, 6).swapaxes(1, 2)
+        responses.append(replace(exact, G=exact.G + noise, noise=Covariance(variance, np.inf, matrix=matrix)))
+    return responses
+
+
+def assemble(n_configurations: int, n_lines: int, full: bool = True) -> tuple[ElasticFit, FloatArray]:
+    """The fit, and a start some 20 % off in every parameter."""
+    robot = build_robot()
+    responses = measured(robot, n_configurations, np.linspace(2.0, 100.0, n_lines), full)
+    spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(floor=0.0))
+    parameters = choose(spec, robot)
+    fit = Assembly.of(responses, robot, spec, parameters).at(parameters.x, "complex")
+    return fit, parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(parameters.x))
+
+
+def residual_only(fit: ElasticFit, x: FloatArray) -> FloatArray:
+    """The residuals without their Jacobian, as a solver without J^T J wants them most of the time."""
+    theta = fit.parameters.expand(x)
+
+    def of(part: Part) -> FloatArray:
+        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(theta))
+        whitened = part.mixing @ (part.gain * e).reshape(len(e), -1, 1)
+        return as_real(whitened).ravel()
+
+    return np.concatenate([of(part) for part in fit.parts])
+
+
+def bare_solves(fit: ElasticFit) -> Callable[[], None]:
+    """numpy.linalg.solve of the same systems Z X = B, the matrices ready made."""
+    systems = []
+    for part in fit.parts:
+        model, s = part.kernel.model, 2j * np.pi * part.kernel.freq_hz[:, None, None]
+        systems.append((s**2 * model.M + s * model.D + model.K, model.B.astype(complex)))
+
+    def run() -> None:
+        for Z, B in systems:
+            np.linalg.solve(Z, B)
+
+    return run
+
+
+def flop_floor(n_points: int) -> Callable[[], None]:
+    """96 kflop a point in products of 96 x 96 complex matrices, of 8 * 96^3 each."""
+    A = np.random.default_rng(0).standard_normal((96, 96)) + 0j
+    products = max(1, round(n_points * 96e3 / (8 * 96**3)))
+
+    def run() -> None:
+        for _ in range(products):
+            A @ A
+
+    return run
+
+
+def casadi_sums(part: Part, lines: int) -> Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]:
+    """V, J^T r, J^T J of the first `lines` lines of one configuration at x, by automatic differentiation in MX."""
+    model, wanted = part.kernel.model, part.kernel.wanted
+    x, s = ca.MX.sym("x", len(wanted)), ca.MX.sym("omega")
+    theta0 = [model.theta_ref[model.parameters.index(name)] for name in wanted]
+    M, D, K = (ca.MX(matrix) for matrix in (model.M, model.D, model.K))
+    for i, name in enumerate(wanted):
+        change = ca.exp(x[i]) - theta0[i]
+        slope = model.slopes[name]
+        M = M if slope.M is None else M + change * slope.M
+        D = D if slope.D is None else D + change * slope.D
+        K = K if slope.K is None else K + change * slope.K
+    Z, C = K - s**2 * M, s * D
+    X = ca.solve(ca.vertcat(ca.horzcat(Z, -C), ca.horzcat(C, Z)), ca.vertcat(model.B, 0 * model.B), "lapacklu")
+    G = -(s**2) * ca.vertcat(model.C @ X[: model.n, :], model.C @ X[model.n :, :])
+    W, data = ca.MX.sym("W", 72, 72), ca.MX.sym("data", 72)
+    r = W @ (data - ca.vertcat(ca.vec(G[:6, :].T), ca.vec(G[6:, :].T)))
+    J = ca.jacobian(r, x)
+    every = ca.Function("line", [x, s, W, data], [r.T @ r, J.T @ r, J.T @ J]).map(lines)
+    W_c = part.mixing[:lines] * part.gain[:lines].reshape(lines, 1, -1)
+    W_r = ca.DM(np.concatenate([np.block([[w.real, -w.imag], [w.imag, w.real]]) for w in W_c], axis=1))
+    flat = part.measured[:lines].reshape(lines, -1)
+    given = ca.DM(np.concatenate([flat.real, flat.imag], axis=1).T)
+    omega = ca.DM(2 * np.pi * part.kernel.freq_hz[:lines]).T
+
+    def evaluated(here: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        V, g, A = (found.full() for found in every(ca.repmat(ca.DM(here), 1, lines), omega, W_r, given))
+        return float(V.sum()), g.sum(axis=1), A.reshape(len(here), lines, len(here)).sum(axis=1)
+
+    return evaluated
+
+
+def casadi_problem(fit: ElasticFit) -> LeastSquares:
+    """The whole fit with CasADi in the place of the kernel; the solver is the same."""
+    parts = [casadi_sums(part, len(part.measured)) for part in fit.parts]
+
+    def evaluate(x: FloatArray) -> Evaluation:
+        found = [part(x) for part in parts]
+        V, g, A = (sum(one[i] for one in found) for i in range(3))
+        return Evaluation(V, 2 * g, 2 * A)
+
+    return LeastSquares(fit.parameters, fit.n_residuals, evaluate, fit.residual)
+
+
+def jax_evaluation(fit: ElasticFit) -> Callable[[], object] | None:
+    """The same with JAX for all lines of one configuration; None where it is not installed."""
+    try:
+        import jax
+        import jax.numpy as jnp
+    except ImportError:
+        return None
+    jax.config.update("jax_enable_x64", True)
+    part = fit.parts[0]
+    model, wanted = part.kernel.model, part.kernel.wanted
+    theta0 = jnp.array([model.theta_ref[model.parameters.index(name)] for name in wanted])
+    zero = np.zeros((model.n, model.n))
+    slopes = [
+        jnp.array([zero if (m := getattr(model.slopes[name], letter)) is None else m for name in wanted])
+        for letter in "MDK"
+    ]
+    omega = jnp.array(2 * np.pi * part.kernel.freq_hz)[:, None, None]
+    W = jnp.array(part.mixing * part.gain.reshape(len(part.gain), 1, -1))
+    data = jnp.array(part.measured.reshape(len(part.gain), -1, 1))
+
+    def residual(x: object) -> object:
+        change = jnp.exp(x) - theta0
+        M, D, K = (a + jnp.tensordot(change, b, 1) for a, b in zip((model.M, model.D, model.K), slopes, strict=True))
+        Z = K - omega**2 * M + 1j * omega * D
+        X = jnp.linalg.solve(Z, jnp.broadcast_to(model.B + 0j, (len(omega), *model.B.shape)))
+        r = W @ (data + (omega**2 * (model.C @ X)).reshape(len(omega), -1, 1))
+        return jnp.concatenate([r.real.ravel(), r.imag.ravel()])
+
+    @jax.jit
+    def evaluation(x: object) -> object:
+        r, J = residual(x), jax.jacfwd(residual)(x)
+        return r @ r, J.T @ r, J.T @ J
+
+    return lambda: jax.block_until_ready(evaluation(jnp.log(theta0)))
+
+
+def growth(n_lines: int, n_configurations: int) -> dict[str, float]:
+    """Time of one evaluation for twice the lines and configurations over twice the time; MB for 500 configurations."""
+    found = {}
+    small, x = assemble(n_configurations, n_lines)
+    for name, Q, F in (("lines", n_configurations, 2 * n_lines), ("configurations", 2 * n_configurations, n_lines)):
+        large, _ = assemble(Q, F)
+        # In turn, so that what else the machine does meets both.
+        ratios = [
+            seconds(lambda fit=large, x=x: fit.rough(x), 3) / seconds(lambda: small.rough(x), 3) for _ in range(9)
+        ]
+        found[f"{name}_doubled_over_twice"] = round(statistics.median(ratios) / 2, 3)
+    large, x = assemble(500, n_lines, full=False)
+    large.rough(x)
+    tracemalloc.start()
+    large.rough(x)
+    found["working_mb_of_500_configurations"] = round(tracemalloc.get_traced_memory()[1] / 1e6, 1)
+    tracemalloc.stop()
+    return found
+
+
+def seconds(function: Callable[[], object], repeats: int) -> float:
+    """Median CPU time of a call, after one that does not count; the machine may be shared."""
+    function()
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        function()
+        times.append(time.process_time() - begin)
+    return statistics.median(times)
+
+
+def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict[str, float]:
+    """Median CPU times of functions that take turns, so that what else the machine does meets all of them."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for repeat in range(repeats + 1):
+        for name, function in functions.items():
+            begin = time.process_time()
+            function()
+            if repeat:
+                times[name].append(time.process_time() - begin)
+    return {name: statistics.median(each) for name, each in times.items()}
+
+
+def kernel_times(fit: ElasticFit, plain: ElasticFit, repeats: int) -> dict[str, float]:
+    """Seconds for one pass over all configurations; plain: the same fit without compiled loops."""
+    theta, x = fit.parameters.theta, fit.parameters.x
+    points = sum(len(part.measured) for part in fit.parts)
+    return in_turn(
+        {
+            BARE: bare_solves(fit),
+            FLOOR: flop_floor(points),
+            "responses": lambda: [part.kernel.response(theta) for part in fit.parts],
+            "responses and derivatives": lambda: [part.kernel.evaluate(theta) for part in fit.parts],
+            EVALUATION: lambda: fit.rough(x),
+            PLAIN: lambda: plain.rough(x),
+            "the same, normal matrix in double": lambda: fit.evaluate(x),
+            "stacked residual and Jacobian": lambda: fit.residual(x),
+        },
+        repeats,
+    )
+
+
+def fit_times(fit: ElasticFit, x0: FloatArray, repeats: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Seconds and final costs of a whole fit from the same start: by three solvers, and with CasADi's derivatives."""
+    costs: dict[str, float] = {}
+
+    def elastid() -> None:
+        costs["elastid"] = solve(fit.problem, x0).cost
+
+    def scipy_fit(name: str, jac: object) -> None:
+        answer = least_squares(lambda x: residual_only(fit, x), x0, jac=jac, bounds=fit.parameters.x_bounds)
+        costs[name] = 2 * answer.cost
+
+    analytic, differences = "least_squares, same Jacobian", "least_squares, finite differences"
+
+    def casadi_fit() -> None:
+        costs["CasADi MX, AD"] = solve(casadi, x0).cost
+
+    casadi = casadi_problem(fit)
+    times = {
+        "elastid": seconds(elastid, repeats),
+        analytic: seconds(lambda: scipy_fit(analytic, lambda x: fit.residual(x)[1]), max(1, repeats // 2)),
+        differences: seconds(lambda: scipy_fit(differences, "2-point"), 1),
+        "CasADi MX, AD": seconds(casadi_fit, 1),
+    }
+    return times, costs
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
+    parser.add_argument("--growth", action="store_true", help="also how time and memory grow")
+    given = parser.parse_args()
+    quick = given.quick
+    Q, F = (2, 12) if quick else (20, 200)
+    fit, x0 = assemble(Q, F)
+    n, n_x = fit.parts[0].kernel.model.n, len(x0)
+    print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread\n")
+
+    compiled = is_worth_it(F, n)
+    with patch("elastid.linear.response.transfer.is_worth_it", return_value=False):
+        plain, _ = assemble(Q, F)
+        plain.rough(x0)
+    kernel = kernel_times(fit, plain, 3 if quick else 15)
+    print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; the extra fast compiles them'}\n")
+    print(f"{'one pass over all configurations':<38}{'ms':>10}{'x solve':>10}{'x floor':>10}")
+    for name, value in kernel.items():
+        print(f"{name:<38}{1e3 * value:>10.1f}{value / kernel[BARE]:>10.1f}{value / kernel[FLOOR]:>10.1f}")
+
+    per_point = kernel[EVALUATION] / (Q * F)
+    lines = 4 if quick else 40
+    line_by_line, x = casadi_sums(fit.parts[0], lines), fit.parameters.x
+    others = {"CasADi MX, AD": seconds(lambda: line_by_line(x), 3) / lines / per_point}
+    jax = jax_evaluation(fit)
+    if jax is not None:
+        others["JAX, jacfwd"] = seconds(jax, 5) / F / per_point
+    print(f"\n{'one evaluation, line for line':<38}{'x elastid':>10}")
+    for name, value in others.items():
+        print(f"{name:<38}{value:>10.1f}")
+    if jax is None:
+        print("JAX is not installed; with it (pip install jax) there is a row for it here")
+
+    times, costs = fit_times(fit, x0, 1 if quick else 5)
+    print(f"\n{'a whole fit':<38}{'s':>10}{'x elastid':>10}{'V':>16}")
+    for name, value in times.items():
+        print(f"{name:<38}{value:>10.2f}{value / times['elastid']:>10.1f}{costs[name]:>16.3f}")
+
+    spread = max(costs.values()) / min(costs.values()) - 1
+    ratios = [value / times["elastid"] for value in times.values()]
+    print(f"\ncosts agree within {spread:.1e}; goals: 4, 20 and 20 times faster\n")
+    print(
+        json.dumps(
+            {
+                "Q": Q,
+                "F": F,
+                "n": n,
+                "P": n_x,
+                "compiled": compiled,
+                "kernel_over_solve": round(kernel["responses and derivatives"] / kernel[BARE], 2),
+                "evaluation_over_solve": round(kernel[EVALUATION] / kernel[BARE], 2),
+                "evaluation_over_floor": round(kernel[EVALUATION] / kernel[FLOOR], 2),
+                "numpy_evaluation_over_solve": round(kernel[PLAIN] / kernel[BARE], 2),
+                "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
+                "others_over_evaluation": {name: round(value, 1) for name, value in others.items()},
+                "faster_than_same_jacobian": round(ratios[1], 2),
+                "faster_than_finite_differences": round(ratios[2], 2),
+                "faster_than_casadi": round(ratios[3], 2),
+                "cost_spread": spread,
+                **(growth(F, Q // 2) if given.growth else {}),
+            }
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

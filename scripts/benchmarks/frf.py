@@ -1,0 +1,206 @@
+"""How fast responses are estimated: 6 x 6 with full noise and total covariance, against the bare FFT and two peers.
+
+    python scripts/benchmarks/frf.py [--quick] [--no-peers] [--case A|B]
+
+P = 8 periods, M = 6 realisations of 6 orthogonal experiments, N = 16384 samples: 36 records, 453 MB. Case A: all 8191
+lines. Case B: 200 odd lines. One process, one thread, CPU time, everything in the same run. The floor is
+scipy.fft.rfft of u and y, period by period in contiguous memory, record by record. Peers: scipy.signal.csd pair by
+pair, and all pairs at once by broadcasting, both for H1 without any variance and without the detrending that excited
+lines do not need; the package best-linear-approximation (its `noisy_input`) where it is installed; it needs Python
+3.12.
+The last line is one JSON object with the numbers of the table.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+import statistics
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+import time
+import tracemalloc
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from scipy.fft import rfft
+
+from elastid.base.arrays import ComplexArray, IntArray
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Record
+
+AS_IS = {"window": "boxcar", "noverlap": 0, "detrend": False}
+RATE_HZ, NOISE_U, NOISE_Y = 1000.0, 0.002, 0.01
+PEERS = ("csd", "csd at once", "best-linear-approximation")
+CONFIGURATION = Configuration("bench", np.zeros(6))
+
+
+def plant(F: int, n: int) -> ComplexArray:
+    """A random matrix at every line, diagonally dominant."""
+    rng = np.random.default_rng(0)
+    return rng.normal(size=(F, n, n)) + 1j * rng.normal(size=(F, n, n)) + 3 * np.eye(n)
+
+
+def simulated(lines: IntArray, N: int, P: int, M: int, n: int) -> list[Record]:
+    """Records of orthogonal multisines at lines (F,) through the plant, with noise on inputs and outputs."""
+    rng, G = np.random.default_rng(1), plant(len(lines), n)
+    places = tuple(f"motor {i + 1}" for i in range(n))
+    records = []
+    for m in range(M):
+        for e, U in enumerate(orthogonal_set(np.full((len(lines), n), np.sqrt(2 / len(lines))), rng)):
+            u, y = (synthesise(lines, X, N) for X in (U, np.einsum("fyu,fu->fy", G, U)))
+            records.append(
+                Record(
+                    f"{m}-{e}",
+                    CONFIGURATION,
+                    m,
+                    e,
+                    RATE_HZ,
+                    N,
+                    places,
+                    places,
+                    ("acceleration",) * n,
+                    np.tile(u, (P, 1)) + NOISE_U * rng.standard_normal((P * N, n)),
+                    np.tile(y, (P, 1)) + NOISE_Y * rng.standard_normal((P * N, n)),
+                )
+            )
+    return records
+
+
+def contiguous_periods(records: Sequence[Record]) -> list[np.ndarray]:
+    """(P, n, N) of u and y of every record."""
+    return [
+        np.ascontiguousarray(x.reshape(-1, r.period_samples, x.shape[1]).transpose(0, 2, 1))
+        for r in records
+        for x in (r.u, r.y)
+    ]
+
+
+def by_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
+    """H1 of all records from scipy.signal.csd, pair by pair."""
+    from scipy.signal import csd
+
+    n, N = records[0].u.shape[1], records[0].period_samples
+    yu, uu = np.zeros((2, len(lines), n, n), dtype=complex)
+    for record in records:
+        for i in range(n):
+            for j in range(n):
+                for S, x in ((yu, record.y), (uu, record.u)):
+                    S[:, i, j] += csd(record.u[:, j], x[:, i], nperseg=N, **AS_IS)[1][lines]
+    return np.asarray(yu @ np.linalg.inv(uu))
+
+
+def by_broadcast_csd(records: Sequence[Record], lines: IntArray) -> ComplexArray:
+    """The same with one call for all pairs, so that every channel is transformed once and not for every pair."""
+    from scipy.signal import csd
+
+    n, N = records[0].u.shape[1], records[0].period_samples
+    yu, uu = np.zeros((2, len(lines), n, n), dtype=complex)
+    for record in records:
+        for S, x in ((yu, record.y), (uu, record.u)):
+            each = csd(record.u.T[None], x.T[:, None], nperseg=N, **AS_IS)[1]
+            S += np.moveaxis(each[:, :, lines], 2, 0)
+    return np.asarray(yu @ np.linalg.inv(uu))
+
+
+def by_peer(records: Sequence[Record], lines: IntArray, M: int) -> Callable[[], ComplexArray] | None:
+    """best-linear-approximation's noisy_input, its arrays ready made; None where it is not installed."""
+    try:
+        from best_linear_approximation.robust import noisy_input
+    except ImportError:
+        return None
+    n, N = records[0].u.shape[1], records[0].period_samples
+    u, y = (
+        np.array([getattr(r, name).reshape(-1, N, n) for r in records])
+        .reshape(M, n, -1, N, n)
+        .transpose(3, 4, 1, 0, 2)
+        .copy()
+        for name in ("u", "y")
+    )
+    return lambda: noisy_input(u, y, RATE_HZ, lines, show_warnings=False).G
+
+
+def cpu_seconds(function: Callable[[], object], repeats: int) -> float:
+    """Median CPU time of a call."""
+    times = []
+    for _ in range(repeats):
+        begin = time.process_time()
+        function()
+        times.append(time.process_time() - begin)
+    return statistics.median(times)
+
+
+def floor_seconds(records: Sequence[Record], repeats: int) -> float:
+    """The bare FFT of the same data."""
+    blocks = contiguous_periods(records)
+    return cpu_seconds(lambda: [rfft(block, axis=2, workers=1) for block in blocks], repeats)
+
+
+def case(name: str, lines: IntArray, size: tuple[int, int, int, int], repeats: int, peers: bool) -> dict[str, float]:
+    """Times of floor, elastid and peers on the records of one case."""
+    N, P, M, n = size
+    records = simulated(lines, N, P, M, n)
+    data_gb = sum(r.u.nbytes + r.y.nbytes for r in records) / 2**30
+    spec = EstimatorSpec()
+    tracemalloc.start()
+    response = estimate(records, spec, lines)
+    above = tracemalloc.get_traced_memory()[1] / 2**30
+    tracemalloc.stop()
+    assert response.noise is not None
+    assert response.total is not None
+    error = np.abs(response.G - plant(len(lines), n)) ** 2
+    ratios = {
+        f"{kind} variance over true": float(error.mean() / covariance.variance.mean())
+        for kind, covariance in (("noise", response.noise), ("total", response.total))
+    }
+    mine = cpu_seconds(lambda: estimate(records, spec, lines), repeats)
+    floor = floor_seconds(records, repeats)
+    found = {"floor": floor, "elastid": mine, "data_gb": data_gb, "gb_above_data": above, **ratios}
+    if peers:
+        found["csd"] = cpu_seconds(lambda: by_csd(records, lines), min(repeats, 3))
+        found["csd at once"] = cpu_seconds(lambda: by_broadcast_csd(records, lines), min(repeats, 3))
+        peer = by_peer(records, lines, M)
+        if peer is not None:
+            found["best-linear-approximation"] = cpu_seconds(peer, min(repeats, 3))
+    print(f"\ncase {name}: {len(lines)} lines, {data_gb:.2f} GB of records, {above:.2f} GB above them")
+    for what in ("floor", "elastid", *PEERS):
+        if what in found:
+            print(f"  {what:<28}{found[what]:>9.3f} s {found[what] / floor:>8.2f} x floor")
+    print(
+        f"  error^2 over variance: noise {ratios['noise variance over true']:.3f}, "
+        f"total {ratios['total variance over true']:.3f}"
+    )
+    return found
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="short records, to see that it runs")
+    parser.add_argument("--no-peers", action="store_true", help="floor and elastid only")
+    parser.add_argument("--case", choices=("A", "B"), help="one case only (a peer may need 12 GB in case A)")
+    arguments = parser.parse_args()
+    size, repeats = ((512, 4, 3, 3), 1) if arguments.quick else ((16384, 8, 6, 6), 5)
+    N = size[0]
+    cases = {"B": np.arange(1, min(400, N // 2), 2), "A": np.arange(1, N // 2)}
+    results = {
+        name: case(name, lines, size, repeats, not arguments.no_peers)
+        for name, lines in cases.items()
+        if arguments.case in (None, name)
+    }
+    summary = {}
+    for name, found in results.items():
+        summary[f"{name}_over_floor"] = round(found["elastid"] / found["floor"], 3)
+        summary[f"{name}_gb_above_data"] = round(found["gb_above_data"], 3)
+        for peer in PEERS:
+            if peer in found:
+                summary[f"{name}_faster_than_{peer.replace(' ', '_')}"] = round(found[peer] / found["elastid"], 1)
+    print(f"\n{json.dumps(summary)}")
+
+
+if __name__ == "__main__":
+    main()

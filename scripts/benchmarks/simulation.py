@@ -1,0 +1,185 @@
+"""Time simulation in closed loop with LuGre friction: how many times faster than real time, beside MuJoCo.
+
+    python scripts/benchmarks/simulation.py [--quick]
+
+The three-axis robot of the demo and a six-axis arm of 18 coordinates, sampled at 1 kHz with two Runge-Kutta steps a
+sample, LuGre friction at every motor. MuJoCo, where it is installed, simulates the same robots without friction states,
+its controller a spring and a damper at every motor, in steps of 0.25 ms; both run in turns in one process on one core,
+and the median of their CPU times counts. Before that their accelerations are compared. The last line is JSON.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from elastid.export.mujoco import mjcf
+from elastid.friction.robot_friction import frictions
+from elastid.model.elastic import ElasticModel
+from elastid.model.serial import serial
+from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
+from elastid.simulation.closed_loop import Commands, closed_loop, simulate
+from elastid.simulation.controller import Gains, tuned
+from elastid.simulation.drives import Drives
+from elastid.simulation.dynamics import free_acceleration
+from elastid.simulation.friction_states import contacts
+from elastid.study import load
+
+RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
+# Links of the six-axis arm: where the next joint is, mass, centre of mass, inertia, stiffness of gear and bearing.
+SIX = (
+    ("z", "x", (0.0, 0.0, 0.4), 250.0, (0.05, 0.0, 0.2), (15.0, 14.0, 18.0), 1.2e6, 2.0e6, 8e-3),
+    ("y", "x", (0.3, 0.0, 0.4), 120.0, (0.0, 0.0, 0.5), (12.0, 13.0, 3.0), 1.5e6, 1.6e6, 8e-3),
+    ("y", "z", (0.0, 0.0, 1.0), 90.0, (0.6, 0.0, 0.1), (2.0, 14.0, 14.0), 5e5, 8e5, 6e-3),
+    ("x", "y", (1.0, 0.0, 0.1), 30.0, (0.1, 0.0, 0.0), (0.5, 1.0, 1.0), 1e5, 3e5, 1e-3),
+    ("y", "z", (0.3, 0.0, 0.0), 15.0, (0.05, 0.0, 0.0), (0.2, 0.2, 0.2), 8e4, 2e5, 1e-3),
+    ("x", "y", (0.15, 0.0, 0.0), 20.0, (0.1, 0.0, 0.0), (0.3, 0.4, 0.4), 5e4, 1e5, 1e-3),
+)
+
+
+def six_axes() -> Robot:
+    """An arm with an elastic gear and an elastic bearing at each of six joints, its numbers made up."""
+    bodies, parent = [], "base"
+    for i, (axis, across, xyz, mass, center, inertia, k_gear, k_bearing, rotor) in enumerate(SIX, start=1):
+        driven = Joint(str(i), axis, Spring(k_gear, k_gear / 1500), Motor(rotor, 120.0, 2e-3))
+        bearing = Joint(f"{i}b", across, Spring(k_bearing, k_bearing / 1500))
+        bodies.append(Body(f"link{i}", parent, Placement(xyz), (driven, bearing), mass, center, inertia))
+        parent = f"link{i}"
+    return Robot("six axes", tuple(bodies))
+
+
+def rough(robot: Robot) -> Robot:
+    """The robot with LuGre friction at every motor: 0.3 to 0.45 Nm on the motor side, bristles of 70 Nm/rad."""
+    law = Friction(0.3, 0.45, 1.5, lugre=LuGre(70.0, 0.02, 30.0))
+
+    def changed(joint: Joint) -> Joint:
+        return replace(joint, motor=replace(joint.motor, coulomb=0.0, friction=law)) if joint.motor else joint
+
+    return replace(robot, bodies=tuple(replace(b, joints=tuple(map(changed, b.joints))) for b in robot.bodies))
+
+
+def elastid_run(model: ElasticModel, gains: Gains, torque: np.ndarray) -> Callable[[], object]:
+    """One run of the sampled loop, ready to go."""
+    n_u, rest = model.n_u, np.zeros(model.n_q)
+    limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
+    loop = closed_loop(model, contacts(model, frictions(model.robot)), limits, RATE_HZ, SUBSTEPS, drives)
+    still = np.zeros_like(torque)
+    return lambda: simulate(loop, gains, Commands(still, still, torque, still, still), rest)
+
+
+def in_mujoco(robot: Robot) -> Any:
+    """The robot as MuJoCo reads it, exported without friction states."""
+    import mujoco
+
+    machine = mujoco.MjModel.from_xml_string(ElementTree.tostring(mjcf(robot), encoding="unicode"))
+    machine.opt.timestep, machine.opt.integrator = MUJOCO_STEP, mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    machine.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    return machine
+
+
+def mujoco_run(robot: Robot, gains: Gains, torque: np.ndarray) -> Callable[[], object]:
+    """The same time of the same robot in MuJoCo, rolled out by its own loop."""
+    import mujoco
+    from mujoco import rollout
+
+    machine = in_mujoco(robot)
+    for i, place in enumerate(robot.motor_locations):
+        machine.jnt_stiffness[machine.joint(place).id] = gains.kp[i]
+        machine.dof_damping[machine.joint(place).dofadr[0]] += gains.kd[i]
+    data = mujoco.MjData(machine)
+    start = np.zeros(mujoco.mj_stateSize(machine, mujoco.mjtState.mjSTATE_FULLPHYSICS.value))
+    control = np.repeat(torque, round(1 / RATE_HZ / MUJOCO_STEP), axis=0)[None]
+    return lambda: rollout.rollout(machine, data, start[None], control)
+
+
+def same_accelerations(robot: Robot) -> float:
+    """Largest relative difference of elastid's and MuJoCo's accelerations at random states."""
+    import mujoco
+
+    machine, model = in_mujoco(robot), serial(robot)
+    data, names = mujoco.MjData(machine), [machine.joint(i).name for i in range(machine.njnt)]
+    # MuJoCo's coordinates are T q: of an elastic gear the motor's angle and the twist of the gear.
+    T = np.zeros((model.n_q, model.n_q))
+    for row, name in enumerate(names):
+        kind, joint = name.split(" ", 1)
+        T[row, model.index(f"joint {joint}" if kind == "twist" else name)] = 1.0
+        if kind == "twist":
+            T[row, model.index(f"motor {joint}")] = -1.0
+    free, random, worst = free_acceleration(model), np.random.default_rng(1), 0.0
+    for _ in range(10):
+        q, v, u = random.normal(0, 0.3, model.n_q), random.normal(0, 1, model.n_q), random.normal(0, 100, model.n_u)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = T @ q, T @ v, u
+        mujoco.mj_forward(machine, data)
+        ours = free(q, v, model.B @ u).full()[:, 0]
+        worst = max(worst, float(np.abs(data.qacc - T @ ours).max() / np.abs(ours).max()))
+    return worst
+
+
+def cpu_s(run: Callable[[], object]) -> float:
+    """CPU time of one run."""
+    before = time.process_time()
+    run()
+    return time.process_time() - before
+
+
+def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dict[str, float]:
+    """Times faster than real time of both, and their ratio."""
+    before = time.perf_counter()
+    model = serial(rough(robot))
+    built = time.perf_counter() - before
+    gains = tuned(model, np.zeros(model.n_q), 1.5, 0.8)
+    torque = np.random.default_rng(1).normal(0.0, 30.0, (round(seconds * RATE_HZ), model.n_u))
+    runs = {"elastid": elastid_run(model, gains, torque)}
+    if with_mujoco:
+        runs["mujoco"] = mujoco_run(robot, gains, torque)
+    times: dict[str, list[float]] = {name: [] for name in runs}
+    for _ in range(rounds):
+        for name, run in runs.items():
+            times[name].append(cpu_s(run))
+    found = {f"{name}_times_real_time": seconds / statistics.median(values) for name, values in times.items()}
+    found |= {"coordinates": model.n_q, "model_built_s": built}
+    if with_mujoco:
+        found["ratio_to_mujoco"] = found["elastid_times_real_time"] / found["mujoco_times_real_time"]
+        found["acceleration_difference"] = same_accelerations(robot)
+    return found
+
+
+def main() -> None:
+    """The table, then the JSON line."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--quick", action="store_true", help="one second once, to see that it runs")
+    quick = parser.parse_args().quick
+    try:
+        import mujoco  # noqa: F401
+
+        with_mujoco = True
+    except ImportError:
+        with_mujoco = False
+    robots = {
+        "demo": load(Path(str(files("elastid") / "app/templates/serial/study.yml"))).study.robot,
+        "six_axes": six_axes(),
+    }
+    seconds, rounds = (1.0, 1) if quick else (5.0, 9)
+    results = {name: benched(robot, seconds, rounds, with_mujoco) for name, robot in robots.items()}
+    print(f"{'robot':10}{'coordinates':>12}{'elastid, LuGre':>16}{'MuJoCo':>10}{'ratio':>8}   times real time, CPU")
+    for name, row in results.items():
+        peer, ratio = row.get("mujoco_times_real_time"), row.get("ratio_to_mujoco")
+        print(
+            f"{name:10}{row['coordinates']:>12.0f}{row['elastid_times_real_time']:>16.1f}"
+            + (f"{peer:>10.1f}{ratio:>8.2f}" if peer and ratio else f"{'-':>10}{'-':>8}")
+        )
+    print(json.dumps(results))
+
+
+if __name__ == "__main__":
+    main()

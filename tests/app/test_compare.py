@@ -1,0 +1,179 @@
+"""elastid compare: the model that made the responses wins, what the data do not need is said to be not needed."""
+
+import json
+from pathlib import Path
+from unittest.mock import create_autospec
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from plants.two_axes import ROBOT, STUDY, measured
+
+from elastid.app import cli
+from elastid.app import compare as comparing
+from elastid.app.compare import compare, variants
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import StudyError
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.robot.simplified import stiffened
+from elastid.study import load
+from elastid.validation.compare import folds, for_robot
+
+
+def found(run: Run) -> dict:
+    return json.loads((run.folder / "compare.json").read_text())
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_model_that_made_the_responses_predicts_best(study: Path, seed: int) -> None:
+    """Motor coupling at a ratio of 5 and two elastic joints: each that is left out shows on left-out configurations."""
+    run = measured(study, load(study).study.robot, seed=seed)
+    compare(run)
+    models = {row["name"]: row for row in found(run)["models"]}
+    assert next(iter(models)) == "two"
+    assert set(models) == {"two", "without motor coupling", "1x rigid", "2x rigid"}
+    own = models["two"]
+    assert np.mean(own["misfit"]) == pytest.approx(0.8, abs=0.15)  # noise alone, over noise and floor: 1 / (1 + 1/4)
+    assert own["criterion"] == 0
+    assert own["n_free"] == models["without motor coupling"]["n_free"] == models["2x rigid"]["n_free"] + 2
+    for name in ("without motor coupling", "1x rigid", "2x rigid"):
+        assert np.mean(models[name]["misfit"]) > 2 * np.mean(own["misfit"])
+        assert models[name]["criterion"] > 100
+    assert "worse by more than the standard error" in found(run)["verdict"]
+
+
+def test_what_the_data_do_not_need_is_said(study: Path) -> None:
+    """Responses of a robot whose joint 1x is rigid: the model without it cannot be told from one where it is stiff."""
+    robot = stiffened(load(study).study.robot, ["1x"])
+    stiff = "robot.bodies.0.joints.1.spring.stiffness=4e8", "fit.parameters.k_1x.fixed=true"
+    run = measured(study, robot, "compare.variants=[{name: simple, rigid: [1x]}, {name: 2x, rigid: [2x]}]", *stiff)
+    compare(run)
+    verdict, models = found(run)["verdict"], {row["name"]: row for row in found(run)["models"]}
+    assert "cannot be told from it by these data; the others are worse" in verdict
+    assert list(models)[2] == "2x"
+    assert abs(models["simple"]["criterion"] - models["two"]["criterion"]) < 1
+    assert np.mean(models["simple"]["misfit"]) == pytest.approx(np.mean(models["two"]["misfit"]), rel=0.01)
+
+
+def test_comparison_does_not_depend_on_processes_and_goes_on_after_an_interruption(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same bytes from one process, from two, and from one that was stopped after three fits."""
+    robot, option = load(study).study.robot, "compare.variants=[{name: stiff, rigid: [2x]}]"
+    runs = [measured(study, robot, option, jobs=jobs, folder=f"run{jobs}") for jobs in (1, 2)]
+    for run in runs:
+        compare(run)
+    first, second = ((run.folder / "compare.json").read_bytes() for run in runs)
+    assert first == second
+    stopped = measured(study, robot, option, folder="stopped")
+    refit, calls = comparing.refit, []
+
+    def interrupted(responses, task):
+        calls.append(task)
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return refit(responses, task)
+
+    monkeypatch.setattr(comparing, "refit", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        compare(stopped)
+    assert len(list((stopped.folder / "compare.partial").iterdir())) == 3
+    compare(stopped)
+    assert len(calls) == 4 + 10 - 3
+    assert (stopped.folder / "compare.json").read_bytes() == first
+    assert not (stopped.folder / "compare.partial").exists()
+
+
+def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> None:
+    """Its robot, under the weights and the criterion of the first; the first alone brings no variants then."""
+    run = measured(study, load(study).study.robot)
+    other = study.with_name("other.yml")
+    (study.parent / "lean.yml").write_text(ROBOT.replace("      - {name: 2x, axis: x, spring: {stiffness: 12", "#"))
+    other.write_text(STUDY.replace("name: two", "name: lean").replace("robot.yml", "lean.yml").replace("d_2x: {},", ""))
+    compare(run, [load(other, ("fit.weights.floor=0.5",))])
+    names = [row["name"] for row in found(run)["models"]]
+    assert names == ["two", "lean"]
+    assert found(run)["models"][1]["cost"] > 10 * found(run)["models"][0]["cost"]
+
+
+def test_keys_of_the_study_make_variants_as_on_the_command_line(study: Path) -> None:
+    """set: any key, beside the overrides of the run itself."""
+    option = 'compare.variants=[{name: heavier, set: ["robot.bodies.1.mass=25"]}]'
+    loaded = load(study, (option, "robot.bodies.0.mass=31"))
+    own, heavier = variants(loaded)
+    assert [body.mass for body in own.robot.bodies] == [31, 20]
+    assert [body.mass for body in heavier.robot.bodies] == [31, 25]
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        (
+            "[{name: x, rigid: [9]}]",
+            "compare.variants: x: joint 9 has no spring that could be left out; elastic joints",
+        ),
+        ('[{name: x, set: ["robot.bodies.1.mas=25"]}]', "compare.variants: x: .*robot.bodies.*mas"),
+        ("[{name: x}, {name: x}]", "variants names one twice"),
+    ],
+)
+def test_variants_that_cannot_be_are_refused(study: Path, option: str, says: str) -> None:
+    """With the variant's name and what is wrong with it."""
+    with pytest.raises(StudyError, match=says):
+        list(variants(load(study, (f"compare.variants={option}",))))
+
+
+def test_a_model_without_variants_is_refused(tiny: Path) -> None:
+    """There is nothing to compare with."""
+    run = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate"):
+        stages.only(run, stage)
+    with pytest.raises(StudyError, match="there is one model only"):
+        compare(run)
+
+
+def test_the_report_shows_the_comparison(tiny: Path) -> None:
+    """Once compared, the page has the table and the figure, and is current; other responses make it go."""
+    option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'
+    run = Run(load(tiny, (option,)), tiny.parent / "run", 1, Console(-1))
+    stages.run_all(run)
+    assert "Comparison of models" not in run.path("report").read_text()
+    compare(run)
+    page = run.path("report").read_text()
+    assert "Comparison of models" in page
+    assert "heavy load" in page
+    assert (run.folder / "figures" / "comparison.png").is_file()
+    assert run.is_current("report")
+    changed = Run(load(tiny, (option, "seed=5")), tiny.parent / "run", 1, Console(-1))
+    stages.run_all(changed)
+    assert "Comparison of models" not in changed.path("report").read_text()
+
+
+@given(n=st.integers(2, 12), parts=st.integers(0, 12).filter(lambda k: k != 1))
+def test_folds_leave_every_configuration_out_once(n: int, parts: int) -> None:
+    """And never all of them."""
+    names = [f"c{i}" for i in range(n)]
+    found = folds(names, parts)
+    assert sorted(name for part in found for name in part) == sorted(names)
+    assert all(0 < len(part) < n for part in found)
+    assert len(found) == (min(parts, n) if parts else n)
+
+
+def test_parameters_of_a_joint_that_is_left_out_go_with_it(study: Path) -> None:
+    """Names and patterns that mean nothing else; a name that was wrong before stays wrong."""
+    robot = load(study).study.robot
+    wish = ParameterSpec()
+    spec = FitSpec(parameters={"k_*": wish, "k_2x": wish, "?_2x": wish, "k_9": wish})
+    assert list(for_robot(spec, stiffened(robot, ["2x"]), robot).parameters) == ["k_*", "k_9"]
+
+
+def test_the_command_passes_its_studies_on(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """elastid compare A B: the run of A, and B loaded."""
+    worked = create_autospec(comparing.compare)
+    monkeypatch.setattr(comparing, "compare", worked)
+    monkeypatch.chdir(tmp_path)
+    assert cli.run_command(["compare", str(tiny), str(tiny), "--jobs", "1", "-q"]) == 0
+    (run, others), _ = worked.call_args
+    assert (run.loaded.path, [other.path for other in others]) == (tiny, [tiny])

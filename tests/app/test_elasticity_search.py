@@ -1,0 +1,293 @@
+"""elastid compare --search: the joints in which a robot gives way are found, those in which it does not stay rigid."""
+
+import json
+import math
+import shutil
+from pathlib import Path
+from unittest.mock import create_autospec
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from plants.report_values import report_content
+from plants.two_axes import ROBOT, STUDY, measured
+
+from elastid.app import cli
+from elastid.app import compare as comparing
+from elastid.app import elasticity_search as searching
+from elastid.app.compare import variants
+from elastid.app.elasticity_search import search_elasticity, trial_table
+from elastid.app.run import Run
+from elastid.base.errors import StudyError
+from elastid.linear.linearise import linearise
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
+from elastid.report.page.page import html
+from elastid.store.comparison import read_comparison
+from elastid.study import load
+from elastid.validation.compare import Row
+from elastid.validation.elasticity_search import found, found_words, search
+
+# In the truth 1x is as good as rigid; the study may find it so, since its bounds are wide.
+STIFF = "robot.bodies.0.joints.1.spring.stiffness=4e8"
+FIT = "fit.starts=1", "fit.parameters.k_1x={start: 1e6, bounds: [1e3, 1e10]}"
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """The path of a study with the further elastic joints 1x and 2x, whose responses are not there yet."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    return tmp_path / "study.yml"
+
+
+def plan(study: Path, *overrides: str, **options: object) -> Run:
+    """A run with the responses of a robot that bends in 2x, under 2 % noise."""
+    return measured(study, load(study, (STIFF,)).study.robot, *FIT, *overrides, **options)
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
+def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path, seed: int) -> None:
+    """From 20 sigma to the noise in one step; the rigid joint buys nothing for its parameter."""
+    run = plan(study, seed=seed)
+    search_elasticity(run)
+    content = json.loads((run.folder / "compare.json").read_text())
+    trials = {(t["step"], *t["coordinates"]): t for t in content["search"]}
+    assert {key: t["taken"] for key, t in trials.items()} == {
+        (1, "1x"): False,
+        (1, "2x"): True,
+        (2, "1x"): False,
+        (2, "gear 1"): False,
+        (2, "gear 2"): False,
+    }
+    freed, spurious = trials[1, "2x"], trials[2, "1x"]
+    assert -freed["change"] > freed["standard_error"] > 0
+    assert freed["criterion"] < -100
+    assert freed["change"] == pytest.approx(freed["after"] - freed["before"])
+    assert freed["after"] == spurious["before"] == pytest.approx(0.9, abs=0.15)
+    assert freed["n_free"] + 1 == spurious["n_free"]
+    assert spurious["change"] == pytest.approx(0, abs=0.05)
+    assert content["verdict"].startswith("The elasticity sits in gear 1, gear 2, 2x; 1x can be rigid")
+    names = {"two", "driven joints alone", "1x elastic", "2x elastic"}
+    names |= {"2x elastic, gear 1 rigid", "2x elastic, gear 2 rigid"}
+    assert {row["name"] for row in content["models"]} == names
+
+
+def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
+    study: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same bytes from two processes and from one that was stopped after five fits."""
+    straight = plan(study, "compare.folds=2", jobs=2, folder="straight")
+    search_elasticity(straight)
+    stopped = plan(study, "compare.folds=2", folder="stopped")
+    refit, calls = comparing.refit, []
+
+    def interrupted(responses, task):
+        calls.append(task)
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return refit(responses, task)
+
+    monkeypatch.setattr(comparing, "refit", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        search_elasticity(stopped)
+    search_elasticity(stopped)
+    assert len(calls) == 6 * 3 + 1
+    first, second = ((run.folder / "compare.json").read_bytes() for run in (straight, stopped))
+    assert first == second
+    comparison = read_comparison(stopped.folder / "compare.json", stopped.stamps["estimate"])
+    assert comparison is not None
+    assert [row[:3] for row in trial_table(comparison.trials)[1:]] == [
+        ["1", "1x free", "3"],
+        ["1", "2x free", "4"],
+        ["2", "1x free", "5"],
+        ["2", "gear 1 rigid", "3"],
+        ["2", "gear 2 rigid", "3"],
+    ]
+    page = html(report_content(comparison=comparison), [])
+    assert page.count("2x free</td>") == page.count(">taken</td>") == 1
+
+
+LINKAGE = """\
+name: linkage
+robot: robot.yml
+excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 50], torque_rms: 10}
+experiment:
+  configurations: {a: [0, 0], b: [0.5, -0.1], c: [-0.4, 0.4], d: [0.2, 0.9]}
+  simulated: {}
+fit:
+  starts: 6
+  start_factor: 20
+  parameters: {"k_*": {}, k_2: {bounds: [1e4, 1e11]}, k_b2: {bounds: [1e4, 1e11]}, k_rod: {start: 2e7}, d_rod: {}}
+compare: {folds: 2}
+report: {formats: [png]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("seed", "formulation"), [(0, "constrained"), (1, "minimal"), pytest.param(2, "minimal", marks=pytest.mark.slow)]
+)
+def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
+    """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
+
+    Beyond 36 Hz, or below 5 % of noise, a compliance of a thousandth would begin to show.
+    """
+    shutil.copy(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    study = tmp_path / "study.yml"
+    study.write_text(LINKAGE)
+    truth = load(study).study.robot.with_parameters({"k_2": 5e8, "k_b2": 2e9})
+    lines = np.linspace(3, 36, 30)
+    run = measured(study, truth, f"model.formulation={formulation}", seed=seed, freq_hz=lines, noise=0.05)
+    search_elasticity(run)
+    content = json.loads((run.folder / "compare.json").read_text())
+    assert content["verdict"].startswith(
+        "The elasticity sits in gear 3, rod rod; gear 2, b2 can be rigid by these data"
+    )
+    assert [(t["becomes"], *t["coordinates"]) for t in content["search"] if t["taken"]] == [
+        ("free", "rod rod"),
+        ("rigid", "gear 2"),
+    ]
+    for trial in content["search"]:
+        if trial["coordinates"] in (["gear 3"], ["rod rod"]):
+            assert abs(trial["change"]) > 2 * trial["standard_error"]
+            assert abs(trial["criterion"]) > 1000
+        else:
+            assert abs(trial["change"]) < 0.2
+            assert abs(trial["criterion"]) < 10
+    names = {row["name"] for row in content["models"]}
+    assert {"linkage", "driven joints alone", "rod rod elastic", "rod rod elastic, gear 2 rigid"} <= names
+
+
+def test_a_model_with_a_rigid_rod_chooses_its_own_coordinates(tmp_path: Path) -> None:
+    """The independent coordinates of the study are too many for it; parameters of the rod are gone from its fit."""
+    shutil.copy(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml", tmp_path / "robot.yml")
+    (tmp_path / "study.yml").write_text(LINKAGE)
+    chosen = "[joint 2, joint b2, joint 3, joint elbow, motor 2, motor 3]"
+    options = f"model={{formulation: minimal, independent: {chosen}}}", "compare.variants=[{name: stiff, rigid: [rod]}]"
+    own, stiff = variants(load(tmp_path / "study.yml", options))
+    assert len(own.model.independent) == 6
+    for each, n in ((own, 6), (stiff, 5)):
+        model = formulate(each.robot, each.model)
+        linear = linearise(model, Configuration("a", (0.1, 0.2)), model.theta, model.inputs, "acceleration")
+        assert linear.M.shape == (n, n)
+    assert set(own.fit.parameters) - set(stiff.fit.parameters) == {"k_rod", "d_rod"}
+
+
+NAMES = ("a", "b", "c", "d", "e")
+ADDED = np.array([0.8, 1.0, 1.1, 1.3])
+
+
+def world(error):
+    """What the search is told where the misfit of a model is error(elastic): rows of all models so far."""
+    known = {}
+
+    def fitted(models):
+        for model in models:
+            misfit = np.asarray(error(model), float)
+            cost = 1000 * float(misfit.mean())
+            known[model] = Row(" ".join(model), len(model), cost, 1000, cost + 2 * len(model), misfit, 0.0, 0.0)
+        return known
+
+    return fitted
+
+
+@given(useful=st.sets(st.sampled_from(NAMES)), gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5))
+def test_what_helps_by_itself_is_found_whatever_the_rest(useful: set[str], gains: list[float]) -> None:
+    """Springs whose parts of the error add up: those with one are freed, the largest first; none is tried twice."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    fitted = world(lambda model: rest - sum(gain[name] for name in model) * ADDED)
+    trials = list(search(NAMES, fitted))
+    assert set(found(trials)) == useful
+    taken = [trial.coordinates[0] for trial in trials if trial.taken]
+    assert [gain[name] for name in taken] == sorted((gain[name] for name in useful), reverse=True)
+    assert len({(trial.step, trial.elastic) for trial in trials}) == len(trials)
+    assert all(name in found_words(NAMES, trials) for name in NAMES)
+
+
+def test_two_springs_that_show_only_together_are_found() -> None:
+    """No single one helps: all are freed at once, and what is not needed becomes rigid again, step by step."""
+    fitted = world(lambda model: (1 if {"b", "d"} <= set(model) else 5) * ADDED + 1e-3 * len(model))
+    trials = list(search(NAMES, fitted))
+    assert found(trials) == ("b", "d")
+    assert [(trial.becomes, len(trial.elastic)) for trial in trials if trial.taken] == [
+        ("free", 5),
+        ("rigid", 4),
+        ("rigid", 3),
+        ("rigid", 2),
+    ]
+
+
+def test_a_spring_that_another_stood_in_for_becomes_rigid_again() -> None:
+    """Alone a is the best, beside b and c it is good for nothing."""
+    errors = {"a": 3, "b": 4, "c": 4, "ab": 2.5, "ac": 2.5, "bc": 1, "abc": 1.001}
+    fitted = world(lambda model: errors.get("".join(model), 6) * ADDED)
+    trials = list(search(("a", "b", "c"), fitted))
+    assert found(trials) == ("b", "c")
+    assert ("rigid", ("a",)) in [(trial.becomes, trial.coordinates) for trial in trials if trial.taken]
+
+
+@pytest.mark.parametrize(
+    ("gain", "is_found"), [([8, 0, 0, 0], False), ([8, 1, 1, 1], True), ([1, -1, 1, -0.9], False), ([9e-4] * 4, False)]
+)
+def test_evidence_must_come_from_several_configurations_and_be_worth_the_parameters(gain, is_found) -> None:
+    """A gain in one configuration is its own standard error; one below 2 in QAIC does not pay for a parameter."""
+    fitted = world(lambda model: 10 - np.array(gain) * len(model))
+    trials = list(search(("a",), fitted))
+    assert found(trials) == (("a",) if is_found else ())
+
+
+@given(
+    useful=st.sets(st.sampled_from(NAMES)),
+    start=st.sets(st.sampled_from(NAMES)),
+    gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5),
+)
+def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: set[str], gains: list[float]) -> None:
+    """What is elastic to begin with becomes rigid where it helps nothing, and only after all that helps was freed."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    first = tuple(name for name in NAMES if name in start)
+    trials = list(search(NAMES, world(lambda model: rest - sum(gain[name] for name in model) * ADDED), first))
+    assert set(found(trials, first)) == useful
+    taken = [trial for trial in trials if trial.taken]
+    assert [trial.becomes for trial in taken] == ["free"] * len(useful - start) + ["rigid"] * len(start - useful)
+    assert ("can be rigid" in found_words(NAMES, trials, first)) == (useful != set(NAMES))
+
+
+def test_models_without_a_fit_do_not_lead_the_search() -> None:
+    """One that can be fitted is better than one that cannot; where there is none, nothing is claimed."""
+    fitted = world(lambda model: ADDED if model == ("a",) else ADDED * math.nan)
+    trials = list(search(("a", "b"), fitted))
+    assert found(trials) == ("a",)
+    fitted = world(lambda _: ADDED * math.nan)
+    trials = list(search(("a", "b"), fitted))
+    assert found(trials) == ()
+    assert found_words(("a", "b"), trials).startswith("The search has nothing to go by")
+
+
+def test_a_search_that_cannot_be_is_refused(study: Path) -> None:
+    """Nothing to judge by, nothing to identify where the search begins, nothing to search among."""
+    run = measured(study, load(study).study.robot, "experiment.configurations={a: [0, 0.2]}")
+    with pytest.raises(StudyError, match="there is one only; measure in further ones"):
+        search_elasticity(run)
+    run = measured(study, load(study).study.robot, "fit.parameters={k_1x: {}, d_2x: {}}", folder="further")
+    with pytest.raises(StudyError, match=r"search: driven joints alone: fit\.parameters names only what .*k_1x, d_2x"):
+        search_elasticity(run)
+    lines = [line for line in ROBOT.splitlines(keepends=True) if "x, axis: x" not in line and "spring:" not in line]
+    (study.parent / "robot.yml").write_text("".join(lines))
+    friction = 'fit.parameters={"fm_*": {}}'
+    run = measured(study, load(study, (friction,)).study.robot, friction, folder="stiff")
+    with pytest.raises(StudyError, match="nothing of robot two axes is elastic, so there is nothing to search among"):
+        search_elasticity(run)
+
+
+def test_the_command_takes_one_study(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """elastid compare A --search; with a second study it is a usage error."""
+    worked = create_autospec(searching.search_elasticity)
+    monkeypatch.setattr(searching, "search_elasticity", worked)
+    monkeypatch.chdir(tmp_path)
+    assert cli.run_command(["compare", str(tiny), "--search", "--jobs", "1", "-q"]) == 0
+    assert worked.call_args.args[0].loaded.path == tiny
+    assert cli.run_command(["compare", str(tiny), str(tiny), "--search"]) == 2
+    assert worked.call_count == 1

@@ -1,0 +1,46 @@
+"""Work on the workers of a Dask cluster: the same results as in this process."""
+
+import math
+
+import numpy as np
+import pytest
+from plants.three_mass import fit_of, measured, noise_of, parameters, plant
+
+from elastid.base.errors import ElastidError
+from elastid.base.execution import on_dask, ordered
+from elastid.fit.solve.multistart import multistart, spread
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def address():
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
+    """Starts, costs and order to the last bit, and an error of the work arrives as it is."""
+    model = plant((0, 1, 2))
+    problem = fit_of(measured(model, noise_of("relative", model), np.random.default_rng(0)), model).problem
+    starts = spread(parameters(), 4, 2.0, seed=1)
+    here, hits = multistart([problem], starts)
+    with on_dask(address):
+        there, as_many = multistart([problem], starts)
+    assert hits == as_many
+    for one, other in zip(here, there, strict=True):
+        np.testing.assert_array_equal(one.x, other.x)
+        assert (one.cost, one.message) == (other.cost, other.message)
+    with on_dask(address), pytest.raises(ValueError, match=r"math domain|nonnegative"):
+        ordered(math.sqrt, [1.0, -1.0], 1)
+
+
+@pytest.mark.filterwarnings("default")
+def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
+    """Nobody listens there."""
+    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
+    with on_dask("tcp://127.0.0.1:9"), pytest.raises(ElastidError, match=r"no Dask scheduler answers at tcp://127"):
+        ordered(abs, [1, 2], 1)

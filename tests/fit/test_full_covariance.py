@@ -1,0 +1,208 @@
+"""Weights beyond one variance for each element: full covariance, factors of the study, normalisation, robust losses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.three_mass import FREQ, NO_FLOOR, circular, fit_of, measured, noise_of, parameters, plant
+
+from elastid.base.errors import DataError, StudyError
+from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.setup.assembly import robust_factors
+from elastid.fit.solve.solvers import solve
+from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
+from elastid.fit.uncertainty.covariance import certainty
+from elastid.fit.weights.weights import check_masks, normalised, weigh
+from elastid.linear.response.transfer import frequency_response
+from elastid.response import Covariance, FrequencyResponse
+
+FULL = FitSpec(weights=WeightSpec(floor=0.0, covariance="full"))
+DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
+OUTPUTS, INPUTS = (0, 1, 2), (0, 2)
+
+
+def correlated(rng: np.random.Generator, form: str = "full", dof: float = np.inf) -> FrequencyResponse:
+    """A disturbing torque at the gear moves all outputs at once, beside a tenth of it in each of them alone."""
+    model = plant(OUTPUTS, INPUTS)
+    exact = measured(model, np.array([1.0]))
+    column = frequency_response(plant(OUTPUTS, (1,)), model.theta_ref, FREQ)
+    column = 0.05 * np.median(np.abs(exact.G)) / np.median(np.abs(column)) * column
+    right = column @ column.conj().transpose(0, 2, 1)
+    right = right + 0.01 * np.einsum("faa,ab->fab", right, np.eye(3)) / 3
+    left = np.array([[1.0, 0.4j], [-0.4j, 1.0]]) * np.ones((len(FREQ), 1, 1))
+    noise = np.linalg.cholesky(np.einsum("fab,fcd->facbd", left, right).reshape(len(FREQ), 6, 6))
+    e = (noise @ circular(rng, (len(FREQ), 6, 1))).reshape(len(FREQ), 2, 3).transpose(0, 2, 1)
+    if np.isfinite(dof):
+        z = np.linalg.cholesky(right) @ circular(rng, (len(FREQ), 3, int(dof)))
+        right = z @ z.conj().transpose(0, 2, 1) / dof
+    variance = np.einsum("faa->fa", right).real[:, :, None] * np.ones((1, 1, 2))
+    known = Covariance(variance, dof, left, right)
+    if form == "full":
+        known = Covariance(variance, dof, matrix=known.full())
+    return replace(exact, G=exact.G + e, noise=known)
+
+
+@pytest.mark.parametrize("form", ["full", "kronecker"])
+@pytest.mark.parametrize("criterion", ["complex", "log"])
+def test_the_cost_is_the_mahalanobis_distance(form, criterion):
+    """V = 2 e^H C^-1 e of a line, column-major as the covariance is; to first order the same for the logarithm."""
+    response = correlated(np.random.default_rng(0), form)
+    model = plant(OUTPUTS, INPUTS)
+    fit = fit_of(response, model, FULL, criterion=criterion)
+    x = parameters().x
+    G = frequency_response(model, model.theta_ref, FREQ)
+    used = fit.parts[0].gain > 0
+    e = np.where(used, np.log(response.G / G) * response.G if criterion == "log" else response.G - G, 0.0)
+    V = 0.0
+    for k in range(len(FREQ)):
+        keep = used[k].T.ravel()
+        part = e[k].T.ravel()[keep]
+        V += 2 * (part.conj() @ np.linalg.solve(response.noise.full()[k][np.ix_(keep, keep)], part)).real
+    assert fit.evaluate(x).cost == pytest.approx(V, rel=1e-9)
+
+
+def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_bound():
+    """60 responses, two inputs and three outputs that a torque at the gear moves alike.
+
+    With the inverse covariance the scatter is that of the bound, which the covariance states; element by element it is
+    larger, and the sandwich says so.
+    """
+    rng, model = np.random.default_rng(1), plant(OUTPUTS, INPUTS)
+    scatter, claims = {}, {}
+    for name, spec in (("full", FULL), ("diagonal", DIAGONAL)):
+        errors, stated = [], []
+        for _ in range(60):
+            response = correlated(rng)
+            weights = weigh(response, spec)
+            fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+            end = solve(fit.problem, parameters().x)
+            sure = certainty(fit, [response], [weights], end.x)
+            errors.append(end.x - parameters().x)
+            stated.append(np.sqrt(np.diag(sure.covariance)))
+            assert sure.expected_cost == pytest.approx(fit.problem.dof, rel=1e-6 if name == "full" else 0.05)
+        scatter[name], claims[name] = np.std(errors, axis=0), np.median(stated, axis=0)
+        np.testing.assert_allclose(scatter[name], claims[name], rtol=0.35)
+    assert np.all(scatter["full"] < 1.1 * scatter["diagonal"])
+    assert np.min(scatter["full"] / scatter["diagonal"]) < 0.6
+
+
+def test_a_covariance_from_many_repetitions_is_used_by_itself_one_from_few_is_not():
+    """30 degrees of freedom for three correlated outputs are enough, 12 are not unless the study asks for it."""
+    rng = np.random.default_rng(2)
+    assert weigh(correlated(rng, "kronecker", 30), NO_FLOOR).correlated is not None
+    few = correlated(rng, "kronecker", 12)
+    assert weigh(few, NO_FLOOR).correlated is None
+    assert weigh(few, FULL).correlated is not None
+    assert weigh(few, DIAGONAL).correlated is None
+
+
+def test_weights_from_an_estimated_covariance_keep_the_expected_cost():
+    """The inverse of a covariance from 12 repetitions is 12 / 9 too large; V is its degrees of freedom all the same."""
+    rng, model = np.random.default_rng(3), plant(OUTPUTS, INPUTS)
+    ratios = []
+    for _ in range(30):
+        fit = fit_of(correlated(rng, "kronecker", 12), model, FULL)
+        ratios.append(fit.evaluate(parameters().x).cost / fit.n_residuals)
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_singular_covariance_is_named():
+    """Two outputs with exactly the same noise: no inverse; a floor makes one, `auto` weighs element by element."""
+    response = correlated(np.random.default_rng(4), "kronecker")
+    right = np.array(response.noise.right)
+    right[7, 1], right[7, :, 1] = right[7, 0], right[7, :, 0]
+    right[7, 1, 1] = right[7, 0, 0]
+    known = replace(response.noise, right=right, variance=np.einsum("faa->fa", right).real[:, :, None] * np.ones(2))
+    singular = replace(response, noise=known)
+    with pytest.raises(DataError, match=r"configuration c1: the covariance .* singular at 1 of .* first at 2.4 Hz"):
+        weigh(singular, FULL)
+    assert weigh(singular, NO_FLOOR).correlated is None
+    floored = weigh(singular, FitSpec(weights=WeightSpec(floor=0.02, covariance="full")))
+    fit = elastic_fit([singular], [plant(OUTPUTS, INPUTS)], [floored], parameters(), "complex")
+    assert np.isfinite(fit.evaluate(parameters().x).cost)
+
+
+@pytest.mark.parametrize(
+    ("known", "says"),
+    [
+        (None, "nothing is known of its noise"),
+        (Covariance(np.ones((len(FREQ), 3, 2)), 5.0), "only variances are known"),
+        ("few", "2 degrees of freedom cannot correlate 3 elements"),
+    ],
+)
+def test_a_full_covariance_that_is_not_there_is_refused(known, says):
+    """A study that asks for it learns why it cannot have it."""
+    response = correlated(np.random.default_rng(5), "kronecker")
+    known = replace(response.noise, dof=2.0) if known == "few" else known
+    spec = replace(FULL, weights=replace(FULL.weights, floor=0.01))
+    with pytest.raises(DataError, match=says):
+        weigh(replace(response, noise=known), spec)
+
+
+def test_factors_multiply_the_weights_where_all_that_is_given_matches():
+    """4 in a band, 1/2 for an output, both where both match, 0 leaves out; the statistics keep the true variance."""
+    model = plant((0, 1))
+    response = measured(model, np.array([0.01]))
+    factors = (
+        FactorSpec(4.0, band_hz=(10.0, 20.0)),
+        FactorSpec(0.5, output="joint 1"),
+        FactorSpec(0.0, band_hz=(30.0, 40.0), configurations=("c1",)),
+        FactorSpec(9.0, configurations=("other",)),
+    )
+    spec = FitSpec(weights=WeightSpec(floor=0.0, factors=factors))
+    plain, weighted = fit_of(response, model), fit_of(response, model, spec)
+    ratio = (weighted.parts[0].gain / plain.parts[0].gain) ** 2
+    band = (FREQ >= 10) & (FREQ <= 20)
+    below = FREQ < 10
+    np.testing.assert_allclose(ratio[band], np.broadcast_to([[4.0], [2.0]], ratio[band].shape))
+    np.testing.assert_allclose(ratio[below], np.broadcast_to([[1.0], [0.5]], ratio[below].shape))
+    assert np.all(ratio[FREQ >= 30] == 0)
+    with pytest.raises(StudyError, match=r"fit.weights.factors\[0\]: no output 'joint1'"):
+        check_masks([response], FitSpec(weights=WeightSpec(factors=(FactorSpec(2.0, output="joint1"),))))
+
+
+def test_unequal_factors_keep_honest_intervals():
+    """Weights that are not inverse variances cost efficiency, which the sandwich states: 95 % within 1.96."""
+    model, rng = plant((0, 2)), np.random.default_rng(6)
+    std = noise_of("relative", model)
+    spec = FitSpec(weights=WeightSpec(floor=0.0, factors=(FactorSpec(30.0, band_hz=(2.0, 6.0)),)))
+    inside = []
+    for _ in range(60):
+        response = measured(model, std, rng)
+        weights = weigh(response, spec)
+        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+        end = solve(fit.problem, parameters().x)
+        std_x = np.sqrt(np.diag(certainty(fit, [response], [weights], end.x).covariance))
+        inside.append(np.abs(end.x - parameters().x) < 1.96 * std_x)
+    assert np.mean(inside) > 0.9
+
+
+def test_normalised_configurations_count_alike():
+    """One configuration ten times quieter than the other: the same sum of weights after normalisation."""
+    model = plant()
+    responses = [measured(model, s * noise_of("relative", model)) for s in (1.0, 0.1)]
+    weights = normalised([weigh(r, NO_FLOOR) for r in responses], responses)
+    power = [np.sum(w.factor * np.abs(r.G / w.sigma) ** 2) for w, r in zip(weights, responses, strict=True)]
+    assert power[0] == pytest.approx(power[1])
+
+
+@pytest.mark.parametrize("loss", ["huber", "soft_l1"])
+def test_robust_losses_shrug_off_outliers(loss):
+    """One line in twenty is off by half of G: least squares goes astray, the robust estimate stays ten times nearer."""
+    model, rng = plant((0, 2)), np.random.default_rng(7)
+    response = measured(model, noise_of("relative", model) / 5, rng)
+    spoilt = rng.random(response.G.shape) < 0.05
+    response = replace(response, G=response.G * np.where(spoilt, 1.5 * np.exp(0.5j), 1.0))
+    spec = WeightSpec(floor=0.0, loss=loss)
+    weights = weigh(response, FitSpec(weights=spec))
+    x = parameters().x
+    errors = []
+    for _ in range(15):
+        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+        x = solve(fit.problem, x).x
+        errors.append(np.abs(x - parameters().x).max())
+        plain = weigh(response, FitSpec(weights=spec))
+        factor = robust_factors(elastic_fit([response], [model], [plain], parameters(), "complex"), [plain], x, spec)
+        weights = replace(plain, factor=factor[0])
+    assert errors[-1] < errors[0] / 5
+    assert np.median(weights.factor[spoilt]) < 0.2 < 0.8 < np.median(weights.factor[~spoilt])

@@ -1,0 +1,84 @@
+"""Normal equations on few columns and on half of a symmetric response: the same numbers as from all elements."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.three_mass import FREQ, circular
+
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, WeightSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance
+from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
+
+NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
+TOOL = Frame("tool", "fore", Placement((0.9, 0.0, 0.1), (0.0, 0.3, 0.0)))
+
+
+def arm() -> Robot:
+    upper = Body(
+        "upper",
+        joints=(Joint("1", "y", Spring(3e5, 500), Motor(2.5e-3, 120, 1.5e-3)), Joint("1x", "x", Spring(4e5, 300))),
+        mass=60,
+        center_of_mass=(0.05, 0, 0.4),
+        inertia=(6.0, 6.2, 0.8),
+    )
+    fore = Body(
+        "fore",
+        "upper",
+        Placement((0, 0, 0.85)),
+        (Joint("2", "y", Spring(1.8e5, 250), Motor(1.6e-3, 110, 1.2e-3)), Joint("2z", "z", Spring(1e5, 100))),
+        mass=75,
+        center_of_mass=(0.45, 0.05, 0.1),
+        inertia=(1.5, 11, 11.0),
+    )
+    return Robot("arm", (upper, fore))
+
+
+@pytest.mark.parametrize("covariance", ["diagonal", "full"])
+@pytest.mark.parametrize("criterion", ["complex", "log"])
+@pytest.mark.parametrize(
+    "outputs",
+    [
+        ("motor 1", "motor 2"),
+        ("motor 2", "motor 1"),
+        ("motor 1", "joint 2", "motor 2"),
+        ("motor 1", "accelerometer tool x"),
+    ],
+)
+def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(covariance, criterion, outputs):
+    """Springs with dampers, rotors with friction, a mass under gravity, a centre of mass, the delay and lags.
+
+    Symmetric responses, outputs in another order, not collocated or an accelerometer that tilts; a mask that
+    leaves one of a pair of mirrored elements.
+    """
+    robot, rng = replace(arm(), chain=Chain(torque_lag=2e-4, sensor_lag=1e-4), frames=(TOOL,)), np.random.default_rng(0)
+    model = serial(robot)
+    linear = Linearisation.of(model).at(Configuration("c1", (0.3, -0.5)), model.theta, outputs, "acceleration")
+    exact = to_response(linear, np.append(model.theta, 1e-4), FREQ[::2])
+    F, n_y, n_u = exact.G.shape
+    std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
+    root = circular(rng, (F, n_y * n_u, 2 * n_y * n_u)) * std.transpose(0, 2, 1).reshape(F, -1, 1)
+    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
+    known = Covariance(np.einsum("faa->fa", C).real.reshape(F, n_u, n_y).transpose(0, 2, 1), np.inf, matrix=C)
+    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=known)
+    spec = FitSpec(
+        criterion=criterion,
+        parameters={name: ParameterSpec() for name in NAMES},
+        weights=WeightSpec(covariance=covariance),
+        mask=(MaskSpec(output="motor 1", input="motor 2", band_hz=(8.0, 15.0)), MaskSpec(band_hz=(20.0, 20.5))),
+    )
+    parameters = choose(spec, robot)
+    fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, criterion)
+    x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
+    here, (r, J) = fit.evaluate(x), fit.residual(x)
+    scale = 2 * np.linalg.norm(J, axis=0)
+    assert here.cost == pytest.approx(r @ r, rel=1e-10)
+    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
+    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), 2 * J.T @ J / np.outer(scale, scale), atol=1e-12)
+    assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))

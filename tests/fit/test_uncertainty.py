@@ -1,0 +1,139 @@
+"""Beyond one covariance: profiles, bootstraps, what the uncertainty does to modes and responses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
+
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.uncertainty.bootstrap import bootstrap
+from elastid.fit.uncertainty.intervals import bent
+from elastid.fit.uncertainty.profile import profiles
+from elastid.fit.uncertainty.propagation import response_deviation, uncertain_modes
+from elastid.fit.weights.weights import weigh
+from elastid.linear.modes import modes
+from elastid.linear.response.transfer import frequency_response
+from elastid.parameters import Parameter, ParameterSet
+
+X = parameters().x
+NOISE = noise_of("relative", plant())
+
+
+def noisy(seed: int):
+    return measured(plant(), NOISE, np.random.default_rng(seed))
+
+
+def test_profiles_of_a_nearly_linear_problem_are_the_intervals():
+    """Under little noise V_p is a parabola: the interval of 95 % is 1.96 standard deviations to each side."""
+    response = measured(plant(), NOISE / 100, np.random.default_rng(0))
+    end, sure = estimate(response, plant())
+    found = profiles(fit_of(response, plant()).problem, end.x, np.diag(sure.covariance), ["k_g", "d_a"])
+    for profile, place in zip(found, (0, 3), strict=True):
+        reach = 1.96 * np.sqrt(sure.covariance[place, place])
+        assert profile.name == tuple(TRUTH)[place]
+        np.testing.assert_allclose(profile.interval, end.x[place] + np.array([-reach, reach]), atol=0.05 * reach)
+        assert np.all(profile.cost >= end.cost - 1e-6)
+
+
+def test_a_profile_knows_that_data_only_bound_a_parameter():
+    """r = exp(-x) - 0 under noise of 1: any large x will do, and the interval is open to that side."""
+    free = ParameterSet((Parameter("x", 3.0, lower=-50, upper=50), Parameter("y", 0.1, lower=-9, upper=9)))
+
+    def residual(x):
+        return np.array([4 * np.exp(-x[0]), x[1], x[1] - 0.2]), np.array([[-4 * np.exp(-x[0]), 0], [0, 1], [0, 1]])
+
+    def evaluate(x):
+        r, J = residual(x)
+        return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
+
+    problem = LeastSquares(free, 3, evaluate, residual)
+    x = np.array([3.0, 0.1])
+    variance = np.diag(np.linalg.inv(evaluate(x).hessian / 2))
+    (profile,) = profiles(problem, x, variance, ["x"])
+    assert profile.interval[1] == np.inf
+    assert profile.interval[0] == pytest.approx(-np.log(np.sqrt(1.96**2 + 16 * np.exp(-6)) / 4), abs=0.1)
+
+
+def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
+    """r = (d - 1) / relative with x = log d, as G nearly is in a damping, and y seen with d's error."""
+    free = ParameterSet((Parameter("d", 1.0, lower=1e-9, upper=1e3, log=True), Parameter("y", 0.0, lower=-9, upper=9)))
+
+    def residual(x):
+        d = np.exp(x[0])
+        r = np.array([(d - 1) / relative, 100 * (x[1] - seen * (d - 1)), x[1]])
+        return r, np.array([[d / relative, 0], [-100 * seen * d, 100], [0, 1]])
+
+    def evaluate(x):
+        r, J = residual(x)
+        return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
+
+    return LeastSquares(free, 3, evaluate, residual)
+
+
+@pytest.mark.parametrize("relative", [0.01, 0.1, 0.3])
+def test_an_interval_is_off_where_v_is_not_quadratic(relative):
+    """V = (e^x - 1)^2 / relative^2: known in closed form on both sides, and y, that it does not touch, is not."""
+    off = bent(linear_in_damping(relative), np.zeros(2), np.array([relative**2, 5e-5]))
+    reach = 1.959964 * relative
+    sides = [abs(1 - np.expm1(t) / t / (np.expm1(0.1 * t) / (0.1 * t))) for t in (-reach, reach)]
+    np.testing.assert_allclose(off, [max(sides), 0.0], rtol=1e-6, atol=1e-6)
+
+
+def test_what_is_correlated_with_a_roughly_known_parameter_is_off_too():
+    problem = linear_in_damping(0.3, seen=0.1)
+    off = bent(problem, np.zeros(2), np.diag(np.linalg.inv(problem.evaluate(np.zeros(2)).hessian / 2)))
+    assert np.all(off > 0.1)
+
+
+def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself():
+    """r is linear in d: exactly d +- 1.96 std, which no interval symmetric in log d is."""
+    (profile,) = profiles(linear_in_damping(0.3), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
+    np.testing.assert_allclose(np.exp(profile.interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=0.01)
+
+
+@pytest.mark.parametrize("kind", ["parametric", "residual"])
+@pytest.mark.parametrize("criterion", ["complex", "log"])
+def test_bootstraps_scatter_as_the_covariance_says(kind, criterion):
+    """60 repetitions: standard deviations within what 60 draws allow."""
+    response = noisy(1)
+    end, sure = estimate(response, plant(), criterion=criterion)
+    fit = fit_of(response, plant(), criterion=criterion)
+    draws = bootstrap(fit, [weigh(response, NO_FLOOR)], end.x, 60, kind, seed=4)
+    ratio = draws.std(axis=0) / np.sqrt(np.diag(sure.covariance))
+    assert np.all((ratio > 0.65) & (ratio < 1.35)), ratio
+
+
+def test_a_bootstrap_does_not_depend_on_the_number_of_processes():
+    """Each repetition has random numbers of its own."""
+    response = noisy(2)
+    fit, weights = fit_of(response, plant()), [weigh(response, NO_FLOOR)]
+    one, two = (bootstrap(fit, weights, X, 6, "residual", seed=5, jobs=jobs) for jobs in (1, 2))
+    np.testing.assert_array_equal(one, two)
+    assert not np.array_equal(one, bootstrap(fit, weights, X, 6, "residual", seed=6))
+
+
+def test_the_deviations_of_modes_and_responses_are_those_of_drawn_parameters():
+    """20 000 draws of x: standard deviations of frequency, damping and G as the first order has them."""
+    model, free = plant((0, 2)), parameters()
+    A = np.random.default_rng(3).standard_normal((4, 4))
+    covariance = 1e-6 * (A @ A.T + np.eye(4))
+    told = uncertain_modes(model, free, X, covariance)
+    G, deviation = response_deviation(model, FREQ, free, X, covariance)
+    np.testing.assert_allclose(G, frequency_response(model, model.theta_ref, FREQ))
+    draws = np.random.default_rng(4).multivariate_normal(X, covariance, 2000)
+    found = [modes(model, free.expand(x)) for x in draws]
+    np.testing.assert_allclose(np.std([m.freq_hz for m in found], axis=0), told.freq_std, rtol=0.06)
+    np.testing.assert_allclose(np.std([m.zeta for m in found], axis=0), told.zeta_std, rtol=0.06)
+    drawn = np.array([frequency_response(model, free.expand(x), FREQ[::20]) for x in draws])
+    spread = np.sqrt(np.mean(np.abs(drawn - G[::20]) ** 2, axis=0))
+    np.testing.assert_allclose(spread, deviation[::20], rtol=0.1)
+
+
+def test_a_mode_that_an_undetermined_parameter_moves_has_no_deviation():
+    """Infinite where d_a is not known, for the damping that it moves."""
+    covariance = np.diag([1e-6, 1e-6, 1e-6, np.inf])
+    told = uncertain_modes(plant(), parameters(), X, covariance)
+    assert np.all(np.isinf(told.zeta_std))
+    fixed = parameters(d_a=replace(parameters()["d_a"], free=False))
+    assert np.all(np.isfinite(uncertain_modes(plant(), fixed, X[:3], covariance[:3, :3]).zeta_std))

@@ -1,0 +1,389 @@
+"""Local polynomial and local rational responses against exact data, analytic plants, chi-square and Monte Carlo."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import kstest
+
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import DataError
+from elastid.excitation.multisine import synthesise
+from elastid.frf.estimate import estimate
+from elastid.frf.local import regression
+from elastid.frf.local.bandwidth import local_modes, wide_windows
+from elastid.frf.local.regression import local_fit
+from elastid.frf.local.response import local_response
+from elastid.frf.local.transient import settled_spectra
+from elastid.frf.local.windows import WindowTerms, windows
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Motion, Record
+from elastid.store import read_fit
+from elastid.study import load
+
+RATE, N = 512.0, 512
+LPM = EstimatorSpec(method="local_polynomial", quantity="velocity")
+LRM = EstimatorSpec(method="local_rational", quantity="velocity")
+LINES = np.arange(10, 131)
+FREQ = LINES * RATE / N
+
+
+def _study() -> ModuleType:
+    """scripts/studies/local_methods.py, whose plants are used here."""
+    path = Path(__file__).parents[2] / "scripts" / "studies" / "local_methods.py"
+    found = importlib.util.spec_from_file_location("local_methods", path)
+    assert found is not None
+    assert found.loader is not None
+    module = importlib.util.module_from_spec(found)
+    # Its dataclasses look their module up.
+    sys.modules[found.name] = module
+    found.loader.exec_module(module)
+    return module
+
+
+study = _study()
+
+
+def _record(
+    U: np.ndarray,
+    Y: np.ndarray,
+    R: np.ndarray | None = None,
+    *,
+    lines: np.ndarray = LINES,
+    P: int = 2,
+    quantity: Motion = "velocity",
+    name: str = "c-r0-e0",
+) -> Record:
+    """P periods of the spectra U (F, n_u), Y (F, n_y), R (F, n_u) at the lines."""
+    u, y, r = (None if X is None else np.tile(synthesise(lines, X, N), (P, 1)) for X in (U, Y, R))
+    assert u is not None
+    assert y is not None
+    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
+    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
+    configuration = Configuration("c", np.zeros(1))
+    return Record(name, configuration, 0, 0, RATE, N, inputs, outputs, (quantity,) * y.shape[1], u, y, r)
+
+
+def _noisy(record: Record, rng: np.random.Generator, std_y: float, std_u: float = 0.0) -> Record:
+    u = record.u + std_u * rng.normal(size=record.u.shape)
+    return replace(record, u=u, y=record.y + std_y * rng.normal(size=record.y.shape))
+
+
+def _phases(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    return np.exp(2j * np.pi * rng.random(shape))
+
+
+def _polynomial(n_y: int, n_u: int, rng: np.random.Generator, degree: int = 2) -> np.ndarray:
+    """G (F, n_y, n_u), a polynomial in frequency."""
+    C = rng.normal(size=(degree + 1, n_y, n_u)) + 1j * rng.normal(size=(degree + 1, n_y, n_u))
+    x = (FREQ - FREQ.mean()) / np.ptp(FREQ)
+    G: np.ndarray = np.einsum("pyu,fp->fyu", C, x[:, None] ** np.arange(degree + 1))
+    return G
+
+
+def _modes(freq_hz: np.ndarray, Phi: np.ndarray, zeta: float = 0.02) -> np.ndarray:
+    """G (F, n, n) of two modes of shapes Phi (2, n): torque to velocity."""
+    n = Phi.shape[1]
+    s, G = 2j * np.pi * freq_hz[:, None, None], np.zeros((len(freq_hz), n, n), dtype=np.complex128)
+    for f, phi in zip((45.0, 80.0), Phi, strict=True):
+        omega = 2 * np.pi * f
+        G += omega * s / (s**2 + 2 * zeta * omega * s + omega**2) * np.outer(phi, phi)
+    return G
+
+
+@given(count=st.integers(3, 60), n_w=st.integers(1, 40), line=st.integers(0, 200), seed=st.integers(0, 10**6))
+@settings(deadline=None, max_examples=50)
+def test_a_window_is_of_neighbours_and_holds_its_line_in_the_middle_or_at_an_end_of_the_band(
+    count: int, n_w: int, line: int, seed: int
+) -> None:
+    """On any grid: contiguous, n_w of them, offsets within [-1, 1]; off centre only against an end."""
+    available = np.sort(np.random.default_rng(seed).permutation(200)[:count])
+    window = windows(available, np.array([line]), n_w)
+    index = window.index[0]
+    assert len(index) == min(n_w, count)
+    assert np.all(np.diff(index) == 1)
+    assert np.abs(window.offset).max() <= 1
+    below, above = np.sum(available[index] < line), np.sum(available[index] > line)
+    if index[0] > 0 and index[-1] < count - 1:
+        assert abs(below - above) <= 1
+
+
+@pytest.mark.parametrize("P", [1, 2, 3])
+def test_a_polynomial_response_in_steady_state_equals_plain_division(P: int) -> None:
+    """SISO, quadratic in frequency: Y / U to 1e-9, whether the transient is looked for beside or between the lines."""
+    rng = np.random.default_rng(0)
+    G, U = _polynomial(1, 1, rng), _phases(rng, len(LINES), 1)
+    response = local_response([_record(U, G[:, 0] * U, P=P)], LPM, LINES)
+    spectra = (np.fft.rfft(x[:N, 0])[LINES] for x in (_record(U, G[:, 0] * U).y, _record(U, G[:, 0] * U).u))
+    Y, X = spectra
+    np.testing.assert_allclose(response.G[:, 0, 0], Y / X, rtol=1e-9)
+    np.testing.assert_allclose(response.freq_hz, FREQ)
+
+
+@given(n_y=st.integers(1, 4), n_u=st.integers(1, 4), E=st.integers(1, 3), seed=st.integers(0, 10**6))
+@settings(deadline=None, max_examples=15)
+def test_one_experiment_of_any_number_of_inputs_gives_a_polynomial_response(
+    n_y: int, n_u: int, E: int, seed: int
+) -> None:
+    """Any n_y, n_u and number of experiments, fewer than inputs too."""
+    rng = np.random.default_rng(seed)
+    G = _polynomial(n_y, n_u, rng)
+    U = _phases(rng, E, len(LINES), n_u)
+    records = [_record(X, np.einsum("fyu,fu->fy", G, X), name=f"c-r0-e{e}") for e, X in enumerate(U)]
+    np.testing.assert_allclose(local_response(records, LPM, LINES).G, G, atol=1e-9 * np.abs(G).max())
+
+
+@pytest.mark.parametrize("order", [2, 3])
+def test_a_rational_response_of_low_order_is_reproduced_to_rounding(order: int) -> None:
+    """B(f) / A(f) of the local order, three inputs, two outputs, one experiment."""
+    rng = np.random.default_rng(order)
+    poles = np.array([40 + 1j, 85 + 2j, 200 + 5j])[:order]
+    G = _polynomial(2, 3, rng, order) / np.prod((FREQ[:, None] - poles) / 50, axis=1)[:, None, None]
+    U = _phases(rng, len(LINES), 3)
+    record = _record(U, np.einsum("fyu,fu->fy", G, U), P=1)
+    response = local_response([record], replace(LRM, local_order=order), LINES)
+    np.testing.assert_allclose(response.G, G, atol=1e-9 * np.abs(G).max())
+    assert np.abs(local_response([record], LPM, LINES).G - G).max() > 1e-2 * np.abs(G).max()
+
+
+@pytest.mark.parametrize("spec", [LPM, LRM], ids=lambda spec: spec.method)
+def test_phases_turn_as_those_of_the_analytic_plant(spec: EstimatorSpec) -> None:
+    """A delay turns the phase down, and a spring and mass goes from 0 to -180 degrees, in torque to position."""
+    delay, rng = 2e-3, np.random.default_rng(0)
+    s = 2j * np.pi * FREQ
+    G = np.exp(-s * delay) / (s**2 + 2 * 0.3 * 2 * np.pi * 60 * s + (2 * np.pi * 60) ** 2)
+    U = _phases(rng, len(LINES), 1)
+    record = _record(U, G[:, None] * U, quantity="position")
+    for quantity, power in (("position", 0), ("velocity", 1), ("acceleration", 2)):
+        response = local_response([record], replace(spec, quantity=quantity), LINES)  # type: ignore[arg-type]
+        ratio = response.G[:, 0, 0] / (G * s**power)
+        assert np.abs(np.angle(ratio)).max() < 0.01
+
+
+@pytest.mark.parametrize(("P", "table"), [(2, -56.0), (4, -83.0)])
+def test_leakage_is_removed_better_than_by_any_peer(P: int, table: float) -> None:
+    """Section 9.2 of the design page, from rest; the setting reproduces its rows for plain means and last periods."""
+    found = study.leakage(P)
+    assert found["mean of all periods"] == pytest.approx({2: -17.0, 4: -23.0}[P], abs=1)
+    assert found["last period only"] == pytest.approx(table, abs=3)
+    noise = -82 - 10 * np.log10(P)
+    assert found["transient removed, then Y / U"] == pytest.approx(noise, abs=2)
+    assert found["local_rational"] < noise - 4 < table
+
+
+def test_six_axes_come_from_one_experiment_in_closed_loop() -> None:
+    """10 s from rest, every line from 1 to 60 Hz, modes of 4 to 7 % damping: no line off by 2 %."""
+    assert study.six_axes(2, 10.0, 1, 1, 0, np.inf)["local_rational"][1] < 0.02
+
+
+def test_noise_that_feedback_brings_into_the_torque_does_no_harm_where_the_reference_is_known() -> None:
+    """From R to [Y; U]: mean of 60 runs on the truth; from U to Y: biased by the noise-to-signal ratio squared."""
+    rng = np.random.default_rng(0)
+    K, one = 0.5 * np.eye(2), np.eye(2)
+    G = _polynomial(2, 2, rng, 1) + 2 * one
+    closed, direct = [], []
+    for _ in range(60):
+        R = _phases(rng, len(LINES), 2)
+        V = 0.5 * (rng.normal(size=R.shape) + 1j * rng.normal(size=R.shape))
+        U = np.linalg.solve(one + K @ G, (R - V @ K)[..., None])
+        Y = (G @ U)[..., 0] + V
+        record = _record(U[..., 0], Y, R, P=1)
+        closed.append(local_response([record], LPM, LINES).G)
+        direct.append(local_response([replace(record, r=None)], LPM, LINES).G)
+    spread = np.std(closed, axis=0) / np.sqrt(60)
+    error = {name: np.mean(runs, axis=0) - G for name, runs in (("closed", closed), ("direct", direct))}
+    assert np.sqrt(np.mean(np.abs(error["closed"] / spread) ** 2)) == pytest.approx(1, abs=0.25)
+    assert np.sqrt(np.mean(np.abs(error["direct"] / spread) ** 2)) > 3
+
+
+def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() -> None:
+    """2 scatter / variance of each output has 2 dof real ones: Kolmogorov and Smirnov, and its mean to 2 %."""
+    rng = np.random.default_rng(1)
+    bins, n_u, n_z, E = 3000, 2, 3, 2
+    Z = rng.normal(size=(E, bins, n_z)) + 1j * rng.normal(size=(E, bins, n_z))
+    R = _phases(rng, E, bins, n_u)
+    terms = WindowTerms(n_u, 2, 0, transient=True)
+    n_w = terms.width(6, E, n_z)
+    # Windows that share no bin.
+    lines = np.arange(n_w, bins - n_w, n_w + 1)
+    fit = local_fit(Z, R, windows(np.arange(bins), lines, n_w), [terms])
+    statistic = np.einsum("fzz->fz", fit.scatter).real
+    assert fit.dof == terms.degrees_of_freedom(n_w, E, n_z) == E * (n_w - 3) - 6
+    assert statistic.mean() / fit.dof == pytest.approx(2, rel=0.02)
+    assert kstest(statistic.ravel(), "chi2", args=(2 * fit.dof,)).pvalue > 0.01
+
+
+def test_poles_that_fit_mere_noise_are_not_taken() -> None:
+    """A rational fit of noise would leave 15 % too little residual; that of the ladder is true to 2 %."""
+    rng = np.random.default_rng(2)
+    bins = 20000
+    Z = rng.normal(size=(1, bins, 1)) + 1j * rng.normal(size=(1, bins, 1))
+    R = np.zeros((1, bins, 0), dtype=np.complex128)
+    ladder = [WindowTerms(0, 2, poles, transient=True) for poles in (0, 2)]
+    where = windows(np.arange(bins), np.arange(20, bins - 20, 4), ladder[1].width(6, 1, 1))
+    greedy, careful = (local_fit(Z, R, where, steps) for steps in (ladder[1:], ladder))
+    assert np.mean(greedy.scatter.real) / greedy.dof < 2 * 0.9
+    assert np.mean(careful.scatter.real) / careful.dof == pytest.approx(2, rel=0.02)
+
+
+def _followed_by(spec: EstimatorSpec, closed: bool, rng: np.random.Generator) -> np.ndarray:
+    """A plant of three axes that the local model can follow; in closed loop from R, poles only approximately."""
+    if spec.method == "local_polynomial":
+        return _polynomial(3, 3, rng)
+    if closed:
+        return _modes(FREQ, rng.normal(size=(2, 3)))
+    return _polynomial(3, 3, rng) / np.prod((FREQ[:, None] - [40 + 8j, 85 + 10j]) / 30, axis=1)[:, None, None]
+
+
+@pytest.mark.parametrize("spec", [LPM, LRM], ids=lambda spec: spec.method)
+@pytest.mark.parametrize("closed", [True, False], ids=["closed loop", "open loop"])
+def test_variances_are_those_of_monte_carlo(spec: EstimatorSpec, closed: bool) -> None:
+    """One experiment of three inputs: noise and total foretell the squared error to 5 %.
+
+    Where the model follows the plant approximately, that is in total: 8 %, and noise is less.
+    """
+    rng = np.random.default_rng(3)
+    G = _followed_by(spec, closed, rng)
+    size, std = np.abs(G).max(), 1e-2 if closed else 1e-3
+    squares, noise, total = [], [], []
+    for _ in range(50):
+        R = _phases(rng, len(LINES), 3)
+        U = np.linalg.solve(np.eye(3) + 0.3 / size * G, R[..., None])
+        clean = _record(U[..., 0], (G @ U)[..., 0], R if closed else None, P=4)
+        response = local_response([_noisy(clean, rng, std * size, std / 4 if closed else 0.0)], spec, LINES)
+        assert response.noise is not None
+        assert response.total is not None
+        squares.append(np.abs(response.G - G) ** 2)
+        noise.append(response.noise.variance)
+        total.append(response.total.variance)
+    by_noise, by_total = (np.mean(np.mean(squares, axis=0) / np.mean(each, axis=0)) for each in (noise, total))
+    if closed and spec is LRM:
+        assert by_total == pytest.approx(1, rel=0.08)
+        assert 1 < by_noise < 1.15
+    else:
+        assert [by_noise, by_total] == pytest.approx([1, 1], rel=0.05)
+
+
+def test_noise_and_nonlinear_distortion_are_told_apart_from_one_realisation() -> None:
+    """What repeats from period to period but is not linear is in total, not in noise."""
+    rng = np.random.default_rng(4)
+    std, distortion = 0.02, 0.05
+    noise, total = [], []
+    for _ in range(20):
+        U = _phases(rng, len(LINES), 2)
+        G = _polynomial(2, 2, np.random.default_rng(0))
+        Y_s = distortion * (rng.normal(size=U.shape) + 1j * rng.normal(size=U.shape)) / np.sqrt(2)
+        taken = _noisy(_record(U, np.einsum("fyu,fu->fy", G, U) + Y_s, P=4), rng, std)
+        response = local_response([taken], LPM, LINES)
+        assert response.noise is not None
+        assert response.total is not None
+        noise.append(response.noise.variance)
+        total.append(response.total.variance)
+    # Of an amplitude 2/K sum over K = 4 N samples; the transient's uncertainty adds some.
+    from_noise = 4 / (4 * N) * std**2
+    ratio = np.mean(total) / np.mean(noise)
+    assert ratio == pytest.approx(1 + distortion**2 / (1.1 * from_noise), rel=0.15)
+
+
+def test_records_of_unequal_length_and_a_drifting_position_give_one_response() -> None:
+    """From rest, three and five periods, acceleration from a position that gains from end to end: -70 dB as a rule.
+
+    Single draws scatter from -66 to -94 dB: where the phases leave a line near a resonance with little input.
+    """
+    plant, errors = study.TwoModes(zeta=0.03), []
+    for seed in range(5):
+        rng, records = np.random.default_rng(seed), []
+        for P in (3, 5):
+            taken = plant.from_rest(P, 100.0, rng)
+            drift = np.linspace(0, 3 * np.std(taken.y), len(taken.y))[:, None]
+            records.append(replace(taken, name=f"{P} periods", y=taken.y + drift, quantities=("position",)))
+        response = local_response(records, replace(LRM, quantity="acceleration"), plant.excited)
+        omega = 2 * np.pi * response.freq_hz
+        errors.append(study.decibels(response.G[:, 0, 0] / -(omega**2), plant.G()))
+    assert np.median(errors) < -70
+
+
+def test_the_transient_of_half_wave_records_shows_on_even_lines() -> None:
+    """One period of odd lines from rest is enough to take it out."""
+    plant = study.TwoModes(zeta=0.03)
+    odd = plant.excited[plant.excited % 2 == 1]
+    rng = np.random.default_rng(6)
+    U = _phases(rng, len(odd), 1)
+    G = plant.G()[plant.excited % 2 == 1]
+    u, y = (synthesise(odd, X, plant.N) for X in (U, G[:, None] * U))
+    t, omega = np.arange(plant.N) / plant.rate_hz, 2 * np.pi * 82 * plant.rate_hz / plant.N
+    y = y + (np.ptp(y) * np.exp(-0.03 * omega * t) * np.cos(omega * t))[:, None]
+    taken = replace(study.record(u, y, None, plant.rate_hz, plant.N), half_wave=True)
+    settled = settled_spectra(taken, odd, "velocity")
+    assert settled.settled
+    assert study.decibels((settled.Y / settled.U)[:, 0], G) < -60
+    spectra = (np.fft.rfft(x[:, 0])[odd] for x in (y, u))
+    Y, X = spectra
+    assert study.decibels(Y / X, G) > -20
+
+
+def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line at a time equals all at once."""
+    taken = study.SixAxes(0).measured(2.0, 1, 1, np.random.default_rng(0))
+    whole = local_response([taken], LRM)
+    monkeypatch.setattr(regression, "_BLOCK", 1)
+    np.testing.assert_allclose(local_response([taken], LRM).G, whole.G, rtol=1e-9)
+
+
+def test_modes_are_found_with_their_bandwidth() -> None:
+    """2 zeta f_0 of two modes to 3 %, on a fine grid."""
+    freq_hz = np.linspace(20, 120, 4001)
+    G = _modes(freq_hz, np.eye(2))
+    found = local_modes(freq_hz, G, np.zeros(G.shape))
+    np.testing.assert_allclose(found.freq_hz, [45, 80], rtol=5e-3)
+    np.testing.assert_allclose(found.bandwidth_hz, 2 * 0.02 * found.freq_hz, rtol=0.03)
+    assert len(local_modes(freq_hz, G, np.full(G.shape, np.abs(G).max() ** 2 / 100)).freq_hz) == 0
+
+
+def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
+    """With the numbers; a polynomial where one mode is narrower, a rational function where it holds too many modes."""
+    G = _modes(FREQ, np.eye(2), zeta=0.05)
+    found = local_modes(FREQ, G, np.zeros(G.shape))
+    span = np.full(len(FREQ), 9.0)
+    (word,) = wide_windows(found, FREQ, span, poles=0)
+    assert "the bandwidth of 2 of 2 modes: 9 Hz at 45 Hz, where the mode is 4." in word
+    assert wide_windows(found, FREQ, span / 3, poles=0) == []
+    assert wide_windows(found, FREQ, span, poles=2) == []
+    assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0]
+
+
+def test_what_cannot_be_estimated_is_refused() -> None:
+    """Inputs in proportion, too few lines, and one period for the arithmetic mean; each says what to do."""
+    rng = np.random.default_rng(0)
+    U = _phases(rng, len(LINES), 1) * np.array([1.0, 2.0])
+    with pytest.raises(DataError, match=r"cannot tell the 2 inputs .* Give each its own random phases"):
+        local_response([_record(U, U)], LPM, LINES)
+    few = _record(_phases(rng, 12, 3), _phases(rng, 12, 3), lines=LINES[:12])
+    with pytest.raises(DataError, match="needs 15 lines in a window, 12 are excited"):
+        local_response([few], LPM, LINES[:12])
+    once = _record(_phases(rng, len(LINES), 1), _phases(rng, len(LINES), 1), P=1)
+    with pytest.raises(DataError, match="hold one period, method arithmetic needs two"):
+        estimate([once], EstimatorSpec(quantity="velocity"), LINES)
+    assert estimate([once], LPM, LINES).n_lines == len(LINES)
+
+
+@pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
+def test_a_study_started_from_rest_finds_its_spring(tiny: Path, tmp_path: Path, method: str) -> None:
+    """estimator.method in study.yml, no period to settle: the true stiffness of 60 N*m/rad to 1 %."""
+    overrides = (f"estimator.method={method}", "experiment.transient_periods=0")
+    run = Run(load(tiny, overrides), tmp_path / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate", "fit"):
+        stages.WORK[stage](run)
+    result = read_fit(run.path("fit"))
+    k_1 = result.values["k_1"]
+    assert k_1 == pytest.approx(60.0, rel=0.01)

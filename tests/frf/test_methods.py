@@ -1,0 +1,328 @@
+"""Every estimator of the field against closed forms, an analytic plant and independent implementations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.fft import rfft
+from scipy.signal import csd
+from scipy.special import exp1
+
+from elastid.base.errors import DataError, StudyError
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.estimate import estimate
+from elastid.frf.experiment_blocks import Block
+from elastid.frf.methods import (
+    AVERAGED,
+    METHODS,
+    arithmetic,
+    arithmetic_mean,
+    errors_in_variables,
+    h1,
+    h2,
+    harmonic,
+    harmonic_mean,
+    hv,
+    joint,
+    logarithmic,
+    logarithmic_mean,
+)
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Record
+
+RATE, N = 500.0, 256
+ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
+SQUARE = ("harmonic", "h2")
+
+
+def blocks_of(U: np.ndarray, Y: np.ndarray, R: np.ndarray | None = None, P: int = 2) -> list[Block]:
+    """Blocks from U (M, F, n_u, E), Y (M, F, n_y, E) and R like U."""
+    noise = np.zeros(U.shape[1:3])
+    return [
+        Block(U[m], Y[m], None if R is None else R[m], np.full(U.shape[3], float(P)), noise, 1) for m in range(len(U))
+    ]
+
+
+def complex_normal(rng: np.random.Generator, *shape: int) -> np.ndarray:
+    """Circular, of variance 1."""
+    return (rng.normal(size=shape) + 1j * rng.normal(size=shape)) / np.sqrt(2)
+
+
+def record_of(U: np.ndarray, Y: np.ndarray, lines: np.ndarray, m: int, e: int, R: np.ndarray | None = None) -> Record:
+    """Two periods of spectra (F, n)."""
+    u, y, r = (None if X is None else np.tile(synthesise(lines, X, N), (2, 1)) for X in (U, Y, R))
+    assert u is not None
+    assert y is not None
+    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
+    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
+    quantities = ("acceleration",) * len(outputs)
+    return Record(f"c-r{m}-e{e}", Configuration("c", [0.0]), m, e, RATE, N, inputs, outputs, quantities, u, y, r)
+
+
+def dB(estimated: np.ndarray) -> float:
+    return float(20 * np.log10(np.abs(estimated)))
+
+
+@pytest.mark.parametrize(("snr_y_db", "snr_u_db"), [(3, 6), (6, 6), (8, 6), (10, 10), (20, 20)])
+def test_bias_of_one_input_is_the_closed_form(snr_y_db: float, snr_u_db: float) -> None:
+    """Arithmetic, harmonic, logarithmic, H1 and H2 of 4e5 noisy pairs: within four of their standard errors.
+
+    ARI 1 - exp(-s_u); HAR 1 / (1 - exp(-s_y)); LOG (E1(s_y) - E1(s_u)) / 2 in log; H1 s_u / (1 + s_u); H2 1 + 1 / s_y.
+    The full Monte Carlo is in scripts/studies/estimator_errors.py.
+    """
+    rng, M, F = np.random.default_rng(5), 800, 500
+    s_y, s_u = 10 ** (snr_y_db / 10), 10 ** (snr_u_db / 10)
+    U = 1 + complex_normal(rng, M, F, 1, 1) / np.sqrt(s_u)
+    Y = 1 + complex_normal(rng, M, F, 1, 1) / np.sqrt(s_y)
+    blocks, G = blocks_of(U, Y), Y / U
+    log = np.exp(np.mean(np.log(np.abs(logarithmic_mean(G)))))
+    found = {
+        "arithmetic": (dB(arithmetic_mean(G).mean()), 1 - np.exp(-s_u)),
+        "harmonic": (dB(1 / np.mean(1 / harmonic_mean(G))), 1 / (1 - np.exp(-s_y))),
+        "logarithmic": (dB(log), np.exp((exp1(s_y) - exp1(s_u)) / 2)),
+        "h1": (dB(h1(blocks, G).G.mean()), s_u / (1 + s_u)),
+        "h2": (dB(h2(blocks, G).G.mean()), 1 + 1 / s_y),
+    }
+    tolerance = 0.02 + 4 * 8.7 * np.sqrt((3 / s_y + 3 / s_u) / (M * F))
+    for name, (bias_db, expected) in found.items():
+        assert bias_db == pytest.approx(dB(expected), abs=tolerance), name
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(("n_y", "n_u"), [(1, 1), (3, 3), (3, 2), (2, 3)])
+def test_every_method_is_exact_without_noise(method: str, n_y: int, n_u: int) -> None:
+    """Any number of inputs and outputs, but for harmonic mean and H2, which need as many of both and say so."""
+    rng, lines = np.random.default_rng(0), np.arange(4, 40)
+    F = len(lines)
+    G = complex_normal(rng, F, n_y, n_u) + 2
+    records = []
+    for m in range(3):
+        for e, R in enumerate(orthogonal_set(np.ones((F, n_u)), rng)):
+            U = R + 0.2 * complex_normal(rng, F, n_u)
+            records.append(record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, e, R))
+    spec = replace(ALL_PERIODS, method=method)
+    if method in SQUARE and n_y != n_u:
+        with pytest.raises(StudyError, match="needs as many outputs as inputs"):
+            estimate(records, spec, lines)
+        return
+    response = estimate(records, spec, lines)
+    np.testing.assert_allclose(response.G, G, atol=1e-9)
+    assert response.noise is not None
+    assert response.total is not None
+    assert np.all(response.total.variance < 1e-15)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_has_the_sign_of_the_phase_of_an_analytic_plant(method: str) -> None:
+    """Two inertias, a spring and a delay of 2 ms (which turns the phase down), half a percent of noise."""
+    rng, lines = np.random.default_rng(0), np.arange(5, 120)
+    s = 2j * np.pi * lines * RATE / N
+    J_m, J_l, k, d = 1e-3, 2e-3, 100.0, 0.02
+    top = J_l * s**2 + d * s + k
+    G = s**2 * top / ((J_m * s**2 + d * s + k) * top - (d * s + k) ** 2) * np.exp(-s * 2e-3)
+    records = []
+    for m in range(4):
+        R = orthogonal_set(np.ones((len(lines), 1)), rng)[0]
+        Y = G[:, None] * R
+        record = record_of(R, Y, lines, m, 0, R)
+        records.append(replace(record, y=record.y + 0.005 * record.y.std() * rng.normal(size=record.y.shape)))
+    found = estimate(records, replace(ALL_PERIODS, method=method), lines).G[:, 0, 0]
+    error = np.degrees(np.angle(found / G))
+    assert np.median(np.abs(error)) < 1
+    assert np.median(np.abs(np.degrees(np.angle(found / G.conj())))) > 30
+
+
+def test_the_logarithm_is_taken_only_where_it_is_safe() -> None:
+    """A diagonal plant in noise: its zeros are below the noise, and there the arithmetic mean is taken, with a word.
+
+    Ungated, the zeros would come out as the size of the noise.
+    """
+    rng, M, F, n = np.random.default_rng(0), 100, 20, 3
+    G = np.eye(n) * np.ones((F, 1, 1))
+    U = np.swapaxes(np.array([orthogonal_set(np.ones((F, n)), rng).transpose(1, 2, 0) for _ in range(M)]), 2, 3)
+    Y = G @ U + 0.05 * complex_normal(rng, M, F, n, n)
+    found = logarithmic(blocks_of(U, Y), np.zeros((F, 2 * n, 2 * n)))
+    plain = arithmetic(blocks_of(U, Y), np.zeros((F, 2 * n, 2 * n)))
+    off = ~np.eye(n, dtype=bool)
+    np.testing.assert_array_equal(found.G[:, off], plain.G[:, off])
+    assert np.any(found.G[:, ~off] != plain.G[:, ~off])
+    assert found.notes[0].startswith("logarithmic mean at 33.3 % of lines and elements")
+    each = np.array([block.Y @ np.linalg.inv(block.U) for block in blocks_of(U, Y)])
+    ungated = np.sqrt(np.mean(np.abs(logarithmic_mean(each)[:, off]) ** 2))
+    assert ungated > 3 * np.sqrt(np.mean(np.abs(found.G[:, off]) ** 2))
+
+
+@pytest.mark.parametrize("injection", ["reference", "torque"])
+def test_in_closed_loop_h1_is_biased_and_the_means_and_the_joint_method_are_not(injection: str) -> None:
+    """Output noise fed back into the inputs: what many blocks leave of the error is the bias of H1."""
+    rng, M, F, n = np.random.default_rng(1), 400, 30, 2
+    G, C = complex_normal(rng, F, n, n) + 2 * np.eye(n), complex_normal(rng, F, n, n) + 2 * np.eye(n)
+    R = np.array([np.moveaxis(orthogonal_set(np.ones((F, n)), rng), 0, 2) for _ in range(M)])
+    V, eye = 0.15 * complex_normal(rng, M, F, n, n), np.eye(n)
+    U = np.linalg.solve(eye + C @ G, C @ (R - V) if injection == "reference" else R - C @ V)
+    blocks = blocks_of(U, G @ U + V, R)
+    nothing = np.zeros((F, 2 * n, 2 * n))
+    error = {m.__name__: np.sqrt(np.mean(np.abs(m(blocks, nothing).G - G) ** 2)) for m in (h1, joint, arithmetic)}
+    assert error["h1"] > 2 * error["arithmetic"]
+    assert error["h1"] > 2 * error["joint"]
+
+
+def test_errors_in_variables_knows_the_noise_of_both_sides_where_h1_and_h2_are_biased() -> None:
+    """Correlated noise on inputs and outputs, known from the periods: its error, scatter alone, is far below theirs."""
+    rng, M, F, n = np.random.default_rng(1), 1500, 12, 2
+    G = complex_normal(rng, F, n, n) + 2 * np.eye(n)
+    mix = 0.25 * (np.eye(2 * n) + 0.5 * np.tri(2 * n))
+    U = np.array([np.moveaxis(orthogonal_set(np.ones((F, n)), rng), 0, 2) for _ in range(M)])
+    Z = np.concatenate([G @ U, U], axis=2) + mix @ complex_normal(rng, M, F, 2 * n, n)
+    blocks = blocks_of(Z[:, :, n:], Z[:, :, :n], P=1)
+    C_Z = np.broadcast_to(mix @ mix.T, (F, 2 * n, 2 * n)).astype(complex)
+    error = {m.__name__: np.abs(m(blocks, C_Z).G - G).mean() for m in (h1, h2, errors_in_variables)}
+    assert error["errors_in_variables"] < 0.3 * min(error["h1"], error["h2"])
+
+
+def test_hv_lies_between_h1_and_h2_and_is_right_where_both_sides_are_equally_noisy() -> None:
+    """One input, one output, unit gain."""
+    rng, M, F = np.random.default_rng(2), 4000, 8
+    U, Y = (1 + 0.3 * complex_normal(rng, M, F, 1, 1) for _ in range(2))
+    blocks, nothing = blocks_of(U, Y), np.zeros((F, 2, 2))
+    low, middle, high = (np.abs(m(blocks, nothing).G).mean() for m in (h1, hv, h2))
+    assert low < middle < high
+    assert middle == pytest.approx(1, abs=0.01)
+
+
+def test_joint_needs_the_injected_torque() -> None:
+    """A record without r."""
+    lines = np.arange(4, 20)
+    U = orthogonal_set(np.ones((16, 1)), np.random.default_rng(0))[0]
+    with pytest.raises(DataError, match="needs the injected torque r of every record"):
+        estimate([record_of(U, U, lines, 0, 0)], replace(ALL_PERIODS, method="joint"), lines)
+
+
+def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
+    """Two realisations of one experiment each move two inputs in two ways: H1 has an answer, a mean has none."""
+    rng, lines = np.random.default_rng(0), np.arange(4, 40)
+    G = complex_normal(rng, 36, 2, 2)
+    records = []
+    for m in range(2):
+        U = complex_normal(rng, 36, 2)
+        records.append(record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, 0))
+    np.testing.assert_allclose(estimate(records, replace(ALL_PERIODS, method="h1"), lines).G, G, atol=1e-8)
+    auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
+    assert "auto takes errors_in_variables" in auto.notes[0]
+    injected = [replace(record, r=record.u) for record in records]
+    assert "auto takes joint" in estimate(injected, replace(ALL_PERIODS, method="auto"), lines).notes[0]
+    for method in AVERAGED:
+        with pytest.raises(DataError, match="realisation 0: 1 experiments for 2 inputs"):
+            estimate(records, replace(ALL_PERIODS, method=method), lines)
+
+
+def _mean_periods(records: Sequence[Record]) -> tuple[np.ndarray, np.ndarray]:
+    """u and y (records, channels, N) as pyFRF takes measurements."""
+    u, y = (np.array([getattr(r, name).reshape(-1, N, getattr(r, name).shape[1]).mean(axis=0).T for r in records])
+            for name in ("u", "y"))  # fmt: skip
+    return u, y
+
+
+def _noisy_records(n: int) -> list[Record]:
+    """Four realisations of n orthogonal experiments, 0.3 of noise on every input and output."""
+    rng, lines = np.random.default_rng(3), np.arange(4, 100)
+    G = complex_normal(rng, 96, n, n)
+    records = []
+    for m in range(4):
+        for e, U in enumerate(orthogonal_set(np.ones((96, n)), rng)):
+            record = record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, e)
+            u, y = (x + 0.3 * rng.normal(size=x.shape) for x in (record.u, record.y))
+            records.append(replace(record, u=u, y=y))
+    return records
+
+
+@pytest.mark.parametrize(
+    ("method", "kind", "n"), [("h1", "H1", 1), ("h1", "H1", 2), ("h2", "H2", 1), ("h2", "H2", 2), ("hv", "Hv", 1)]
+)
+def test_h1_h2_and_hv_agree_with_pyfrf(method: str, kind: str, n: int) -> None:
+    """An independent implementation, from time signals to FRF matrix, to 1e-10; it has Hv for one input only."""
+    pyfrf = pytest.importorskip("pyFRF")
+    records = _noisy_records(n)
+    u, y = _mean_periods(records)
+    with np.errstate(divide="ignore", invalid="ignore"):  # it divides by the frequency of line 0
+        peer = pyfrf.FRF(
+            int(RATE), exc=u, resp=y, exc_type="f", resp_type="a", window="none", fft_len=N, nperseg=N, noverlap=0
+        )
+        expected = peer.get_FRF(kind, "accelerance")
+    found = estimate(records, replace(ALL_PERIODS, method=method), np.arange(4, 100))
+    there = np.round(found.freq_hz * N / RATE).astype(int)
+    np.testing.assert_allclose(found.G, np.moveaxis(expected, 2, 0)[there], rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+@pytest.mark.parametrize("method", ["h1", "h2", "hv"])
+def test_h1_h2_and_hv_agree_with_welch_spectra_line_by_line(method: str, n: int) -> None:
+    """The definitions written out over SciPy's cross spectra, to 1e-10; pyFRF stops at one input for Hv.
+
+    Hv: the right singular vector of [y_i, u_1 ... u_n] over experiments that belongs to the least singular value.
+    """
+    records = _noisy_records(n)
+    u, y = _mean_periods(records)
+    z = np.concatenate([y, u], axis=1)
+    spectra = rfft(z, axis=2)
+    found = estimate(records, replace(ALL_PERIODS, method=method), np.arange(4, 100))
+    # csd conjugates its first argument: S[a, b] is the mean of A conj B.
+    channels = np.moveaxis(z, 1, 0)
+    S = np.array([[csd(b, a, window="boxcar", nperseg=N)[1].mean(axis=0) for b in channels] for a in channels])
+    for k, G in zip(np.round(found.freq_hz * N / RATE).astype(int), found.G, strict=True):
+        yy, yu, uy, uu = S[:n, :n, k], S[:n, n:, k], S[n:, :n, k], S[n:, n:, k]
+        if method == "hv":
+            Z = spectra[:, :, k]
+            weakest = [np.linalg.svd(Z[:, [i, *range(n, 2 * n)]])[2][-1].conj() for i in range(n)]
+            expected = np.array([-v[1:] / v[0] for v in weakest])
+        else:
+            expected = yu @ np.linalg.inv(uu) if method == "h1" else yy @ np.linalg.inv(uy)
+        np.testing.assert_allclose(G, expected, rtol=1e-10, atol=1e-10)
+
+
+def test_means_and_covariances_agree_with_best_linear_approximation() -> None:
+    """G and its total covariance by the robust method, noisy inputs; its package needs Python 3.12."""
+    robust = pytest.importorskip("best_linear_approximation.robust")
+    rng, lines, n, M = np.random.default_rng(4), np.arange(4, 40), 2, 12
+    G = complex_normal(rng, 36, n, n) + 2
+    records = []
+    for m in range(M):
+        for e, U in enumerate(orthogonal_set(np.ones((36, n)), rng)):
+            record = record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, e)
+            u, y = (x + 0.05 * rng.normal(size=x.shape) for x in (record.u, record.y))
+            records.append(replace(record, u=u, y=y))
+    u, y = (
+        np.array([getattr(r, name).reshape(2, N, n) for r in records])
+        .reshape(M, n, 2, N, n)
+        .transpose(3, 4, 1, 0, 2)
+        for name in ("u", "y")
+    )  # fmt: skip
+    peer = robust.noisy_input(u, y, RATE, lines, show_warnings=False).G
+    found = estimate(records, ALL_PERIODS, lines)
+    np.testing.assert_allclose(found.G, peer.value, rtol=1e-10)
+    assert found.total is not None
+    assert found.total.form == "full"
+    np.testing.assert_allclose(found.total.full(), peer.total.cov, rtol=1e-8, atol=1e-14)
+
+
+def test_harmonic_mean_is_the_inverse_of_the_mean_inverse() -> None:
+    """Matrices, not elements."""
+    rng = np.random.default_rng(0)
+    G = complex_normal(rng, 5, 4, 3, 3) + 3 * np.eye(3)
+    found = np.linalg.inv(harmonic(blocks_of(np.broadcast_to(np.eye(3, dtype=complex), G.shape), G), G[0]).G)
+    np.testing.assert_allclose(found, np.linalg.inv(G).mean(axis=0), atol=1e-12)
+
+
+def test_auto_takes_the_arithmetic_mean_and_says_why() -> None:
+    """What the ranking study supports for closed-loop data with friction."""
+    rng, lines = np.random.default_rng(0), np.arange(4, 40)
+    records = []
+    for m in range(3):
+        U = orthogonal_set(np.ones((36, 1)), rng)[0]
+        records.append(record_of(U, U + 0.01 * complex_normal(rng, 36, 1), lines, m, 0))
+    auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
+    np.testing.assert_array_equal(auto.G, estimate(records, ALL_PERIODS, lines).G)
+    assert "auto takes the arithmetic mean: each realisation keeps its pairing of torque and motion" in auto.notes[0]

@@ -1,0 +1,343 @@
+"""Gears that couple axes: one physics on either side, springs anywhere between the stages, the rig and a fit."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
+
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.app.stages import stages
+from elastid.base.errors import StudyError
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.linear.linearise import Linearisation, linearise
+from elastid.linear.modes import modes
+from elastid.linear.response.transfer import frequency_response, to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.recorded.link_side import to_joints
+from elastid.response import Covariance
+from elastid.robot import GearCoupling, Robot
+from elastid.robot.simplified import stiffened
+from elastid.store import read_records
+from elastid.study import load
+
+seeds = st.integers(0, 2**31)
+
+
+def linear(robot: Robot):
+    model = serial(robot)
+    return linearise(model, Configuration("c", (0.3, 0.5, -0.2)), model.theta, robot.motor_locations, "acceleration")
+
+
+def links_inertia(robot: Robot) -> np.ndarray:
+    return linear(robot).M[:3, :3]
+
+
+def test_gear_matrix_and_its_sides():
+    """eta[motor, joint], from the link side to the motors; torques by its transpose: one power on either side."""
+    eta = wrist().eta
+    np.testing.assert_allclose(eta, [[-99, 0, 0], [12, 79.2, 0], [-8, 25, 60]])
+    rng = np.random.default_rng(0)
+    rate, torque = rng.normal(size=(2, 3))
+    assert (eta @ rate) @ torque == pytest.approx(rate @ (eta.T @ torque))
+
+
+def test_frequencies_on_motor_and_link_side_are_the_same():
+    """Springs before the gears, formulated with motor angles: equal modes. A dropped coupling makes other ones."""
+    robot = wrist()
+    model, eta = linear(robot), robot.eta
+    M = scipy.linalg.block_diag(links_inertia(robot), np.diag(J))
+    Z = np.hstack([-eta, np.eye(3)])  # deflection of the shafts from [q_a; q_m^m]
+    hz = np.sqrt(np.abs(scipy.linalg.eigh(Z.T @ np.diag(K_SHAFT) @ Z, M, eigvals_only=True)[3:])) / (2 * np.pi)
+    undamped = replace(model, D=0 * model.D)
+    np.testing.assert_allclose(modes(undamped, model.theta_ref).freq_hz, hz, rtol=1e-9)
+    plain = linear(wrist(couplings=()))
+    alone = modes(replace(plain, D=0 * plain.D), plain.theta_ref).freq_hz
+    assert np.abs(alone / hz - 1).max() > 0.02
+
+
+def test_springs_after_the_gears_leave_the_stiffness_diagonal():
+    """Motor-side formulation with springs at the links: equal modes, K_a diagonal."""
+    robot = wrist(shafts=False, links=True)
+    model, eta = linear(robot), robot.eta
+    np.testing.assert_allclose(model.K[3:, 3:], np.diag([7e3, 14e3, 21e3]))
+    Z = np.hstack([-np.eye(3), np.linalg.inv(eta)])
+    M = scipy.linalg.block_diag(links_inertia(robot), np.diag(J))
+    hz = np.sqrt(np.abs(scipy.linalg.eigh(Z.T @ model.K[3:, 3:] @ Z, M, eigvals_only=True)[3:])) / (2 * np.pi)
+    np.testing.assert_allclose(modes(replace(model, D=0 * model.D), model.theta_ref).freq_hz, hz, rtol=1e-9)
+
+
+def test_responses_change_side_by_the_gear_matrix():
+    """G^m = eta G^a eta^T, against the response of motor angles to motor torques set up by hand."""
+    robot = wrist()
+    model, eta = linear(robot), robot.eta
+    freq_hz = np.array([3.0, 11.0, 40.0])
+    Z = np.hstack([-eta, np.eye(3)])
+    M = scipy.linalg.block_diag(links_inertia(robot), np.diag(J))
+    K = Z.T @ np.diag(K_SHAFT) @ Z
+    D = Z.T @ np.diag(D_SHAFT) @ Z + np.diag(np.r_[np.zeros(3), np.full(3, 1e-4)])
+    s = 2j * np.pi * freq_hz[:, None, None]
+    G_m = (s**2 * np.linalg.inv(s**2 * M + s * D + K))[:, 3:, 3:]
+    G_a = frequency_response(model, model.theta_ref, freq_hz)
+    np.testing.assert_allclose(eta @ G_a @ eta.T, G_m, rtol=1e-9, atol=1e-9 * np.abs(G_m).max())
+
+
+@pytest.mark.parametrize(("springs", "before"), [("after", ()), ("before", ()), ("after", ("6",))])
+def test_compliances_in_series_add(springs, before):
+    """K_a^-1 = K_links^-1 through eta_2 + eta^-1 K_shafts^-1 eta^-T, before, between and after the stages (5.4)."""
+    robot = wrist(springs, shafts=True, links=True, before=before)
+    model, eta = linear(robot), robot.eta
+    eta_2 = np.eye(3)
+    for motor, joint, ratio in COUPLINGS:
+        if springs == "before" or motor in before:
+            eta_2[LINKS.index(motor), LINKS.index(joint)] = ratio / RATIO[LINKS.index(motor)]
+    links = np.linalg.inv(eta_2) @ np.diag(1 / np.array([7e3, 14e3, 21e3])) @ np.linalg.inv(eta_2).T
+    shafts = np.linalg.inv(eta) @ np.diag(1 / K_SHAFT) @ np.linalg.inv(eta).T
+    np.testing.assert_allclose(np.linalg.inv(model.K[3:, 3:]), links + shafts, rtol=1e-9)
+
+
+def test_damping_in_series_is_right_to_first_order():
+    """K + s D against the exact dynamic stiffness of springs with dampers in series: the error falls as s^2."""
+    robot = wrist(shafts=True, links=True)
+    model, eta = linear(robot), robot.eta
+    k, d = np.array([7e3, 14e3, 21e3]), np.full(3, 3.0)
+    D = model.D[3:, 3:] - eta.T @ np.diag(np.full(3, 1e-4)) @ eta
+    errors = []
+    for omega in (1.0, 10.0):
+        s = 1j * omega
+        shafts = np.linalg.inv(eta) @ np.diag(1 / (K_SHAFT + s * D_SHAFT)) @ np.linalg.inv(eta).T
+        exact = np.linalg.inv(np.diag(1 / (k + s * d)) + shafts)
+        errors.append(np.abs(exact - model.K[3:, 3:] - s * D).max())
+    assert errors[1] / errors[0] == pytest.approx(100, rel=0.05)
+
+
+@pytest.mark.parametrize("links", [False, True])
+def test_slopes_to_every_parameter_are_exact(links):
+    """d(M, D, K) / d theta at the operating point against central differences, springs alone and in series."""
+    robot = wrist(shafts=True, links=links)
+    model = serial(robot)
+    linearisation, at = Linearisation.of(model), Configuration("c", (0.3, 0.5, -0.2))
+    here = linearisation.at(at, model.theta, robot.motor_locations, "acceleration")
+    for name in ("km_5", "dm_6", "Jm_6", "fm_5", *(("k_5", "d_4") if links else ())):
+        place = model.parameters.index(name)
+        h = 1e-5 * model.theta[place]
+        ends = []
+        for side in (-1, 1):
+            theta = model.theta.copy()
+            theta[place] += side * h
+            ends.append(linearisation.at(at, theta, robot.motor_locations, "acceleration"))
+        for letter in "MDK":
+            slope = getattr(here.slopes[name], letter)
+            differences = (getattr(ends[1], letter) - getattr(ends[0], letter)) / (2 * h)
+            scale = max(np.abs(differences).max(), 1e-6 * np.abs(getattr(here, letter)).max() / model.theta[place])
+            np.testing.assert_allclose(0.0 if slope is None else slope, differences, rtol=0, atol=1e-6 * scale)
+
+
+@given(seed=seeds)
+@settings(deadline=None, max_examples=20)
+def test_stiffness_is_symmetric_and_positive_wherever_springs_sit(seed):
+    """For random couplings, some with springs before them, motors with and without shafts that give."""
+    rng = np.random.default_rng(seed)
+    couplings = [(m, j, float(rng.normal() * 40)) for m in LINKS for j in LINKS if m != j and rng.random() < 0.5]
+    chosen = tuple(m for m in LINKS if rng.random() < 0.5)
+    robot = wrist("after", shafts=bool(rng.random() < 0.5), links=True, couplings=couplings, before=chosen)
+    K = linear(robot).K[3:, 3:]
+    np.testing.assert_allclose(K, K.T, atol=1e-9 * np.abs(K).max())
+    assert np.linalg.eigvalsh(K)[0] > 0
+
+
+def test_without_coupling_a_shaft_is_a_spring_times_ratio_squared():
+    """Spring on the motor's shaft = spring at the link of ratio^2 the stiffness: the same frequency response."""
+    shaft = linear(wrist(couplings=()))
+    robot = wrist(shafts=False, links=True, couplings=())
+    k = {f"k_{n}": K_SHAFT[i] * RATIO[i] ** 2 for i, n in enumerate(LINKS)}
+    d = {f"d_{n}": D_SHAFT[i] * RATIO[i] ** 2 for i, n in enumerate(LINKS)}
+    at_link = linear(robot.with_parameters(k | d))
+    freq_hz = np.array([2.0, 20.0])
+    np.testing.assert_allclose(
+        *(frequency_response(model, model.theta_ref, freq_hz) for model in (shaft, at_link)), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize(
+    ("gears", "says"),
+    [
+        ([GearCoupling("5", "7", 1.0)], "joint 7 has no motor; driven joints: 4, 5, 6"),
+        ([GearCoupling("5", "4", 1.0), GearCoupling("5", "4", 2.0)], "motor 5 with joint 4 is given twice"),
+        ([GearCoupling("5", "4", 79.2), GearCoupling("4", "5", -99.0)], "matrix of gear ratios is singular"),
+    ],
+)
+def test_gears_that_cannot_be_are_refused(gears, says):
+    """Unknown joints, couplings given twice, motors that no longer tell the joints apart."""
+    with pytest.raises(ValueError, match=says):
+        replace(wrist(), gears=tuple(gears))
+
+
+def test_a_rigid_shaft_among_elastic_ones_turns_as_the_gears_want_it():
+    """Motor 6's shaft is rigid: against the motor-side formulation with q_m6 = eta_6 q_a by hand."""
+    robot = stiffened(wrist(), ["6"])
+    assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
+    eta, freq_hz = robot.eta, np.array([3.0, 11.0, 40.0])
+    M = scipy.linalg.block_diag(links_inertia(wrist()), np.diag(J))
+    T = np.vstack([np.eye(5), np.r_[eta[2], 0, 0]])  # q_a, q_m4, q_m5 -> q_a, q_m
+    Z = np.hstack([-eta, np.eye(3)])[:2] @ T
+    K, D = Z.T @ np.diag(K_SHAFT[:2]) @ Z, Z.T @ np.diag(D_SHAFT[:2]) @ Z
+    D += T.T @ np.diag(np.r_[np.zeros(3), np.full(3, 1e-4)]) @ T
+    s = 2j * np.pi * freq_hz[:, None, None]
+    G_m = T[3:] @ (s**2 * np.linalg.inv(s**2 * (T.T @ M @ T) + s * D + K)) @ T[3:].T
+    model = linear(robot)
+    G_a = frequency_response(model, model.theta_ref, freq_hz)
+    np.testing.assert_allclose(eta @ G_a @ eta.T, G_m, rtol=1e-9, atol=1e-9 * np.abs(G_m).max())
+
+
+def test_logs_of_coupled_motors_come_to_the_link_side_together():
+    """tau_a = eta^T tau_m and q_a = eta^-1 q_m of all channels; one that is missing is named."""
+    robot = wrist()
+    channels = [ChannelSpec("u", f"motor {n}", f"t{n}", side="motor") for n in LINKS]
+    channels += [ChannelSpec("y", f"motor {n}", f"q{n}", quantity="position", side="motor") for n in LINKS]
+    T = to_joints(channels, robot)
+    rng = np.random.default_rng(1)
+    torque, angle = rng.normal(size=(2, 3))
+    both = T @ np.r_[RATIO * torque, angle / RATIO]
+    np.testing.assert_allclose(both[:3], robot.eta.T @ torque)
+    np.testing.assert_allclose(both[3:], np.linalg.solve(robot.eta, angle))
+    with pytest.raises(StudyError, match="motor 4 is coupled by gears with motor 6, of which no channel with role u"):
+        to_joints([*channels[:2], *channels[3:]], robot)
+
+
+ROBOT = """\
+name: coupled wrist
+gravity: [0, 0, 0]
+gears:
+  - {motor: 6, joint: 5, ratio: -18}
+bodies:
+  - name: hand
+    joints:
+      - name: 5
+        axis: y
+        motor: {inertia: 2e-4, ratio: 60, viscous: 1e-4, coulomb: 0.01, spring: {stiffness: 0.9, damping: 2e-3}}
+    mass: 4
+    center_of_mass: [0.05, 0, 0.02]
+    inertia: 0.25
+  - name: flange
+    parent: hand
+    joints:
+      - name: 6
+        axis: x
+        motor: {inertia: 1e-4, ratio: -50, viscous: 1e-4, coulomb: 0.01, spring: {stiffness: 0.5, damping: 1e-3}}
+    mass: 2
+    center_of_mass: [0.05, 0.05, 0.02]
+    inertia: 0.1
+"""
+STUDY = """\
+name: wrist
+robot: robot.yml
+seed: 3
+excitation: {rate_hz: 500, period: 2 s, band_hz: [1, 60], grid: odd, torque_rms: [20, 12]}
+experiment:
+  configurations: {a: [0, 0], b: [0.3, 0.8]}
+  simulated:
+    truth: {km_5: 1.1 N*m/rad, km_6: 0.4 N*m/rad}
+    carrier: {amplitude: 1 deg, cycles: 2}
+    noise: {torque_std: 0.1, encoder_counts: 1048576}
+    substeps: 4
+fit: {starts: 3}
+report: {formats: [png]}
+"""
+
+
+def test_a_coupled_wrist_is_simulated_estimated_and_fitted(tmp_path: Path) -> None:
+    """The rig, its controller, the FRFs and the fit know the coupling: the stiffnesses are within their intervals."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    stages.run_all(Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1)))
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert found["status"] == "converged"
+    for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
+        low, high = found["parameters"][name]["interval95"]
+        assert low * 0.995 < truth < high * 1.005
+        assert high - low < 0.1 * truth
+    assert all(row["rms_log_db"] < 1 for row in found["frf_error"])
+
+
+def test_a_coupled_wrist_with_one_rigid_shaft_is_simulated_and_fitted(tmp_path: Path) -> None:
+    """Motor 6 has no spring; where that of motor 5 gives, joint 6 turns along: rig, fit and replay know it."""
+    (tmp_path / "robot.yml").write_text(ROBOT.replace(", spring: {stiffness: 0.5, damping: 1e-3}", ""))
+    (tmp_path / "study.yml").write_text(STUDY.replace(", km_6: 0.4 N*m/rad", ""))
+    run = Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1))
+    for stage in ("design", "measure", "estimate", "fit", "validate"):
+        stages.only(run, stage)
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert found["status"] == "converged"
+    low, high = found["parameters"]["km_5"]["interval95"]
+    assert low * 0.995 < 1.1 < high * 1.005
+    assert high - low < 0.1
+    replays = json.loads((tmp_path / "run" / "validation.json").read_text())["replays"]
+    assert all(np.min(replay["fit_percent"]) > 90 for replay in replays)
+
+
+def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -> None:
+    """The log of the simulated rig, written to CSV as torques and angles of shafts, is fitted as on the link side."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    study = load(tmp_path / "study.yml")
+    run = Run(study, tmp_path / "run", 1, Console(-1))
+    for stage in ("design", "measure"):
+        stages.only(run, stage)
+    eta, files = study.study.robot.eta, []
+    for record in read_records(run.path("measure")):
+        name = f"{record.name}.csv"
+        columns = np.column_stack([record.u @ np.linalg.inv(eta), record.y @ eta.T])
+        with (tmp_path / name).open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow(["t5", "t6", "q5", "q6"])
+            writer.writerows(columns.tolist())
+        files.append(
+            f"      - {{path: {name}, configuration: {record.configuration.name}, realisation: "
+            f"{record.realisation}, experiment: {record.experiment}}}"
+        )
+    channels = [f"      - {{role: u, at: motor {n}, channel: t{n}, side: motor}}" for n in "56"]
+    channels += [f"      - {{role: y, at: motor {n}, channel: q{n}, quantity: position, side: motor}}" for n in "56"]
+    head = STUDY.split("excitation")[0].replace("name: wrist", "name: logged")
+    text = [
+        head + "experiment:\n  configurations: {a: [0, 0], b: [0.3, 0.8]}\n  recorded:\n    rate_hz: 500",
+        "    period: 2 s\n    channels:",
+        *channels,
+        "    files:",
+        *files,
+        "fit: {starts: 3}\nreport: {formats: [png]}\n",
+    ]
+    (tmp_path / "logged.yml").write_text("\n".join(text))
+    stages.run_all(Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1)))
+    found = json.loads((tmp_path / "logged" / "summary.json").read_text())
+    for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
+        assert found["parameters"][name]["value"] == pytest.approx(truth, rel=0.03)
+
+
+def test_springs_on_both_ends_of_coupled_gears_are_told_apart() -> None:
+    """Three axes coupled all around: six stiffnesses in series are found from starts a factor 1.5 off."""
+    robot = wrist(shafts=True, links=True)
+    responses = []
+    for i, angles in enumerate(((0.3, 0.5, -0.2), (-0.6, 1.1, 0.4))):
+        model = serial(robot)
+        at = linearise(model, Configuration(f"c{i}", angles), model.theta, robot.motor_locations, "acceleration")
+        exact = to_response(at, at.theta_ref, np.linspace(2, 80, 60))
+        responses.append(replace(exact, noise=Covariance((0.01 * np.abs(exact.G)) ** 2, np.inf)))
+    truth = {name: value for name, (value, _) in robot.parameters().items() if name[0] == "k"}
+    off = dict(zip(truth, (1.5, 1 / 1.5, 1.5, 1.2, 1 / 1.3, 1.4), strict=True))
+    start = robot.with_parameters({name: value * off[name] for name, value in truth.items()})
+    spec = FitSpec(parameters={"k*": ParameterSpec()}, starts=1)
+    result = identify(responses, start, spec)
+    found = np.array([result.values[name] for name in truth])
+    np.testing.assert_allclose(found, list(truth.values()), rtol=1e-4)
+    assert result.status == "converged"

@@ -1,0 +1,378 @@
+"""Robots with loops: the constrained and the minimal formulation are one thing, and so is every other way there."""
+
+from dataclasses import replace
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.linkages import LEVER, LOWER, linkage
+
+from elastid.base.errors import StudyError
+from elastid.linear.equilibrium import equilibrium, rigid_posture
+from elastid.linear.linearise import linearise
+from elastid.linear.modes import modes, shapes_of_all
+from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import formulate
+from elastid.model.parallel_linkage.closed_posture import rates
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import Anchor, Body, Joint, Loop, Motor, Pin, Placement, Robot, Rod, Spring
+
+LINES = np.geomspace(1, 150, 60)
+CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")
+
+
+RIGID_ROD = Rod(LOWER, 6.2, 0.52, 0.64)
+PLANTS = {
+    "parallelogram, rigid": linkage(RIGID_ROD),
+    "parallelogram, elastic": linkage(),
+    "parallelogram, rigid, bending": linkage(RIGID_ROD, bends=True),
+    "parallelogram, both": linkage(bends=True),
+    "four-bar, rigid": linkage(Rod(0.86, 6.2, 0.4, 0.5), crank=0.33),
+    "four-bar, both": linkage(Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000), crank=0.33, bends=True),
+    "spatial, rigid": linkage(RIGID_ROD, bends=True, spatial=True),
+    "spatial, four-bar, elastic": linkage(Rod(0.86, 6.2, 0.4, 0.5, 2e7, 3000), crank=0.33, bends=True, spatial=True),
+    "spatial, massless rod": linkage(Rod(LOWER, stiffness=2e7, damping=3000), bends=True, spatial=True),
+}
+
+
+def postures(robot: Robot, count: int, seed: int = 0) -> list[Configuration]:
+    """Random configurations in which crank and rod stand at 50 to 130 degrees to each other."""
+    random = np.random.default_rng(seed)
+    found: list[Configuration] = []
+    while len(found) < count:
+        angles = random.uniform(-1.0, 1.0, len(robot.driven))
+        if abs(angles[-1] - angles[-2]) < 0.7:
+            found.append(Configuration(f"c{len(found)}", angles))
+    return found
+
+
+def response(robot: Robot, spec: ModelSpec, at: Configuration):
+    model = formulate(robot, spec)
+    linear = linearise(model, at, model.theta, model.inputs, "acceleration")
+    return frequency_response(linear, linear.theta_ref, LINES)
+
+
+def matrices(model: ElasticModel, at: Configuration):
+    """M, D, K and Phi at rest, all coordinates."""
+    point = equilibrium(model, model.theta, at)
+    assert np.abs(model.constraint(point.q, model.theta).full()).max(initial=0) < 1e-10
+    return point, *(
+        matrix.full()
+        for matrix in (
+            model.mass(point.q, model.theta),
+            model.damping(point.q, model.theta),
+            model.stiffness(point.q, point.lambda_, model.theta),
+            model.constraint_jacobian(point.q, model.theta),
+        )
+    )
+
+
+def saddle_point(model: ElasticModel, at: Configuration):
+    """G_acc by the scaled KKT matrix at every line: the oracle."""
+    _, M, D, K, Phi = matrices(model, at)
+    n, m, scale = len(M), len(Phi), np.abs(K).max()
+    G = []
+    for omega in 2 * np.pi * LINES:
+        H = -(omega**2) * M + 1j * omega * D + K
+        A = np.block([[H, scale * Phi.T], [scale * Phi, np.zeros((m, m))]])
+        X = np.linalg.solve(A, np.vstack([model.B, np.zeros((m, model.n_u))]).astype(complex))[:n]
+        G.append(-(omega**2) * model.B.T @ X)
+    return np.array(G)
+
+
+def far(G, reference):
+    """Largest difference, relative to the largest element of the line."""
+    return float((np.abs(G - reference).max(axis=(1, 2)) / np.abs(reference).max(axis=(1, 2))).max())
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_constrained_equals_minimal_equals_saddle_point(name: str):
+    """To 1e-10 from 1 to 150 Hz in random configurations; the rod of the minimal form is cut."""
+    robot = PLANTS[name]
+    for at in postures(robot, 4):
+        G = response(robot, CONSTRAINED, at)
+        assert far(response(robot, MINIMAL, at), G) < 1e-10
+        assert far(saddle_point(formulate(robot, CONSTRAINED), at), G) < 1e-10
+        np.testing.assert_allclose(G, np.swapaxes(G, 1, 2), rtol=0, atol=1e-10 * np.abs(G).max())
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    crank=st.floats(0.25, 0.35),
+    length=st.floats(0.85, 0.95),
+    stiffness=st.floats(6, 8.5),
+    angles=st.tuples(st.floats(-0.8, 0.8), st.floats(-0.4, 0.4)),
+    spatial=st.booleans(),
+)
+def test_formulations_agree_on_any_four_bar(crank, length, stiffness, angles, spatial):
+    """Whatever the lengths and the rod."""
+    robot = linkage(Rod(length, 5.0, 0.45, 0.4, 10**stiffness, 1e3), crank=crank, bends=True, spatial=spatial)
+    at = Configuration("c", ((0.3,) if spatial else ()) + (angles[0], angles[0] + angles[1]))
+    assert far(response(robot, MINIMAL, at), response(robot, CONSTRAINED, at)) < 1e-10
+
+
+@pytest.mark.parametrize("name", ["parallelogram, rigid, bending", "four-bar, rigid", "spatial, rigid"])
+def test_explicit_embedding_without_any_multiplier_gives_the_same_response(name: str):
+    """The elbow as a closed function of the other coordinates, put into the energies: proves the geometric stiffness.
+
+    The rod's row is a cos(p) + b sin(p) + c = 0 in the elbow's angle p.
+    """
+    robot = PLANTS[name]
+    model = formulate(robot, CONSTRAINED)
+    at = postures(robot, 1, seed=3)[0]
+    point, M, D, _, _ = matrices(model, at)
+    elbow = model.index("joint elbow")
+    y = ca.SX.sym("y", model.n_q - 1)
+    others = np.delete(np.arange(model.n_q), elbow)
+
+    def with_elbow(p):
+        q = ca.SX(model.n_q, 1)
+        for i, place in enumerate(others):
+            q[int(place)] = y[i]
+        q[elbow] = p
+        return q
+
+    at_0, at_90, at_180 = (model.constraint(with_elbow(p), model.theta) for p in (0.0, np.pi / 2, np.pi))
+    a, c = (at_0 - at_180) / 2, (at_0 + at_180) / 2
+    b = at_90 - c
+    found = {}
+    for branch in (1, -1):
+        gamma = with_elbow(ca.atan2(b, a) + branch * ca.acos(-c / ca.sqrt(a**2 + b**2)))
+        off = ca.Function("q", [y], [gamma])(point.q[others]).full()[:, 0] - point.q
+        found[abs(np.angle(np.exp(1j * off[elbow])))] = gamma
+    assert min(found) < 1e-9
+    gamma = found[min(found)]
+    K = ca.Function("K", [y], [ca.hessian(model.potential(gamma, model.theta), y)[0]])(point.q[others]).full()
+    Z = ca.Function("Z", [y], [ca.jacobian(gamma, y)])(point.q[others]).full()
+    s = 2j * np.pi * LINES[:, None, None]
+    H = s**2 * (Z.T @ M @ Z) + s * (Z.T @ D @ Z) + K
+    G = s**2 * (model.B.T @ Z @ np.linalg.solve(H, (Z.T @ model.B).astype(complex)))
+    assert far(G, response(robot, CONSTRAINED, at)) < 1e-10
+
+
+def test_wrong_sign_of_the_multiplier_shows():
+    """At a line where the forces in the loop matter, and worse than leaving them out."""
+    robot, at = PLANTS["four-bar, rigid"], Configuration("c", (0.9, 0.6))
+    model = formulate(robot, CONSTRAINED)
+    point, M, D, _, Phi = matrices(model, at)
+    right = response(robot, CONSTRAINED, at)
+    Z = np.linalg.svd(Phi)[2][len(Phi) :].T
+    errors = []
+    for sign in (1, 0, -1):
+        K = model.stiffness(point.q, sign * point.lambda_, model.theta).full()
+        s = 2j * np.pi * LINES[:, None, None]
+        H = s**2 * (Z.T @ M @ Z) + s * (Z.T @ D @ Z) + Z.T @ K @ Z
+        errors.append(far(s**2 * (model.B.T @ Z @ np.linalg.solve(H, (Z.T @ model.B).astype(complex))), right))
+    assert errors[0] < 1e-10 < 1e-4 < errors[1] < errors[2]
+
+
+def test_stiffness_is_the_derivative_of_the_forces():
+    """Hessian of V + lambda^T phi against central differences of dV/dq + Phi^T lambda."""
+    model = formulate(PLANTS["spatial, four-bar, elastic"], CONSTRAINED)
+    random = np.random.default_rng(2)
+    q, lambda_ = random.uniform(-0.5, 0.5, model.n_q), random.normal(0, 1e4, model.n_c)
+    K, step = model.stiffness(q, lambda_, model.theta).full(), 1e-6
+
+    def force(x):
+        phi_q = model.constraint_jacobian(x, model.theta).full()
+        return model.potential_gradient(x, model.theta).full()[:, 0] + phi_q.T @ lambda_
+
+    differences = [(force(q + step * e) - force(q - step * e)) / (2 * step) for e in np.eye(model.n_q)]
+    np.testing.assert_allclose(K, np.array(differences).T, rtol=0, atol=1e-7 * np.abs(K).max())
+
+
+@pytest.mark.parametrize("spec", [CONSTRAINED, MINIMAL, ModelSpec("minimal", "series_stiffness")])
+def test_derivatives_of_the_response_equal_differences(spec: ModelSpec):
+    """To 1e-6 for springs, dampers, rods and motors at a held operating point."""
+    robot = PLANTS["spatial, four-bar, elastic"]
+    model, at = formulate(robot, spec), postures(robot, 1, seed=5)[0]
+    wanted = ("k_3", "d_3", "k_rod", "d_rod", "Jm_2", "k_2")
+    linear = linearise(model, at, model.theta, model.inputs, "acceleration")
+    kernel = Kernel(linear, LINES, wanted)
+    _, dG = kernel.evaluate(linear.theta_ref)
+    for i, name in enumerate(wanted):
+        place, step = linear.parameters.index(name), 1e-4
+        up, down = (np.array(linear.theta_ref) for _ in range(2))
+        up[place] *= 1 + step
+        down[place] *= 1 - step
+        # The model is affine in theta but for springs in series, where it is so to first order only.
+        difference = (kernel.response(up) - kernel.response(down)) / (up[place] - down[place])
+        assert np.abs(dG[i] - difference).max() < 1e-6 * np.abs(dG[i]).max()
+
+
+def test_slopes_are_those_of_the_model_built_with_other_numbers():
+    """Against linearisations at changed stiffnesses about the same posture: the projection holds for the slopes too."""
+    robot = linkage(bends=True, spatial=True)
+    weightless = replace(robot, gravity=(0.0, 0.0, 0.0))
+    at = postures(robot, 1, seed=1)[0]
+    for spec in (CONSTRAINED, MINIMAL, ModelSpec("minimal", "lumped_rod")):
+        model = formulate(weightless, spec)
+        linear = linearise(model, at, model.theta, model.inputs, "acceleration")
+        for name in ("k_rod", "k_b2", "m_rod", "d_rod", "I_rod"):
+            theta = np.array(model.theta)
+            theta[model.parameters.index(name)] *= 1.3
+            moved = linearise(model, at, theta, model.inputs, "acceleration")
+            G = frequency_response(linear, np.append(theta, 0.0), LINES)
+            assert far(G, frequency_response(moved, moved.theta_ref, LINES)) < 1e-9, (spec, name)
+
+
+def test_redundant_constraints_change_nothing():
+    """A rod that is a body closed by a spatial pin (5 rows, 3 of them redundant), by a planar one, and as a rod."""
+    at = Configuration("c", (0.4, 0.1))
+    body = Body(
+        "bar",
+        "crank",
+        Placement((-LEVER, -0.069, 0.0)),
+        (Joint("bar", "y"),),
+        6.2,
+        (0.0, 0.0, 0.52 * LOWER),
+        (0.64, 0.64, 0.0),
+    )
+    ends = (Anchor("bar", (0.0, 0.0, LOWER)), Anchor("upper", (-LEVER, 0.0, 0.0)))
+    loops = (Loop("top", ends, Pin("y", planar=True)), Loop("top", ends, Pin("y")), Loop("top", ends))
+    reference = response(linkage(RIGID_ROD), CONSTRAINED, at)
+    for loop in loops:
+        robot = linkage(loop=loop, further=(body,))
+        assert formulate(robot).n_c in (2, 3, 5)
+        for spec in (CONSTRAINED, MINIMAL):
+            assert far(response(robot, spec, at), reference) < 1e-10
+    twice = linkage(RIGID_ROD)
+    again = replace(twice.loops[0], name="again", rod=Rod(LOWER))
+    doubled = replace(twice, loops=(*twice.loops, again))
+    for spec in (CONSTRAINED, MINIMAL):
+        assert far(response(doubled, spec, at), reference) < 1e-10
+
+
+def test_any_choice_of_independent_coordinates_gives_the_same_response():
+    """And one that is none is refused, with what is wrong."""
+    robot, at = PLANTS["four-bar, rigid"], Configuration("c", (0.4, 0.1))
+    reference = response(robot, CONSTRAINED, at)
+    for dropped in ("joint elbow", "joint 2", "joint 3"):
+        kept = tuple(name for name in formulate(robot).coordinates if name != dropped)
+        assert far(response(robot, ModelSpec("minimal", independent=kept), at), reference) < 1e-9
+    short = tuple(name for name in formulate(robot).coordinates if name != "motor 2")
+    with pytest.raises(StudyError, match="motor 3 are not independent here"):
+        response(robot, ModelSpec("minimal", independent=short), at)
+    with pytest.raises(StudyError, match="leave 4"):
+        response(robot, ModelSpec("minimal", independent=("joint 2",)), at)
+    with pytest.raises(StudyError, match="'joint 9' is no coordinate; did you mean"):
+        response(robot, ModelSpec("minimal", independent=("joint 9",)), at)
+
+
+def test_holding_torques_are_the_slope_of_the_energy():
+    """u0 = dV/dq_m along the equilibria, by differences of the potential at rest."""
+    robot = PLANTS["spatial, four-bar, elastic"]
+    for spec in (CONSTRAINED, MINIMAL):
+        model, angles, step = formulate(robot, spec), np.array([0.2, 0.5, 0.3]), 1e-4
+
+        def energy(at, model=model):
+            point = equilibrium(model, model.theta, Configuration("c", at))
+            return float(model.potential(point.q, model.theta))
+
+        slope = [(energy(angles + step * e) - energy(angles - step * e)) / (2 * step) for e in np.eye(3)]
+        u = equilibrium(model, model.theta, Configuration("c", angles)).u
+        np.testing.assert_allclose(u, slope, rtol=1e-5, atol=1e-3)
+
+
+def test_a_parallelogram_keeps_the_direction_of_its_upper_arm():
+    """The crank drives the absolute angle: the elbow turns by q3 - q2."""
+    robot = PLANTS["parallelogram, rigid"]
+    model = formulate(robot)
+    for at in postures(robot, 3):
+        q = model.index("joint elbow")
+        posture = rigid_posture(model, at)
+        assert posture[q] == pytest.approx(at.angles[1] - at.angles[0], abs=1e-9)
+        T = rates(robot, posture[None, : len(robot.joints)])[0]
+        np.testing.assert_allclose(T[q], [-1, 1], atol=1e-9)
+
+
+def test_the_start_decides_how_a_loop_is_put_together_and_it_stays_so():
+    """The other branch of a four-bar is another mechanism, followed to the same configuration."""
+    robot, at = PLANTS["four-bar, rigid"], Configuration("c", (0.5, 0.3))
+    *others, upper = robot.bodies
+    flipped = replace(robot, bodies=(*others, replace(upper, joints=(Joint("elbow", "y", start=2.6),))))
+    elbows = []
+    for one in (robot, flipped):
+        model = formulate(one)
+        point = equilibrium(model, model.theta, at)
+        assert np.abs(model.constraint(point.q, model.theta).full()).max() < 1e-10
+        elbows.append(point.q[model.index("joint elbow")])
+    assert abs(elbows[1] - elbows[0]) > 1.0
+
+
+def wrong(robot: Robot, angles=(0.0, 0.0)) -> str:
+    with pytest.raises(StudyError) as caught:
+        response(robot, CONSTRAINED, Configuration("pose", angles))
+    return str(caught.value)
+
+
+def test_what_is_wrong_with_a_loop_is_said():
+    """How much stays open and where; what is locked, left free, folded up."""
+    said = wrong(linkage(Rod(2.0)))
+    assert "pose: loop rod does not close at the start posture" in said
+    assert "the rod is 2000 mm" in said
+    assert "joint elbow may fold over" in wrong(PLANTS["parallelogram, rigid"], (0.0, -1.57))
+    geared = Joint("elbow", "y", Spring(1e5), Motor(1e-3, 50))
+    robot = PLANTS["parallelogram, rigid"]
+    locked = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=(geared,))))
+    assert "lock 2, 3, elbow" in wrong(locked, (0.0, 0.0, 0.0))
+    loose = (Joint("elbow", "y"), Joint("twist", (-LEVER, 0.0, 0.0)))
+    free = replace(robot, bodies=(*robot.bodies[:-1], replace(robot.bodies[-1], joints=loose)))
+    assert "leave joint twist undetermined" in wrong(free)
+    far_off = linkage(Rod(0.75), crank=0.45)
+    assert "does not close: its ends are" in wrong(far_off, (0.0, -1.2))
+
+
+def test_what_no_loop_can_be_is_refused():
+    """By the description itself."""
+    ends = (Anchor("crank"), Anchor("upper"))
+    for make, words in (
+        (lambda: Loop("l", (Anchor("crank"), Anchor("crank"))), "joins two bodies"),
+        (lambda: Loop("l", ends, Pin(), Rod(1.0)), "not both"),
+        (lambda: Rod(0.0), "must be positive"),
+        (lambda: Rod(1.0, damping=3.0), "no stiffness"),
+        (lambda: linkage(loop=Loop("crank", ends)), "called so already"),
+        (lambda: linkage(loop=Loop("l", (Anchor("crnk"), Anchor("upper")))), "did you mean 'crank'"),
+        (lambda: ModelSpec("constrained", "rigid_loop"), "minimal formulation"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            make()
+    with pytest.raises(StudyError, match="serial formulation would leave open"):
+        formulate(PLANTS["parallelogram, rigid"], ModelSpec("serial"))
+
+
+POSTURE = Configuration("c", np.radians([10.0, -5.0]))
+
+
+def mode_shapes(robot, formulation):
+    """A formulation, the frequencies of its modes and their shapes in all of its coordinates."""
+    model = formulate(robot, formulation)
+    linear = linearise(model, POSTURE, model.theta, robot.motor_locations, "acceleration")
+    found = modes(linear, np.append(model.theta, 0.0))
+    return model, found.freq_hz, shapes_of_all(linear, found.shapes)
+
+
+@pytest.mark.parametrize("bends", [False, True])
+def test_both_formulations_have_the_same_mode_shapes_in_all_coordinates(bends):
+    """Eliminated coordinates move as the loop makes them; the largest entry is 1."""
+    constrained, freq_hz, shapes = mode_shapes(linkage(RIGID_ROD, bends=bends), CONSTRAINED)
+    minimal, same_freq_hz, same_shapes = mode_shapes(linkage(RIGID_ROD, bends=bends), MINIMAL)
+    np.testing.assert_allclose(freq_hz, same_freq_hz, rtol=1e-8)
+    assert shapes.shape == (constrained.n_q, len(freq_hz))
+    for name in constrained.coordinates:
+        one, other = constrained.coordinates.index(name), minimal.coordinates.index(name)
+        np.testing.assert_allclose(np.abs(shapes[one]), np.abs(same_shapes[other]), atol=1e-7)
+    np.testing.assert_allclose(np.abs(shapes).max(axis=0), 1)
+
+
+def test_a_mode_of_a_linkage_keeps_its_loops_closed():
+    """Phi times the shape is zero: no mode pulls the rod off its pins."""
+    model, _, shapes = mode_shapes(linkage(RIGID_ROD, bends=True), CONSTRAINED)
+    point = equilibrium(model, model.theta, POSTURE)
+    Phi = model.constraint_jacobian(point.q, model.theta).full()
+    assert len(Phi) > 0
+    np.testing.assert_allclose(Phi @ shapes, 0, atol=1e-9 * np.abs(Phi).max())

@@ -1,0 +1,104 @@
+"""What gives way can be rigid: gears, joints and rods, in every formulation, as the limit of ever stiffer springs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.gears import wrist
+from plants.linkages import linkage
+from plants.two_axes import ROBOT
+from pydantic import TypeAdapter
+from ruamel.yaml import YAML
+
+from elastid.base.errors import StudyError
+from elastid.linear.equilibrium import equilibrium
+from elastid.linear.linearise import linearise
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.robot.simplified import elastic_coordinates, further_elastic, stiffened
+
+LINES = np.geomspace(1, 60, 30)
+SERIAL, CONSTRAINED, MINIMAL = ModelSpec(), ModelSpec("constrained"), ModelSpec("minimal")
+# Two axes whose second motor rides on the first link, with gravity and two joints that give sideways.
+RIDING = TypeAdapter(Robot).validate_python(YAML(typ="safe").load(ROBOT))
+PLANTS = {
+    "riding motors": (RIDING, (0.3, 0.9), (SERIAL,)),
+    "shafts before the couplings": (wrist(), (0.3, 0.5, -0.2), (SERIAL,)),
+    "springs before the couplings": (wrist("before", shafts=False, links=True), (0.3, 0.5, -0.2), (SERIAL,)),
+    "springs after the couplings": (wrist(shafts=False, links=True), (0.3, 0.5, -0.2), (SERIAL,)),
+    "springs between and in series": (wrist(links=True, before=("6",)), (0.3, 0.5, -0.2), (SERIAL,)),
+    "parallelogram": (linkage(), (0.3, 0.1), (CONSTRAINED, MINIMAL)),
+    "spatial, bending": (linkage(bends=True, spatial=True), (0.4, 0.3, 0.1), (CONSTRAINED, MINIMAL)),
+}
+
+
+def response(robot: Robot, spec: ModelSpec, angles: tuple[float, ...]) -> np.ndarray:
+    model = formulate(robot, spec)
+    linear = linearise(model, Configuration("c", angles), model.theta, model.inputs, "acceleration")
+    return frequency_response(linear, linear.theta_ref, LINES)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_ever_stiffer_springs_tend_to_a_rigid_coordinate_at_the_rate_of_their_compliance(plant: str) -> None:
+    """Every coordinate in turn: ten times the stiffness, a tenth of the difference; motors stay inputs and outputs."""
+    robot, angles, specs = PLANTS[plant]
+    for spec in specs:
+        for coordinate in elastic_coordinates(robot):
+            rigid = stiffened(robot, [coordinate.name])
+            exact = response(rigid, spec, angles)
+            springs = {f"k_{coordinate.name}", f"km_{coordinate.name}"} & set(robot.parameters())
+            off = []
+            for factor in (1e4, 1e5):
+                stiff = robot.with_parameters({name: factor * robot.parameters()[name][0] for name in springs})
+                off.append(np.abs(response(stiff, spec, angles) - exact).max() / np.abs(exact).max())
+            assert off[0] < 0.02
+            assert off[0] / off[1] == pytest.approx(10, rel=0.05), coordinate.label
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_all_coordinates_rigid_leave_the_rigid_robot(plant: str) -> None:
+    """No spring and no flexible gear is left; the response is real but for friction, the same in both formulations."""
+    robot, angles, specs = PLANTS[plant]
+    rigid = stiffened(robot, [coordinate.name for coordinate in elastic_coordinates(robot)])
+    assert elastic_coordinates(rigid) == ()
+    assert rigid.flexible == ()
+    assert not [name for name in rigid.parameters() if name.startswith(("k_", "km_", "d_", "dm_"))]
+    assert rigid.motor_locations == robot.motor_locations
+    found = [response(rigid, spec, angles) for spec in specs]
+    for other in found[1:]:
+        np.testing.assert_allclose(other, found[0], rtol=1e-8, atol=1e-10 * np.abs(found[0]).max())
+
+
+def test_a_rigid_gear_is_the_rotor_on_the_joint() -> None:
+    """G = 1 / (I + n^2 J + (f + n^2 f_m) / s), and a deflection that is none under gravity."""
+    motor = Motor(2e-3, 50, 3e-3)
+    body = Body("arm", joints=(Joint("1", "y", Spring(1e4, 5.0), motor, 2.0),), mass=10, center_of_mass=(0.2, 0, 0))
+    robot = stiffened(Robot("one", (replace(body, inertia=1.3),), (0.0, 0.0, -9.81)), ["1"])
+    up = (-np.pi / 2,)  # the centre of mass above the joint, which gravity would tip over but for the motor
+    s = 2j * np.pi * LINES
+    gravity = -10 * 9.81 * 0.2
+    inertia = 1.3 + 10 * 0.2**2 + 50**2 * 2e-3
+    expected = s**2 / (s**2 * inertia + s * (2.0 + 50**2 * 3e-3) + gravity)
+    np.testing.assert_allclose(response(robot, SERIAL, up)[:, 0, 0], expected, rtol=1e-9)
+    model = formulate(robot)
+    assert equilibrium(model, model.theta, Configuration("c", (0.1,))).q.tolist() == [0.1]
+
+
+def test_what_is_elastic_is_listed_in_one_place() -> None:
+    """Gears of driven joints, one each whatever springs they have, further joints, rods; with labels for people."""
+    robot = linkage(bends=True)
+    assert [each.label for each in elastic_coordinates(robot)] == ["gear 2", "b2", "gear 3", "rod rod"]
+    assert further_elastic(robot) == ("b2",)
+    assert [each.label for each in elastic_coordinates(wrist(links=True))] == ["gear 4", "gear 5", "gear 6"]
+
+
+@pytest.mark.parametrize(("name", "says"), [("9", "joint 9 has no spring"), ("elbow", "joint elbow has no spring")])
+def test_what_has_no_spring_cannot_be_made_rigid(name: str, says: str) -> None:
+    """The message lists what can; a rod that is rigid already is a loop without a spring."""
+    with pytest.raises(StudyError, match=f"{says} that could be left out; elastic joints and rods .* 2, 3, rod"):
+        stiffened(linkage(), [name])
+    with pytest.raises(StudyError, match=r"loop rod has no spring that could be left out; .* 2, 3$"):
+        stiffened(stiffened(linkage(), ["rod"]), ["rod"])

@@ -1,0 +1,1 @@
+"""Plants, studies and values that tests of several rooms share."""

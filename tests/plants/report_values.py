@@ -1,0 +1,109 @@
+"""What a report shows, made up: responses, a fit, a plan."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.experiment.plan.plan import Plan
+from elastid.fit.result import FitResult, LocalOptimum
+from elastid.parameters import Parameter, ParameterSet, Tie
+from elastid.record import Configuration
+from elastid.report.content import ModeRow, ReportContent
+from elastid.response import Covariance, FrequencyResponse
+from elastid.validation.agreement import validate
+
+FREQ_HZ = np.arange(2.1, 60.0, 0.8)
+
+
+def chain(n_u, n_y=None, stiffness=3e5):
+    """Acceleration of the first n_y of n_u motors and as many links, each link hung on the next (F, n_y, n_u)."""
+    n = 2 * n_u
+    M, K, D = np.diag(np.r_[np.full(n_u, 30.0), np.full(n_u, 25.0)]), np.zeros((n, n)), 20.0 * np.eye(n)
+    pairs = [(i, n_u + i) for i in range(n_u)] + [(n_u + i, n_u + i + 1) for i in range(n_u - 1)]
+    for i, j in pairs:
+        v = np.eye(n)[i] - np.eye(n)[j]
+        K, D = K + stiffness * np.outer(v, v), D + 500 * np.outer(v, v)
+    s = 2j * np.pi * FREQ_HZ[:, None, None]
+    return (s**2 * np.linalg.inv(M * s**2 + D * s + K))[:, : n_y or n_u, :n_u]
+
+
+def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0):
+    """A measured response with noise and total covariance, and a model that is a little off."""
+    rng = np.random.default_rng(seed)
+    G, model = chain(n_u, n_y), chain(n_u, n_y, 3.03e5)
+    noise, total = np.full(G.shape, 4e-8), 4e-8 + (0.03 * np.abs(G)) ** 2
+    Ghat = G + np.sqrt(total / 2) * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape))
+    inputs = tuple(f"motor {i + 1}" for i in range(n_u))
+    outputs = tuple(f"place {i + 1}" for i in range(G.shape[1]))
+    common = (inputs, outputs, "acceleration", Configuration(name, np.radians([10.0] * n_u)))
+    measured = FrequencyResponse(
+        FREQ_HZ, Ghat, *common, Covariance(noise, 11), Covariance(total, 9), rate_is_known, (f"a note on {name}",)
+    )
+    return measured, FrequencyResponse(FREQ_HZ, model, *common, rate_is_known=rate_is_known)
+
+
+PARAMETERS = ParameterSet(
+    (
+        Parameter("k_1", 2e5, "N*m/rad", 1e3, 1e7, log=True),
+        Parameter("k_2", 4e5, "N*m/rad", 1e3, 1e7, log=True),
+        Parameter("d_1", 300.0, "N*m*s/rad", 250.0, 1e5, log=True),
+        Parameter("x_c", 0.1, "m", -1.0, 1.0),
+        Parameter("d_2", 300.0, "N*m*s/rad", log=True, tie=Tie("d_1", 2.0)),
+        Parameter("mass", 25.0, "kg", free=False),
+    )
+)
+
+
+TRUTH = {"k_1": 3e5, "k_2": 3.1e5, "d_1": 400.0, "x_c": -0.02}
+
+
+def fit_result(parameters=PARAMETERS, hits=3):
+    n = len(parameters.free)
+    x = np.array([math.log(3.02e5), math.log(3e5), math.log(250.0), -0.015])[:n]
+    std = np.array([0.01, 0.02, 0.2, 0.004])[:n]
+    r = np.eye(n)
+    r[0, 1] = r[1, 0] = -0.97
+    costs = (210.0, 210.0, 210.1, 900.0, 2000.0)
+    return FitResult(
+        parameters=parameters,
+        x=x,
+        covariance=r * np.outer(std, std),
+        cost=210.0,
+        dof=200,
+        cost_expected=202.0,
+        status="at_bound",
+        message="The fit ended with d_1 at its lower bound.",
+        starts=tuple(LocalOptimum(parameters.x, x, cost, 20, cost < 1000, "") for cost in costs),
+        hits=hits,
+        at_bound=np.arange(n) == 2,
+        singular_values=np.array([2.0, 1.0, 0.5, 0.01])[:n],
+        criterion="complex",
+        warnings=("d_1 is at its lower bound of 250 N*m*s/rad",),
+    )
+
+
+def plan(n_u=3):
+    rng = np.random.default_rng(0)
+    lines = np.arange(5, 150, 2)
+    R = 30 * np.exp(2j * np.pi * rng.random((1, 2, n_u, len(lines), n_u)))
+    inputs = tuple(f"motor {i + 1}" for i in range(n_u))
+    return Plan((Configuration("c1", np.zeros(n_u)),), inputs, 250.0, 500, 2, 1, lines, R)
+
+
+def report_content(**changes):
+    frf = (pair(2, name="c1"), pair(2, name="c2", seed=1))
+    content = ReportContent(
+        title="A study",
+        verdict="Every stiffness is within 3 % of the truth.",
+        warnings=("c1: period 3 was left out", "k_1 and k_2 are nearly one parameter to the data"),
+        result=fit_result(),
+        frf=frf,
+        validation=validate(*zip(*frf, strict=True), left_out=["c2"]),
+        modes=(ModeRow("c1", np.array([9.125, 14.2]), np.array([0.04, 0.06])),),
+        study_text="robot: arm.yml  # <the robot>\n",
+        provenance={"elastid": "0.1.0", "seed": "17"},
+        truth=TRUTH,
+        plan=plan(2),
+    )
+    return replace(content, **changes)

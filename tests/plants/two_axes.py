@@ -1,0 +1,95 @@
+"""A robot of two axes with two further elastic joints, a study of it, and its responses."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.app.console import Console
+from elastid.app.run import Run
+from elastid.base.arrays import FloatArray
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
+from elastid.response import Covariance
+from elastid.robot import Robot
+from elastid.store import write_responses
+from elastid.study import load
+
+ROBOT = """\
+name: two axes
+gravity: [0, 0, -9.81]
+bodies:
+  - name: upper
+    joints:
+      - name: 1
+        axis: z
+        motor: {inertia: 0.2, ratio: 6, viscous: 0.02}
+        spring: {stiffness: 30 kN*m/rad, damping: 30}
+      - {name: 1x, axis: x, spring: {stiffness: 40 kN*m/rad, damping: 30}}
+    mass: 30
+    center_of_mass: [0.05, 0, 0.3]
+    inertia: [2, 2, 0.6]
+  - name: fore
+    parent: upper
+    placement: {xyz: [0, 0, 0.6]}
+    joints:
+      - name: 2
+        axis: y
+        motor: {inertia: 0.1, ratio: 5, viscous: 0.02, on: upper, axis: z}
+        spring: {stiffness: 15 kN*m/rad, damping: 10}
+      - {name: 2x, axis: x, spring: {stiffness: 12 kN*m/rad, damping: 5}}
+    mass: 20
+    center_of_mass: [0.3, 0.05, 0.05]
+    inertia: [0.4, 1.5, 1.5]
+"""
+
+
+STUDY = """\
+name: two
+robot: robot.yml
+seed: 2
+excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 50], torque_rms: 10}
+experiment:
+  configurations: {a: [0, 0.2], b: [0.5, 0.9], c: [-0.4, -0.7], d: [1, 1.4]}
+  simulated: {}
+fit: {starts: 2, start_factor: 1.5, parameters: {"k_*": {}, d_2x: {}, d_1: {fixed: true}}}
+report: {formats: [png]}
+"""
+
+
+FREQ = np.linspace(2, 50, 60)
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """The path of a study whose responses are not there yet."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    return tmp_path / "study.yml"
+
+
+def measured(
+    study: Path,
+    truth: Robot,
+    *overrides: str,
+    seed: int = 0,
+    jobs: int = 1,
+    folder: str = "run",
+    freq_hz: FloatArray = FREQ,
+    noise: float = 0.02,
+) -> Run:
+    """A run whose frf.h5 holds what `truth` does, with 2 % noise."""
+    run = Run(load(study, overrides), study.parent / folder, jobs, Console(-1))
+    rng, model, responses = np.random.default_rng(seed), formulate(truth), []
+    linearisation = Linearisation.of(model)
+    for name, angles in run.study.experiment.configurations.items():
+        linear = linearisation.at(Configuration(name, angles), model.theta, truth.motor_locations, "acceleration")
+        exact = to_response(linear, np.append(model.theta, 0.0), freq_hz)
+        std = noise * np.abs(exact.G) + 1e-3 * np.abs(exact.G).max(axis=0)
+        drawn = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        responses.append(replace(exact, G=exact.G + drawn, total=Covariance(std**2, np.inf)))
+    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
+    return run

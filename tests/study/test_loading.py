@@ -1,0 +1,431 @@
+"""A study file is read strictly: every error by file, line and column, in one readable sentence."""
+
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.strategies import DataObject
+
+from elastid.base.errors import StudyError
+from elastid.study import load, schema
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
+
+
+def errors(study: Path, *overrides: str) -> list[str]:
+    """The lines of the refusal, without the folder."""
+    with pytest.raises(StudyError) as refusal:
+        load(study, overrides)
+    return str(refusal.value).replace(f"{study.parent}/", "").splitlines()
+
+
+def edited(study: Path, old: str, new: str, file: str = "study.yml") -> Path:
+    path = study.parent / file
+    assert old in path.read_text()
+    path.write_text(path.read_text().replace(old, new))
+    return study
+
+
+def test_a_good_study_is_read_in_si(tiny: Path) -> None:
+    """Units, the robot's file and defaults."""
+    study = load(edited(tiny, "k_1: 60 N*m/rad", "k_1: 0.06 kN*m/rad")).study
+    assert study.experiment.simulated is not None
+    assert study.experiment.simulated.truth == {"k_1": 60.0}
+    assert study.experiment.configurations["b"] == (pytest.approx(math.radians(30)),)
+    assert study.robot.driven[0].limits.angle == pytest.approx((-math.pi / 2, math.pi / 2))
+    assert study.validation.left_out == ()
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted([*CONFIGS.glob("*.yml"), *(TEMPLATES / name / "study.yml" for name in ("serial", "parallel-linkage"))]),
+    ids=str,
+)
+def test_every_shipped_study_loads(path: Path) -> None:
+    """What we ship is read without error, where its data are there."""
+    try:
+        assert load(path).study.robot.driven
+    except StudyError as error:
+        if "no such file" not in str(error):
+            raise
+        pytest.skip(f"its recorded data are not here: {error}")
+
+
+@pytest.mark.parametrize(("template", "file"), [("recorded", "logs/bench_1.csv"), ("responses", "bench.csv")])
+def test_a_template_lacks_only_its_data(template: str, file: str, tmp_path: Path) -> None:
+    """A new study of measured data says which file to bring."""
+    for source in (TEMPLATES / template).iterdir():
+        (tmp_path / source.name).write_text(source.read_text())
+    (error,) = errors(tmp_path / "study.yml")
+    assert f"experiment.{template}.files[0].path: no such file" in error
+    assert file in error
+
+
+# (what stands in the study, what is written instead, the key path, part of the message)
+WRONG = [
+    ("rate_hz: 500", "rate_hs: 500", "excitation.rate_hs", "unknown key; did you mean 'rate_hz'?"),
+    ("  starts: 2", "  strats: 2", "fit.strats", "unknown key; did you mean 'starts'?"),
+    ("torque_rms: 0.1", "torque_rms: 0.1 kg", "excitation.torque_rms", "unit 'kg' measures kg, not N*m"),
+    ("torque_rms: 0.1", "torque_rms: [0.1 N*m, 0.2 kg]", "excitation.torque_rms[1]", "unit 'kg' measures kg"),
+    ("torque_rms: 0.1", "torque_rms: [1, 2]", "excitation.torque_rms", "2 torques for 1 motors"),
+    ("torque_rms: 0.1", "torque_rms: {a: 1}", "excitation.torque_rms", "expected a number in N*m"),
+    ("torque_rms: 0.1", "torque_rms: much", "excitation.torque_rms", "'much' is not a number with a unit"),
+    ("band_hz: [5, 100]", "band_hz: [5]", "excitation.band_hz", "expected a list of 2"),
+    ("band_hz: [5, 100]", "band_hz: [5, 100, 3]", "excitation.band_hz", "expected a list of 2"),
+    ("band_hz: [5, 100]", "band_hz: [5, 300]", "excitation.band_hz", "300 Hz is not below half the sampling rate"),
+    ("band_hz: [5, 100]", "band_hz: [5, 100]\n  grid: ood", "excitation.grid", "expected one of full, odd"),
+    ("seed: 1", "seed: -1", "seed", "must not be negative"),
+    ("seed: 1", "seed: 1.5", "seed", "expected a whole number"),
+    ("seed: 1", "seed: " + "9" * 30, "", "is not a number that can be computed with"),
+    ("name: tiny", "name: a/b", "name", "cannot name a file"),
+    ("fit:\n  starts: 2", "fit: 3\nfoo:\n  starts: 2", "fit", "expected a mapping"),
+    ("a: [0]", "a: [0, 1]", "experiment.configurations.a", "2 angles for 1 driven joints (1)"),
+    ("a: [0]", "a: [100 deg]", "experiment.configurations.a[0]", "outside its limits"),
+    ("a: [0]", "../a: [0]", "experiment.configurations.../a", "cannot name a file"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: 60 N*m}", "experiment.simulated.truth.k_1", "measures N*m, not N*m/rad"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_l: 60}", "experiment.simulated.truth.k_l", "did you mean 'k_1'?"),
+    ("truth: {k_1: 60 N*m/rad}", "truth: {k_1: -60}", "experiment.simulated.truth.k_1", "must be positive"),
+    ("    k_1: {}", "    k_7*: {}", "fit.parameters.k_7*", "no parameter of the robot"),
+    ("    k_1: {}", "    k_1:", "fit.parameters.k_1", "expected a mapping ({} for the defaults)"),
+    ("    k_1: {}", "    k_1: {start: 1 kg}", "fit.parameters.k_1.start", "unit 'kg' measures kg"),
+    ("    k_1: {}", "    k_1: {bounds: [1, 2]}", "fit.parameters.k_1.bounds", "the start 50 N*m/rad of k_1 is outside"),
+    ("    k_1: {}", "    k_1: {bounds: [2, 1]}", "fit.parameters.k_1.bounds", "not below the upper bound"),
+    ("    k_1: {}", "    k_1: {start: 0}", "fit.parameters.k_1", "give a positive one"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to", "did you mean 'd_1'?"),
+    ("    k_1: {}", "    '*_1': {start: 1}", "fit.parameters.*_1.start", "parameters of different units"),
+    ("    k_1: {}", "    delay: {start: 1 m}", "fit.parameters.delay.start", "not s"),
+    ("report:", "validation: {left_out: [c]}\nreport:", "validation.left_out[0]", "no configuration is called 'c'"),
+    ("report:", "validation: {left_out: [a, b]}\nreport:", "validation.left_out", "leave at least one to the fit"),
+    ("  starts: 2", "  mask: [{input: motor 2}]", "fit.mask[0].input", "did you mean 'motor 1'?"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, bounds: [1, 100]}", "fit.parameters.k_1", "bounds would not count"),
+    ("    k_1: {}", "    k_1: {tie: {to: d_1}, fixed: true}", "fit.parameters.k_1", "fixed would not count"),
+    ("  starts: 2", "  profile: [k_1, d_l]", "fit.profile[1]", "did you mean 'd_1'?"),
+    ("  starts: 2", "  weights: {factors: [{factor: 2, output: motor1}]}", "fit.weights.factors[0].output", "did you"),
+    (
+        "  starts: 2",
+        "  weights: {factors: [{factor: 2, configurations: [a, aa]}]}",
+        "fit.weights.factors[0].configurations[1]",
+        "did you mean 'a'?",
+    ),
+    ("    noise:", "    outputs: [joint 3]\n    noise:", "experiment.simulated.outputs[0]", "not a place on robot"),
+    (
+        "    noise:",
+        "    outputs: [motor 1, joint 1, motor 1]\n    noise:",
+        "experiment.simulated.outputs",
+        "its lines would count twice",
+    ),
+    (
+        "    noise:",
+        "    carrier: {amplitude: 1 deg, cycles: 5}\n    noise:",
+        "experiment.simulated.carrier",
+        "at most 4",
+    ),
+    (
+        "    noise:",
+        "    carrier: {kind: square, velocity: [0.1, 0.1]}\n    noise:",
+        "experiment.simulated.carrier",
+        "2 velocities for 1 motors",
+    ),
+    ("report:", "validation: {left_out: [a, a]}\nreport:", "validation.left_out", "names a configuration twice"),
+    ("name: tiny", "name: " + "n" * 101, "name", "has 101 characters"),
+    ("a: [0]", "c" * 101 + ": [0]", "experiment.configurations.c", "has 101 characters"),
+    ("  simulated:", "  realisations: 10001\n  simulated:", "experiment.realisations", "more than 10000 help nobody"),
+    ("  starts: 2", "  starts: 20000", "fit.starts", "it must be 1 to 10000"),
+    ("  starts: 2", "  start_factor: 2000", "fit.start_factor", "it must be 1 to 1000"),
+    ("  starts: 2", "  starts: true", "fit.starts", "expected a whole number"),
+    ("seed: 1", "seed: yes", "seed", "expected a whole number"),
+    ("  starts: 2", "  start_factor: true", "fit.start_factor", "expected a number"),
+    ("torque_rms: 0.1", "torque_rms: true", "excitation.torque_rms", "expected a number in N*m"),
+    ("  starts: 2", "  band_hz: [110, 120]", "fit.band_hz", "none of the excited lines from 5 to 99 Hz"),
+    ("  starts: 2", "  band_hz: [100, 10]", "fit.band_hz", "give [lowest, highest]"),
+    ("fit:\n", "estimator: {band_hz: [1, 4]}\nfit:\n", "estimator.band_hz", "none of the excited lines from 5 to 99"),
+    ("  starts: 2", "  start_factor: .nan", "fit.start_factor", "expected a finite number"),
+    ("  starts: 2", "  start_factor: .inf", "fit.start_factor", "expected a finite number"),
+    ("  simulated:", "  periods: 1\n  simulated:", "experiment.periods", "periods is 1; it must be at least 2"),
+    ("    noise:", "    carrier: {amplitude: 80 deg}\n    noise:", "experiment.configurations.b[0]", "the carrier's"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "keys", "message"), WRONG, ids=[f"{w[2]}-{w[1][:20]}" for w in WRONG])
+def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: str, keys: str, message: str) -> None:
+    """file:line:col: key.path: message, and the line is the one that was edited."""
+    found = [line for line in errors(edited(tiny, old, new)) if message in line]
+    assert len(found) == 1, errors(tiny)
+    place, _, rest = found[0].partition(": ")
+    file, line, column = place.split(":")
+    first = tiny.read_text().index(new)
+    lines = range(tiny.read_text()[:first].count("\n") + 1, tiny.read_text()[: first + len(new)].count("\n") + 2)
+    if "carrier" not in new:  # the sentence stands at the configuration that it takes out of its limits
+        assert int(line) in lines
+    assert file == "study.yml"
+    assert int(column) >= 1
+    assert rest.startswith(keys)
+    assert "Input should" not in rest
+
+
+# The same in the robot's own file.
+WRONG_ROBOT = [
+    ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "the gear ratio is 0"),
+    ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb friction is -1"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0]", "no body has the principal inertias"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia", "or a list of 3"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]", "unit 'kg' measures kg"),
+    ("stiffness: 50", "stifness: 50", "bodies[0].joints[0].spring.stifness", "did you mean 'stiffness'?"),
+    ("axis: z", "axis: w", "bodies[0].joints[0].axis", "expected one of x, y, z, or a list of 3"),
+    ("name: load", "name: load\n    parent: bas", "bodies[0].parent", "its parent bas is not listed"),
+    ("name: load", "name: load\n    name: load", "", "key 'name' is given twice"),
+    ("gravity:", "\tgravity:", "", "a tab cannot indent"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "keys", "message"), WRONG_ROBOT, ids=[w[2] + w[3][:12] for w in WRONG_ROBOT])
+def test_a_mistake_in_the_robot_names_the_robots_file(tiny: Path, old: str, new: str, keys: str, message: str) -> None:
+    """Line and column count in robot.yml, the key path starts there."""
+    found = [line for line in errors(edited(tiny, old, new, "robot.yml")) if message in line]
+    assert len(found) == 1
+    assert found[0].startswith("robot.yml:")
+    assert keys in found[0]
+    assert "robot.bodies" not in found[0]
+
+
+def test_all_errors_come_at_once_in_the_order_of_the_file(tiny: Path) -> None:
+    """Three sections, the robot's file last."""
+    edited(tiny, "rate_hz: 500", "rate_hs: 500")
+    edited(tiny, "  starts: 2", "  strats: 2")
+    edited(tiny, "stiffness: 50", "stiffness: -50", "robot.yml")
+    found = errors(tiny)
+    places = [(line.split(":")[0], int(line.split(":")[1])) for line in found]
+    assert [file for file, _ in places] == ["study.yml"] * 3 + ["robot.yml"]
+    assert places[:3] == sorted(places[:3])
+
+
+def test_errors_in_meaning_come_at_once_too(tiny: Path) -> None:
+    """Checks across sections do not stop at the first."""
+    edited(tiny, "a: [0]", "a: [0, 0]")
+    edited(tiny, "truth: {k_1: 60 N*m/rad}", "truth: {k_9: 60}")
+    edited(tiny, "    d_1: {}", "    d_9: {}")
+    assert len(errors(tiny)) == 3
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "study.yml:1:1: the file is empty"),
+        (b"# only a comment\n", "study.yml:1:1: the file is empty"),
+        (b"- 1\n- 2\n", "study.yml:1:1: a study is a mapping"),
+        (b"\x89HDF\r\n\x1a\n\x00\x01", "study.yml:1:1: not a YAML text in UTF-8 (byte 0x89)"),
+        (b"name: tiny\n\x00\n", "study.yml:2:1: not a YAML text"),
+        (b"name: [tiny\n", "broken YAML"),
+        (b"fit:\n\tstarts: 2\n", "study.yml:2:1: broken YAML: a tab cannot indent; use spaces"),
+        (b"name: tiny\nname: tiny\n", "study.yml:2:1: key 'name' is given twice (first in line 1)"),
+        (b"name: !!python/object/apply:os.system ['false']\n", "study.yml:1:7: the tag"),
+        (b"name: &a [*a]\n", "aliases repeat themselves"),
+        (b"name: tiny\n---\nname: tiny\n", "broken YAML"),
+        (b"- " * 3000 + b"1\n", "nested too deeply"),
+        (b"? [1, 2]\n: 3\n", "study.yml:1:3: a key must be a name"),
+    ],
+)
+def test_what_is_no_study_is_refused_by_place(tiny: Path, content: bytes, message: str) -> None:
+    """Empty, binary, broken, doubled, tagged: the same form."""
+    tiny.write_bytes(content)
+    (error,) = errors(tiny)
+    assert error.startswith("study.yml:")
+    assert message in error
+
+
+def test_a_missing_study_or_robot_is_named(tiny: Path) -> None:
+    """And other errors of the study still come."""
+    edited(tiny, "robot: robot.yml", "robot: ronot.yml")
+    found = errors(edited(tiny, "  starts: 2", "  strats: 2"))
+    assert any("study.yml:2:8: robot: no such file" in line for line in found)
+    assert any("fit.strats" in line for line in found)
+    assert errors(tiny.parent / "nope.yml") == ["nope.yml: no such file"]
+
+
+def test_an_inline_robot_is_the_robot(tiny: Path) -> None:
+    """robot: a path or the robot itself, with errors in the study's own lines."""
+    robot = (tiny.parent / "robot.yml").read_text()
+    indented = "robot:\n" + "".join(f"  {line}\n" for line in robot.splitlines())
+    apart = load(tiny).study
+    assert load(edited(tiny, "robot: robot.yml\n", indented)).study == apart
+    (error,) = errors(edited(tiny, "ratio: 1,", "ratio: 0,"))
+    assert error.startswith("study.yml:")
+    assert "robot.bodies[0].joints[0].motor.ratio" in error
+
+
+def test_set_takes_the_place_of_a_key(tiny: Path) -> None:
+    """Sections, lists, the robot's numbers, sections that the study does not have."""
+    study = load(
+        tiny,
+        [
+            "fit.starts=7",
+            "excitation.band_hz[1]=90 Hz",
+            "robot.bodies.0.joints.0.spring.stiffness=55",
+            "validation.left_out=[b]",
+            "experiment.configurations.c=[-10 deg]",
+        ],
+    ).study
+    assert study.fit.starts == 7
+    assert study.excitation is not None
+    assert study.excitation.band_hz == (5.0, 90.0)
+    assert study.robot.parameters()["k_1"][0] == 55.0
+    assert study.validation.left_out == ("b",)
+    assert list(study.experiment.configurations) == ["a", "b", "c"]
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("fit.starts", "write --set key.path=value"),
+        ("fit.starts=0", "fit.starts: starts is 0; it must be 1 to 10000"),
+        ("fit.strats=1", "fit.strats: unknown key; did you mean 'starts'?"),
+        ("excitation.band_hz.7=1", "'7' must be a number from 0 to 1"),
+        ("fit.starts=[1", "broken YAML"),
+        ("robot=other.yml", "robot: no such file"),
+        ("robot.bodies.0.joints.0.motor.ratio=0", "the gear ratio is 0"),
+    ],
+)
+def test_errors_of_an_override_name_it(tiny: Path, override: str, message: str) -> None:
+    """Not a line of a file that the user did not write it in."""
+    (error,) = errors(tiny, override)
+    assert error.startswith(f"--set {override}: ")
+    assert message in error
+
+
+def test_set_can_name_another_robot(tiny: Path) -> None:
+    """Overrides below `robot` then reach into that file."""
+    other = tiny.parent / "other.yml"
+    other.write_text((tiny.parent / "robot.yml").read_text().replace("stiffness: 50", "stiffness: 70"))
+    study = load(tiny, ["robot.bodies.0.mass=2", "robot=other.yml"]).study
+    assert study.robot.parameters()["k_1"][0] == 70.0
+    assert study.robot.parameters()["m_load"][0] == 2.0
+
+
+@given(data=st.data())
+@settings(deadline=None, max_examples=60)
+def test_no_text_breaks_the_reader(
+    tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str], data: DataObject
+) -> None:
+    """Whatever replaces a part of a good study: it loads or is refused, in the form of all refusals."""
+    text, robot = tiny_texts
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "robot.yml").write_text(robot)
+    start = data.draw(st.integers(0, len(text)))
+    end = data.draw(st.integers(start, min(start + 12, len(text))))
+    piece = data.draw(st.text(st.characters(exclude_categories=["Cs"]), max_size=6) | st.sampled_from("{}[]&*!|>%\t:-"))
+    study = folder / "study.yml"
+    study.write_text(text[:start] + piece + text[end:], encoding="utf-8")
+    try:
+        load(study)
+    except StudyError as error:
+        for line in str(error).splitlines():
+            assert line.startswith(f"{folder}/")
+
+
+def recorded(tiny: Path, **changes: str) -> Path:
+    """The study with logs in the place of the simulation."""
+    (tiny.parent / "logs").mkdir()
+    (tiny.parent / "logs" / "one.csv").write_text("u,y\n1,2\n")
+    keys = {"at": "motor 1", "y_at": "joint 1", "unit": "A", "file": "logs/one.csv", "configuration": "a"} | changes
+    text = tiny.read_text()
+    head, tail = text[: text.index("  simulated:")], text[text.index("fit:") :]
+    head = head.replace("    b: [30 deg]\n", "")
+    tiny.write_text(
+        head
+        + f"""\
+  recorded:
+    rate_hz: 500
+    period: 1
+    channels:
+      - {{role: u, at: {keys["at"]}, channel: u, quantity: current, unit: {keys["unit"]}, torque_constant: 1}}
+      - {{role: y, at: {keys["y_at"]}, channel: y, quantity: position}}
+    files:
+      - {{path: {keys["file"]}, configuration: {keys["configuration"]}}}
+"""
+        + tail
+    )
+    return tiny
+
+
+def test_a_recorded_study_loads_without_an_excitation(tiny: Path) -> None:
+    """Files count from the study's folder, not from where the user is."""
+    study = load(recorded(tiny)).study
+    assert study.experiment.recorded is not None
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys", "message"),
+    [
+        ({"file": "logs/on.csv"}, "experiment.recorded.files[0].path", "did you mean 'one.csv'?"),
+        ({"configuration": "q"}, "experiment.recorded.files[0].configuration", "no configuration is called 'q'"),
+        ({"at": "motor 9"}, "experiment.recorded.channels[0].at", "did you mean 'motor 1'?"),
+        ({"at": "joint 1"}, "experiment.recorded.channels[0].at", "no motor is called 'joint 1'"),
+        ({"y_at": "body loud z"}, "experiment.recorded.channels[1].at", "not a place on robot"),
+        ({"unit": "N*m"}, "experiment.recorded.channels[0].unit", "measures N*m, not A"),
+    ],
+)
+def test_channels_and_files_are_looked_for(tiny: Path, changes: dict[str, str], keys: str, message: str) -> None:
+    """Before any log is read."""
+    study = recorded(tiny, **changes)
+    assert any(keys in line and message in line for line in errors(study))
+
+
+def test_two_files_of_the_same_run_are_refused(tiny: Path) -> None:
+    """Which of them would be meant?"""
+    study = recorded(tiny)
+    study.write_text(
+        study.read_text().replace("    files:\n", "    files:\n      - {path: study.yml, configuration: a}\n")
+    )
+    (error,) = errors(study)
+    assert "both claim configuration a, realisation 0, experiment 0" in error
+
+
+def test_the_schema_is_json_with_units_and_closed_sections() -> None:
+    """For editors: 2020-12, no unknown keys, a description of every quantity's unit, names that may be numbers."""
+    document = json.loads(json.dumps(schema(), allow_nan=False))
+    assert document["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+    assert document["additionalProperties"] is False
+    assert {"name", "robot", "experiment"} == set(document["required"])
+    spring = document["$defs"]["Spring"]["properties"]["stiffness"]
+    assert "in N*m/rad" in spring["description"]
+    assert document["$defs"]["Joint"]["properties"]["name"]["type"] == ["string", "number"]
+    assert {"type": ["string", "number"]} in document["properties"]["robot"]["anyOf"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "given", "says"),
+    [
+        ("", "28.6", "joint 1 at 28.6 rad, 4.6 turns, is farther than robots go"),
+        ("motion: translation", "150", "write '150 mm' if that is meant, or give the joint its limits"),
+    ],
+)
+def test_a_joint_without_limits_far_beyond_what_robots_do_was_given_in_another_unit(
+    tiny: Path, motion: str, given: str, says: str
+) -> None:
+    """Degrees taken for rad, millimetres for m; a joint that really goes there says so by its limits."""
+    limits = "        limits: {angle: [-90 deg, 90 deg]}\n"
+    edited(tiny, limits, f"        {motion}\n" if motion else "", "robot.yml")
+    if motion:
+        edited(tiny, "60 N*m/rad", "60", "study.yml")
+    edited(tiny, "a: [0]", f"a: [{given}]")
+    (error,) = [line for line in errors(tiny) if "experiment.configurations.a[0]" in line]
+    assert says in error
+    edited(tiny, "        motor:", "        limits: {angle: [-200, 200]}\n        motor:", "robot.yml")
+    assert not any("farther than robots go" in line for line in _errors_if_any(tiny))
+
+
+def _errors_if_any(study: Path) -> list[str]:
+    try:
+        load(study)
+    except StudyError as refusal:
+        return str(refusal).splitlines()
+    return []
+
+
+def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
+    with pytest.raises(StudyError, match=r"cannot be read \(Is a directory\); name the study in it, such as"):
+        load(tiny.parent)
