@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeAlias, TypeVar, dataclass_transform, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,3 +20,49 @@ def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy
+
+
+_DTYPES: dict[str, type] = {
+    "FloatArray": np.float64,
+    "ComplexArray": np.complex128,
+    "BoolArray": np.bool_,
+    "IntArray": np.int64,
+}
+T = TypeVar("T")
+
+
+@overload
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def frozen_value(cls: type[T], /) -> type[T]: ...
+
+
+@overload
+@dataclass_transform(frozen_default=True, field_specifiers=(field,))
+def frozen_value(*, eq: bool) -> Callable[[type[T]], type[T]]: ...
+
+
+def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] | Callable[[type[T]], type[T]]:
+    """A frozen dataclass whose array fields are read-only copies of what was given, before its `__post_init__` checks.
+
+    An array field is one annotated FloatArray, ComplexArray, BoolArray or IntArray, alone or with `| None`; the
+    annotation gives the dtype.
+    """
+
+    def decorated(cls: type[T]) -> type[T]:
+        names = {name: _DTYPES.get(str(text).removesuffix(" | None")) for name, text in cls.__annotations__.items()}
+        arrays = {name: dtype for name, dtype in names.items() if dtype is not None}
+        check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
+
+        def freeze(self: T) -> None:
+            """Freeze the arrays, then check."""
+            for name, dtype in arrays.items():
+                value = getattr(self, name)
+                if value is not None:
+                    object.__setattr__(self, name, frozen(value, dtype))
+            if check is not None:
+                check(self)
+
+        cls.__post_init__ = freeze  # type: ignore[attr-defined]
+        return dataclass(frozen=True, eq=eq)(cls)
+
+    return decorated if cls is None else decorated(cls)

@@ -13,6 +13,7 @@ from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 from multiprocessing import get_context, parent_process
@@ -83,6 +84,33 @@ def resumed(
     for place, value in unordered(function, [items[index] for index in todo], jobs, with_those):
         finished[names[todo[place]]] = value
         yield todo[place], value
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How work is run: by `jobs` processes, telling progress(done, total), keeping what is finished in `checkpoint`.
+
+    checkpoint: from where an interrupted computation of the same arguments is resumed; a dict, or a mapping that
+    outlives the process. Results do not depend on any of the three.
+    """
+
+    jobs: int = 1
+    progress: Progress = silent
+    checkpoint: MutableMapping[str, Any] = field(default_factory=dict)
+
+    def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
+        """[function(item) for item in items]."""
+        return ordered(function, items, self.jobs, self.progress)
+
+    def unordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
+        """(index, function(item)) as they finish."""
+        return unordered(function, items, self.jobs, self.progress)
+
+    def resumed(
+        self, function: Callable[[Item], Value], items: Sequence[Item], names: Sequence[str]
+    ) -> Iterator[tuple[int, Value]]:
+        """`unordered`, resumed: what the checkpoint holds under the name of an item is taken from it."""
+        return resumed(function, items, names, self.checkpoint, self.jobs, self.progress)
 
 
 @contextmanager

@@ -19,7 +19,7 @@ from elastid.store.files import text_file
 from elastid.validation.compare import LeftOut, Refit
 
 _READ: dict[str, Callable[[dict[str, Any]], Any]] = {
-    "Start": lambda document: LocalOptimum(**document),
+    "LocalOptimum": lambda document: LocalOptimum(**document),
     "Profile": lambda document: Profile(
         document["name"],
         tuple(document["interval"]),
