@@ -33,7 +33,6 @@ from elastid.linear.operating_point_slopes import Following, following_of, total
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.null_space import motions
 from elastid.record import Configuration, Motion
-from elastid.robot.gears import gearboxes
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +118,7 @@ def _moves_with_parameters(model: ElasticModel) -> bool:
     """
     robot = model.robot
     bent = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
-    series = any(box.is_in_series for box in gearboxes(robot.driven, robot.gears))
+    series = any(box.is_in_series for box in robot.gearboxes)
     return bool(model.geometry) or (model.n_c == 0 and (bent or series))
 
 

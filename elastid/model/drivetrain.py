@@ -29,7 +29,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.robot import Robot
-from elastid.robot.gears import Gearbox, gearboxes
+from elastid.robot.gears import Gearbox
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
     for name, z in spring_deflections(robot).items():
         K += theta[name] * _direction(z)
         D += theta[f"d{name[1:]}"] * _direction(z)
-    for box in gearboxes(robot.driven, robot.gears):
+    for box in robot.gearboxes:
         if box.is_in_series:
             stiffness, damping = _in_series(box, gear_deflections(robot)[list(box.gears)], theta)
             K, D = K + stiffness, D + damping
@@ -92,7 +92,7 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
 def gear_deflections(robot: Robot) -> FloatArray:
     """delta = q_m - q_a of each driven joint as rows (n_u, n_q); zero rows for rigid gears."""
     rows: FloatArray = input_matrix(robot).T
-    rows[range(len(rows)), [robot.joints.index(joint) for joint in robot.driven]] -= 1.0
+    rows[range(len(rows)), robot.driven_indices] -= 1.0
     return rows
 
 
@@ -100,7 +100,7 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
     """z (n_q,), by name k_..., of springs in elastic gears: they are deflected by z q. None for springs in series."""
     delta = gear_deflections(robot)
     rows: dict[str, FloatArray] = {}
-    for box in gearboxes(robot.driven, robot.gears):
+    for box in robot.gearboxes:
         if not box.is_in_series:
             rows |= dict(zip(box.springs, box.deflections @ delta[list(box.gears)], strict=True))
     return rows
@@ -109,14 +109,14 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
 def rigid_rows(robot: Robot) -> FloatArray:
     """A (n_c, n_q): A q = 0, as the rigid ones among gears that couple axes want it; no rows without any."""
     delta = gear_deflections(robot)
-    rows = [box.rigid @ delta[list(box.gears)] for box in gearboxes(robot.driven, robot.gears)]
+    rows = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
     return np.vstack([np.zeros((0, delta.shape[1])), *rows])
 
 
 def series_torques(robot: Robot, theta: Mapping[str, ca.SX]) -> dict[str, ca.SX]:
     """x_s^T K_a (1, n_q), by name k_... or km_..., of springs in series: the torque that each bears is this times q."""
     rows: dict[str, ca.SX] = {}
-    for box in gearboxes(robot.driven, robot.gears):
+    for box in robot.gearboxes:
         if box.is_in_series:
             torques = ca.DM(box.X).T @ _series_stiffness(box, theta) @ ca.DM(gear_deflections(robot)[list(box.gears)])
             rows |= dict(zip(box.springs, ca.vertsplit(torques), strict=True))

@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, frozen, frozen_value
 from elastid.base.section import section
 from elastid.robot.joint import Joint
 
@@ -74,7 +74,7 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
     return directions
 
 
-@dataclass(frozen=True)
+@frozen_value(eq=False)
 class Gearbox:
     """Elastic gears that give way together: gears (n_g,), places among the driven joints; springs (n_s,), names k_...
 
@@ -86,33 +86,33 @@ class Gearbox:
     springs: tuple[str, ...]
     X: FloatArray
 
-    @property
+    @cached_property
     def is_in_series(self) -> bool:
         """More springs than ways to give: each gives what follows from the torque, not from the gears' deflection."""
         _, rank = self._directions
         return bool(len(self.springs) > rank)
 
-    @property
+    @cached_property
     def range(self) -> FloatArray:
         """The unit matrix where the springs leave no gear rigid."""
         U, rank = self._directions
-        return np.eye(len(U)) if rank == len(U) else _without_rounding(U[:, :rank])
+        return frozen(np.eye(len(U)) if rank == len(U) else _without_rounding(U[:, :rank]))
 
-    @property
+    @cached_property
     def rigid(self) -> FloatArray:
         """Rows of gears that turn with one another as if there were no spring."""
         U, rank = self._directions
-        return _without_rounding(U[:, rank:]).T
+        return frozen(_without_rounding(U[:, rank:]).T)
 
-    @property
+    @cached_property
     def deflections(self) -> FloatArray:
         """X^-1 (n_s, n_g), how far each spring gives per deflection of the gears, where springs are not in series."""
         length = np.linalg.norm(self.X, axis=0)
         square = len(self.springs) == len(self.gears)
         inverse = np.linalg.inv(self.X) if square else np.linalg.pinv(self.X / length) / length[:, None]
-        return np.asarray(inverse, np.float64)
+        return frozen(inverse)
 
-    @property
+    @cached_property
     def _directions(self) -> tuple[FloatArray, int]:
         """Left singular vectors of X, each spring's direction of unit length, and how many of them are reached."""
         U, size, _ = np.linalg.svd(self.X / np.linalg.norm(self.X, axis=0))
@@ -134,10 +134,10 @@ def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[G
     return tuple(boxes)
 
 
-def _check_series(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
-    """Compliances add for springs of one stiffness only."""
+def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
+    """ValueError for nonlinear springs in series: compliances add for springs of one stiffness only."""
     bent = {f"k_{joint.name}" for joint in driven if joint.spring is not None and not joint.spring.is_linear}
-    for box in gearboxes(driven, gears):
+    for box in boxes:
         if box.is_in_series and bent & set(box.springs):
             name = min(bent & set(box.springs))[2:]
             raise ValueError(
@@ -158,7 +158,7 @@ def _without_rounding(matrix: Any) -> FloatArray:
 
 
 def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
-    """ValueError for couplings of joints that are not there, a singular eta, nonlinear springs in series."""
+    """ValueError for couplings of joints that are not there and a singular eta."""
     names = [joint.name for joint in driven]
     pairs = [(gear.motor, gear.joint) for gear in gears]
     for pair in pairs:
@@ -174,4 +174,3 @@ def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
             "product of the motors' own ratios): some motion of the joints turns no motor; check the ratios, "
             "eta[motor, joint] = turns of the motor per turn of the joint"
         )
-    _check_series(driven, gears)

@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.section import section
 from elastid.robot.body import BASE, Body, Frame, Payload
-from elastid.robot.gears import GearCoupling, check_gears, gearboxes, mixing
+from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
 from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
@@ -71,6 +71,7 @@ class Robot:
         for joint in self.driven:
             self._check_carrier(joint)
         check_gears(self.driven, self.gears)
+        check_series(self.driven, self.gearboxes)
 
     def _check_compensators(self) -> None:
         """Each has its own name and ends on bodies that there are."""
@@ -114,15 +115,20 @@ class Robot:
             raise ValueError(f"payload: it is at {at}, which is no frame and no body; there are {', '.join(seats)}")
         return (*self.bodies, self.payload.body(*seats[at]))
 
-    @property
+    @cached_property
     def joints(self) -> tuple[Joint, ...]:
         """All joints, in the order of the tree: the link coordinates q_l."""
         return tuple(joint for body in self.bodies for joint in body.joints)
 
-    @property
+    @cached_property
     def driven(self) -> tuple[Joint, ...]:
         """The joints with a motor, in order: inputs, and the angles of a configuration."""
         return tuple(joint for joint in self.joints if joint.motor is not None)
+
+    @cached_property
+    def driven_indices(self) -> tuple[int, ...]:
+        """The index of each driven joint among all joints, in order."""
+        return tuple(i for i, joint in enumerate(self.joints) if joint.motor is not None)
 
     @cached_property
     def flexible(self) -> tuple[Joint, ...]:
@@ -130,7 +136,7 @@ class Robot:
 
         A spring of their own, or one before a gear that couples them with another motor.
         """
-        places = {place for box in gearboxes(self.driven, self.gears) for place in box.gears}
+        places = {place for box in self.gearboxes for place in box.gears}
         return tuple(joint for place, joint in enumerate(self.driven) if place in places)
 
     @property
@@ -138,20 +144,24 @@ class Robot:
         """`motor <joint>` of each motor: the inputs, and the outputs unless a study says otherwise."""
         return tuple(f"motor {joint.name}" for joint in self.driven)
 
-    @property
+    @cached_property
+    def gearboxes(self) -> tuple[Gearbox, ...]:
+        """The elastic gears, those that a spring turns together in one gearbox."""
+        return gearboxes(self.driven, self.gears)
+
+    @cached_property
     def mixing(self) -> FloatArray:
         """E (n_u, n_u) of eta = diag(ratio) E, the identity where no gear couples two axes.
 
         With motor angles and torques each referred to the link side by its own ratio alone: q_m' = E q_a, tau_a =
         E^T tau_m'.
         """
-        return mixing(self.driven, self.gears)
+        return frozen(mixing(self.driven, self.gears))
 
-    @property
+    @cached_property
     def eta(self) -> FloatArray:
         """The matrix of gear ratios (n_u, n_u): q_m = eta q_a from the link side to the motors, tau_a = eta^T tau_m."""
-        eta: FloatArray = np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing
-        return eta
+        return frozen(np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing)
 
     def ratio(self, joint: str) -> float:
         """Gear ratio of the motor of a joint; KeyError where it has none."""
@@ -205,6 +215,24 @@ class Robot:
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
         """Those of some places that translate."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
+
+    @cached_property
+    def branches(self) -> tuple[tuple[tuple[int, ...], tuple[int, ...]], ...]:
+        """Per loop: indices of the joints from each end up to the last that carries both, nearest to the end first."""
+        paths: dict[str, tuple[int, ...]] = {BASE: ()}
+        count = 0
+        for body in self.bodies:
+            paths[body.name] = (*paths[body.parent], *range(count, count := count + len(body.joints)))
+        ends = [[paths[end.body] for end in loop.ends] for loop in self.loops]
+        return tuple(
+            (tuple(i for i in reversed(first) if i not in second), tuple(i for i in reversed(second) if i not in first))
+            for first, second in ends
+        )
+
+    @cached_property
+    def joints_in_loops(self) -> tuple[int, ...]:
+        """Indices of the joints that a loop goes through, in order."""
+        return tuple(sorted({i for branches in self.branches for branch in branches for i in branch}))
 
     @property
     def numbers(self) -> Numbers:

@@ -24,7 +24,7 @@ from elastid.model.drivetrain import motor_coordinates
 from elastid.model.multibody import tree
 from elastid.model.open_chain import Equations, by_name, with_energies, with_strains
 from elastid.model.parallel_linkage.closed_posture import assembled
-from elastid.model.parallel_linkage.loop_closure import Closure, branches, joints_within
+from elastid.model.parallel_linkage.loop_closure import Closure
 from elastid.model.parallel_linkage.rods import elastic
 from elastid.model.spec import Variant
 from elastid.model.spring_energy import Strain
@@ -36,8 +36,8 @@ STIFF = ("rigid_loop", "constant_stiffness", "series_stiffness")
 
 def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
     """The elastic joints that are not driven and which a loop goes through."""
-    within = {i for loop in robot.loops for i in joints_within(robot, loop)}
-    return tuple(i for i in sorted(within) if robot.joints[i].spring is not None and robot.joints[i].motor is None)
+    joints = robot.joints
+    return tuple(i for i in robot.joints_in_loops if joints[i].spring is not None and joints[i].motor is None)
 
 
 def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
@@ -64,11 +64,11 @@ def unbent(robot: Robot, q: ca.SX) -> ca.SX:
     An elastic joint is straight; what lies behind the loop's next passive joint keeps its direction, as it does in a
     parallelogram: about parallel axes the passive joint has turned back by as much.
     """
-    seen, axes = ca.SX(q), _axes(robot)
-    for loop in robot.loops:
-        for branch in branches(robot, loop):
+    seen, axes, elastic_joints = ca.SX(q), _axes(robot), set(elastic_joints_within(robot))
+    for branches in robot.branches:
+        for branch in branches:
             passive = [i for i in branch if robot.joints[i].is_passive]
-            for i in set(branch) & set(elastic_joints_within(robot)):
+            for i in set(branch) & elastic_joints:
                 seen[i] = 0
                 if passive:
                     j = min(passive, key=lambda j: abs(j - i))
@@ -112,7 +112,7 @@ def series_stiffness(robot: Robot, of: Equations, found: Sequence[Closure], cons
 
 def _lever(robot: Robot, loop: Loop) -> int:
     """The elastically driven joint that turns an end of a loop, its first end if both are turned so."""
-    for branch in branches(robot, loop):
+    for branch in robot.branches[robot.loops.index(loop)]:
         for i in branch:
             if robot.joints[i].is_flexible:
                 return i

@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.model.parallel_linkage.loop_closure import closures, joints_within
+from elastid.model.parallel_linkage.loop_closure import Closure, closures
 from elastid.robot import Robot
 
 STEP = 0.05  # rad or m of a driven joint between two postures on the way
@@ -33,10 +33,13 @@ RANK = 1e-9
 class Mechanism:
     """Closure of a robot's loops over many postures: rows (n_g,), gaps (3 n_loops,) and their Jacobians to q (n_l,).
 
-    passive (n_p,), driven (n_u,): the joints that the loops move, and those that motors move.
+    closures: of its loops, at the symbols q.  passive (n_p,), driven (n_u,): the joints that the loops move, and those
+    that motors move.
     """
 
     robot: Robot
+    q: ca.SX
+    closures: tuple[Closure, ...]
     function: ca.Function
     passive: IntArray
     driven: IntArray
@@ -61,11 +64,9 @@ def mechanism(robot: Robot) -> Mechanism:
     q = ca.SX.sym("q", len(robot.joints))
     found = closures(robot, q)
     rows, gaps = ca.vertcat(*(one.rows for one in found)), ca.vertcat(*(one.gap for one in found))
-    within = {i for loop in robot.loops for i in joints_within(robot, loop)}
-    passive = [i for i in sorted(within) if robot.joints[i].is_passive]
-    driven = [i for i, joint in enumerate(robot.joints) if joint.motor is not None]
+    passive = [i for i in robot.joints_in_loops if robot.joints[i].is_passive]
     function = ca.Function("closure", [q], [rows, ca.densify(ca.jacobian(rows, q)), ca.densify(ca.jacobian(gaps, q))])
-    return Mechanism(robot, function, np.array(passive, np.int64), np.array(driven, np.int64))
+    return Mechanism(robot, q, found, function, np.array(passive, np.int64), np.array(robot.driven_indices, np.int64))
 
 
 def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -112,9 +113,8 @@ def _gone(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
 
 def rates(robot: Robot, q: FloatArray) -> FloatArray:
     """T (Q, n_l, n_u) with q' = T q_a' at joints q (Q, n_l) where no spring gives and no rod stretches."""
-    driven = [i for i, joint in enumerate(robot.joints) if joint.motor is not None]
-    T = np.zeros((len(q), len(robot.joints), len(driven)))
-    T[:, driven, range(len(driven))] = 1.0
+    T = np.zeros((len(q), len(robot.joints), len(robot.driven)))
+    T[:, robot.driven_indices, range(len(robot.driven))] = 1.0
     if robot.loops:
         parts = mechanism(robot)
         _, Phi = parts.rows(q)
@@ -149,7 +149,7 @@ def _closed_at_start(parts: Mechanism, q: FloatArray) -> FloatArray:
 
 def _open(robot: Robot, angles: FloatArray) -> FloatArray:
     q = np.zeros((*angles.shape[:-1], len(robot.joints)))
-    q[..., [i for i, joint in enumerate(robot.joints) if joint.motor is not None]] = angles
+    q[..., list(robot.driven_indices)] = angles
     return q
 
 
@@ -159,7 +159,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
     at_start = np.abs(parts.rows(start[None])[0]).max() > CLOSED
-    loop, gap = _widest(robot, start if at_start else end)
+    loop, gap = _widest(parts, start if at_start else end)
     if at_start:
         return (
             f"loop {loop} does not close at the start posture: {gap}; correct its ends or its rod's length, "
@@ -189,13 +189,11 @@ def _locked(parts: Mechanism, q: FloatArray) -> str:
     )
 
 
-def _widest(robot: Robot, q: FloatArray) -> tuple[str, str]:
+def _widest(parts: Mechanism, q: FloatArray) -> tuple[str, str]:
     """The loop that is most open, and by how much in words."""
-    x = ca.SX.sym("q", len(robot.joints))
-    found = closures(robot, x)
-    rows = [np.abs(ca.Function("rows", [x], [one.rows])(q).full()).max() for one in found]
-    worst = found[int(np.argmax(rows))]
-    gap = float(np.linalg.norm(ca.Function("gap", [x], [worst.gap])(q).full()))
+    rows = [np.abs(ca.Function("rows", [parts.q], [one.rows])(q).full()).max() for one in parts.closures]
+    worst = parts.closures[int(np.argmax(rows))]
+    gap = float(np.linalg.norm(ca.Function("gap", [parts.q], [worst.gap])(q).full()))
     if worst.loop.rod is not None:
         return (
             worst.loop.name,

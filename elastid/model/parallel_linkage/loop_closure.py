@@ -50,25 +50,6 @@ def rod_row(closure: Closure, length: ca.SX | float) -> ca.SX:
     return (ca.sumsqr(closure.gap) - length**2) / (2 * closure.loop.rod.length)
 
 
-def joints_within(robot: Robot, loop: Loop) -> tuple[int, ...]:
-    """The joints that a loop goes through, from its first end to the root and from there to its second end."""
-    first, second = branches(robot, loop)
-    return (*first, *reversed(second))
-
-
-def branches(robot: Robot, loop: Loop) -> tuple[list[int], list[int]]:
-    """The joints from each end of a loop up to the last frame that carries both, that next to the end first."""
-    layout = tree(robot)
-    frames = [seat(robot, layout, end.body).frame for end in loop.ends]
-    root = last_common(layout, frames[0], frames[1])
-    found: list[list[int]] = [[], []]
-    for branch, frame in zip(found, frames, strict=True):
-        while frame != root:
-            branch.append(frame)
-            frame = layout.frames[frame].parent
-    return found[0], found[1]
-
-
 def _closure(robot: Robot, layout: Tree, turned: tuple[Turn, ...], loop: Loop, theta: Mapping[str, ca.SX]) -> Closure:
     first, second = (
         (seat(robot, layout, end.body), located(f"p{i}_{loop.name}", end.point, theta))
