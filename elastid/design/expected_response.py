@@ -7,7 +7,7 @@ R (n_u, E): the torques injected in the E experiments of a realisation, F = k_p 
 from torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
 line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that the log does not
 know, C_s: what Coulomb friction scatters (`friction_level`), the same in all periods; rho: further nonlinear
-distortion. (identification.md 2.1; the estimator's own covariance is `frf.uncertainty`.)
+distortion. (The estimator's own covariance is in `frf.covariance`.)
 """
 
 from __future__ import annotations

@@ -7,10 +7,10 @@ r"""Dynamic friction: bristles that bend before they slide.
         \dot z_i = C_i (\mathrm{sgn}(v) - z_i / \bar z_i) \text{ (slips)}, \qquad
         \tau_f = \sum_i \sigma_{0i} z_i + \sigma_{1i} \dot z_i
 
-with zbar_i = nu_i g(v) / sigma_0i > 0 and C_i = C nu_i / sigma_0i; eqs. (2.18) to (2.20) of Niglis & Oberg (2015) with
-their signs. The sign of the velocity stands before the 1 and not before the bracket: sgn(v) (1 - z / zbar) runs away
-for v < 0. |v| and sgn(v) are not smoothed: a smoothed |v| lets the bristles of a joint at rest relax, so that it creeps
-under load; at v = 0 both have the derivative 0, which is that of the equilibrium branch (a spring sigma_0).
+with zbar_i = nu_i g(v) / sigma_0i > 0 and C_i = C nu_i / sigma_0i; Niglis & Oberg (2015), eqs. (2.16), (2.18) to
+(2.21), with their signs. The sign of the velocity stands before the 1 and not before the bracket: sgn(v) (1 - z / zbar)
+runs away for v < 0. |v| and sgn(v) are not smoothed: a smoothed |v| lets the bristles of a joint at rest relax, so that
+it creeps under load; at v = 0 both have the derivative 0, which is that of the equilibrium branch (a spring sigma_0).
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@ r"""The contract of a friction law, and the curve of sliding friction that all l
           g(v) = F_c + (F_s - F_c) e^{-(v / \nu_s)^2}
 
 A positive torque brakes a positive velocity: it stands on the side of M q'' + f + tau_f = B u. Viscous friction is not
-here; it is linear and part of the model's force f. Sources: Niglis & Oberg (2015), eqs. (2.15) to (2.20).
+here; it is linear and part of the model's force f. Sources: Niglis & Oberg (2015), eqs. (2.14) to (2.21).
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ r"""Static friction: a torque that depends on the sliding velocity alone.
 
 Coulomb's F_c sgn(v), smoothed over v_s: eq. (2.15) of Niglis & Oberg (2015) as v_s -> 0. The sign is that of the
 velocity, and the torque stands on the side of M q'' + f + tau_f = B u: friction brakes. Viscous friction is not here;
-it is linear and part of the model's force f. Tustin's law has the Stribeck curve g(v) in the place of F_c and may grow
-with v |v|, eqs. (2.16) and (2.17).
+it is linear and part of the model's force f. Tustin's law, eq. (2.17), has the Stribeck curve g(v) in the place of F_c
+and may grow with v |v|.
 """
 
 from __future__ import annotations

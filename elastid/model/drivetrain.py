@@ -3,10 +3,10 @@ r"""The drivetrain of a robot: motors, gears, springs, dampers and viscous frict
 .. math:: T_m = \tfrac12 \sum_i J_{m,i} (\eta\, \dot q_m)_i^2, \quad V_s = \tfrac12 \delta^T K_a \delta, \quad
           R = \tfrac12 \Big( \dot\delta^T D_a \dot\delta + \sum f \dot q_a^2 + \sum_i f_{m,i} (\eta \dot q_m)_i^2 \Big)
 
-with the deflections delta = q_m - q_a of elastic gears and delta = q_na of joints that are elastic but not driven. This
-is the only place where gear ratios are applied to the model. eta (n_u, n_u): turns of the motors per turn of the
-joints, not diagonal where gears couple axes; motor coordinates are q_m = eta^-1 q_m^m, motor torques u = eta^T tau_m^m,
-so that a frequency response of motors is G^a = eta^-1 G^m eta^-T.
+Niglis & Oberg (2015), eqs. (2.8a), (2.8b), with the deflections delta = q_m - q_a of elastic gears and delta = q_na of
+joints that are elastic but not driven. This is the only place where gear ratios are applied to the model.
+eta (n_u, n_u): turns of the motors per turn of the joints, not diagonal where gears couple axes; motor coordinates are
+q_m = eta^-1 q_m^m, motor torques u = eta^T tau_m^m, so that a frequency response of motors is G^a = eta^-1 G^m eta^-T.
 
 Spring s turns the joints by x_s k_s^-1 per torque x_s^T tau: compliances of springs in series, before, between and
 after the stages of the gears, add,
@@ -14,9 +14,9 @@ after the stages of the gears, add,
 .. math:: K_a^{-1} = \sum_s x_s k_s^{-1} x_s^T, \qquad D_a = K_a \Big( \sum_s x_s \frac{d_s}{k_s^2} x_s^T \Big) K_a
 
 the damping to first order in omega d / k, below which a gearbox stays. Where there are no more springs than joints,
-K_a = Z^T K Z with Z = X^-1 (eq. 2.28: Z = eta before the gears, 1 after them), exactly linear in each k, and D_a alike.
-Where there are fewer, since some of the gears that are coupled have no spring, what they leave rigid is a constraint,
-N^T delta = 0 with N^T X = 0, and K_a acts on the deflections that X spans.
+K_a = Z^T K Z with Z = X^-1, eta before the gears, 1 after them, exactly linear in each k, and D_a alike: eqs. (2.24),
+(2.26) to (2.30). Where there are fewer, since some of the coupled gears have no spring, the rigid directions are
+constraints, N^T delta = 0 with N^T X = 0, and K_a acts on the deflections that X spans.
 """
 
 from __future__ import annotations

@@ -14,10 +14,10 @@ Conventions, for all of `model`, `linear` and `simulation`:
   `drivetrain` alone applies ratios.
 - u is the torque that the motor's magnetic field exerts; a positive torque drives a positive angle.
 - The gear spring drives the arm and holds the motor back by the same torque,
-  tau_a = K (q_m - q_a) + D (q_m' - q_a'). (Niglis & Oberg 2015, eq. 2.8a; their eq. 2.12 has the order reversed.)
+  tau_a = K (q_m - q_a) + D (q_m' - q_a'): Niglis & Oberg (2015), eq. (2.8a); the order is reversed in eq. (2.12).
 - An elastic joint that is not driven rests at angle 0: tau_na = -K q_na - D q_na'.
 - A nonlinear spring's deflection is q_m - q_a in a gear and q_na in an elastic joint; its law takes the place of K.
-- Friction stands on the left, in f: it takes torque where the velocity is positive. Coulomb friction is not in f.
+- Friction stands on the left, in f: it brakes a positive velocity, eq. (2.9). Coulomb friction is not in f.
 - lambda enters as +Phi^T lambda on the left, as in the Lagrangian T - V - lambda^T phi.
 - Reduced motor model (Spong): the rotor of a motor without a carrier turns about its own axis only; its inertial
   coupling S with the motion of the link that carries it, of relative size 1 / ratio, is left out. The carrier's mass
@@ -161,8 +161,9 @@ class ElasticModel:
     def gravity_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
         r"""T (n_y, n_q): what tilting adds to the accelerometers, y = C q'' + T q; 0 for all other places.
 
-        An accelerometer reads the acceleration of its origin less gravity, both in its own axes. A small rotation phi
-        of these axes turns gravity in them by g x phi, so that the reading changes by -g x phi = -[g x] J_omega q.
+        An accelerometer reads the acceleration of its origin (Niglis & Oberg 2015, eq. (2.5), at rest) less gravity,
+        both in its own axes. A small rotation phi of these axes turns gravity in them by g x phi, so that the reading
+        changes by -g x phi = -[g x] J_omega q.
         """
         T = np.zeros((len(locations), self.n_q))
         rates, gravity = self._rates(q, locations, None), self.frame_gravity(q).full().reshape(-1, 3)

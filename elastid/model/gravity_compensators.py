@@ -4,8 +4,9 @@ r"""Gravity compensators as potentials of the distance L between two points.
           V_{gas} = F_0 h_0 \int_0^1 \ell\, e^{(\kappa - 1) \ell t}\, dt, \quad \ell = \ln (h_0 / h), \quad
           h = h_0 + s (L - L_0)
 
-s = 1 for a strut that pushes, -1 for a cylinder that draws; the integral is [(h_0 / h)^(kappa - 1) - 1] / (kappa - 1),
-which is 0 / 0 at kappa = 1. dV/dq = (dV/dL) / (2 L) d(L^2)/dq is written out: a simulation evaluates it at every step.
+Their torque -dV/dq is tau_g of Niglis & Oberg (2015), eq. (2.32). s = 1 for a strut that pushes, -1 for a cylinder that
+draws; the integral is [(h_0 / h)^(kappa - 1) - 1] / (kappa - 1), which is 0 / 0 at kappa = 1. dV/dq = (dV/dL) / (2 L)
+d(L^2)/dq is written out: a simulation evaluates it at every step.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@ r"""Where a robot's bodies are: positions of joints, centres of mass and points 
 
 .. math:: [v;\, \omega] = J(q)\, \dot q, \qquad \tau = J(q)^T\, [F;\, N]
 
+Niglis & Oberg (2015), eqs. (2.1), (2.3), (2.4), (2.6); their J is the analytic Jacobian, this one the geometric one.
 Many postures at once, in NumPy. Where driven joints alone are given, elastic joints that are not driven stand at 0. All
 in the axes of the base, SI. `ElasticModel.frame_velocity` is the same Jacobian in CasADi, in the frame's own axes.
 """

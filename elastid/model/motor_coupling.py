@@ -8,8 +8,9 @@ equations of motion get
 .. math:: M = Y^T J\, Y, \qquad S = \partial^2 T / \partial \dot q_l\, \partial \dot q_m, \qquad
           c = Y^T J\, \dot w|_{\dot v = 0} + \dot Y^T J w - (\partial w / \partial q)^T J w
 
-Niglis & Oberg (2015), eq. 2.22: c is C_1 in the rows of the links, at most linear in q_m', and C_2 in those of the
-motors, free of q_m'. S is strictly upper triangular only where motor i rides on link i - 1.
+Niglis & Oberg (2015), eqs. (2.22), (3.1), (3.4): c is C_1 in the rows of the links, at most linear in q_m', and C_2 in
+those of the motors, free of q_m'. S is strictly upper triangular only where motor i rides on link i - 1, which is not
+so in eq. (3.2).
 """
 
 from __future__ import annotations

@@ -2,9 +2,10 @@ r"""Tree of rigid bodies with joints that turn or slide: mass matrix, bias force
 
 .. math:: M(q) \ddot q + c(q, \dot q) + g(q) = \tau
 
-Recursions in joint frames: M by composite rigid bodies, c + g by Newton-Euler (Featherstone, Rigid Body Dynamics
-Algorithms, 2008, chapters 5 and 6), written on 3-vectors so that a turn about a coordinate axis costs six operations a
-vector instead of a 3 x 3 product. M is linear in masses and inertias, g in masses.
+Niglis & Oberg (2015), eq. (2.7). Recursions in joint frames: M by composite rigid bodies, c + g by Newton-Euler
+(Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6), written on 3-vectors so that a turn about a
+coordinate axis costs six operations a vector instead of a 3 x 3 product. M is linear in masses and inertias, g in
+masses.
 
 One frame a joint, fixed to what the joint moves; a joint about an oblique axis has a frame whose z is that axis. A
 joint that slides moves its frame's origin along that axis and turns nothing. Origins are numbers, but for coordinates

@@ -5,7 +5,8 @@ r"""What nonlinear springs add to linear ones: potential and torque beyond k Del
           F(x) = \tfrac12 [x \sqrt{x^2 + e^2} + e^2 \,\mathrm{arsinh}(x / e)]
 
 with F' = sqrt(x^2 + e^2), so that the last term takes from a linear spring what the gap does not transmit. The torque
-is written out rather than differentiated: a simulation evaluates it at every step. Law and names: `robot.spring`.
+is written out rather than differentiated: a simulation evaluates it at every step. Law and names: `robot.spring`;
+the polynomial: Niglis & Oberg (2015), eq. (2.13).
 """
 
 from __future__ import annotations

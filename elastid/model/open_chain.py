@@ -3,7 +3,7 @@ r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressi
 .. math:: \begin{bmatrix} M(q_l) & S(q_l) \\ S^T & M_m \end{bmatrix} \ddot q + f(q, \dot q) + \Phi^T \lambda = B u,
           \qquad q = [q_l;\, q_m]
 
-Niglis & Oberg (2015), eq. 2.22, and 2.10 where no motor rides on a body (S = 0). Every formulation starts from
+Niglis & Oberg (2015), eq. (2.22), and eq. (2.10) where no motor rides on a body (S = 0). Every formulation starts from
 `open_chain`; what a formulation adds (constraints, fewer coordinates) is a change of these values. Conventions of sign
 and side: `elastic`.
 """

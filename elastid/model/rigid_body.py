@@ -2,7 +2,8 @@ r"""The rigid robot alone: torques of a motion, torques of a force from outside.
 
 .. math:: \tau = M(q)\, a + c(q, v) + g(q), \qquad \tau_{ext} = J(q)^T w
 
-Springs, dampers, friction and rotors are not in them; an elastic joint is a joint like any other here.
+Niglis & Oberg (2015), eqs. (2.6), (2.7), (2.11). Springs, dampers, friction and rotors are left out; an elastic joint
+is a joint like any other here.
 """
 
 from __future__ import annotations

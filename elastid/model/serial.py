@@ -2,7 +2,7 @@ r"""serial(robot): the equations of a robot that is a tree, so that its coordina
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) = B u
 
-Niglis & Oberg (2015), eq. 2.10; the extended flexible joint (2.12) is a further joint with a spring.
+Niglis & Oberg (2015), eq. (2.10); the extended flexible joint of eq. (2.12) is a further joint with a spring.
 """
 
 from __future__ import annotations

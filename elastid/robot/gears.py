@@ -2,9 +2,9 @@ r"""Gears that couple axes: the matrix of gear ratios, and where the springs sit
 
 .. math:: q_m^m = \eta\, q_m^a, \qquad \tau_a = \eta^T \tau_m, \qquad \eta = \eta_1 \eta_2
 
-Niglis & Oberg (2015), eqs. 2.24 to 2.28; superscripts: side on which an angle is measured. eta_2 holds the couplings
-between the joints' springs and the links. A gear without a spring of its own gives where a spring before the coupling
-turns it along, and then with that spring alone.
+Niglis & Oberg (2015), eqs. (2.23), (2.25a) to (2.25c); superscripts: side on which an angle is measured. eta_2 holds
+the couplings between the joints' springs and the links. A gear without a spring of its own gives where a spring before
+the coupling turns it along, and then with that spring alone.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ r"""The spring of a joint: gearbox, bearing or link, linear or not.
           g_b = \tfrac12 \left[ 2 \Delta + \sqrt{(\Delta - b)^2 + e^2} - \sqrt{(\Delta + b)^2 + e^2} \right]
 
 Without backlash g_b = Delta: a stiffness k. With it, k beyond the gap of +-b and k_i inside: 0 for free play, more for
-a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. 2.13 for the polynomial.
+a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. (2.13) for the polynomial.
 
 The model's response is that of the tangent under gravity, the limit of small motion. A multisine that deflects the
 spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below what gravity deflects it by.

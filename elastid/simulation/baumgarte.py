@@ -4,10 +4,10 @@ r"""Motion under constraints: accelerations with Baumgarte's terms, and projecti
           \begin{bmatrix} \tau - f \\ -\dot\Phi \dot q - \alpha \Phi \dot q - \beta \varphi \end{bmatrix}, \qquad
           \ddot\varphi + \alpha \dot\varphi + \beta \varphi = 0
 
-Niglis & Oberg (2015), eqs. 2.35 to 2.40, with their alpha and beta: Baumgarte's own are alpha / 2 and the root of beta,
-critical damping is beta = alpha^2 / 4. The saddle point is not factorised, since symbols cannot pivot and M is singular
-where a rod weighs nothing. The dependent coordinates are eliminated with pivots chosen beforehand, in numbers, and
-Z^T M Z, which is positive definite, is factorised: q'' = a_0 + Z y'', exactly the solution of the saddle point.
+Niglis & Oberg (2015), eqs. (2.35) to (2.40), with their alpha and beta: Baumgarte's own are alpha / 2 and the root of
+beta, critical damping is beta = alpha^2 / 4. The saddle point is not factorised, since symbols cannot pivot and M is
+singular where a rod weighs nothing. The dependent coordinates are eliminated with pivots chosen beforehand, in numbers,
+and Z^T M Z, which is positive definite, is factorised: q'' = a_0 + Z y'', exactly the solution of the saddle point.
 """
 
 from __future__ import annotations

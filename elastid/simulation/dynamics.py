@@ -2,7 +2,7 @@ r"""Accelerations of an elastic model, and their integration together with the s
 
 .. math:: \ddot q = M(q)^{-1} [B u - P \tau_f(P^T \dot q, z) - f(q, \dot q)], \qquad \dot z = \Omega(P^T \dot q, z)
 
-eqs. (2.9) and (2.11) of Niglis & Oberg (2015); with constraints `constrained`. Link side, SI.
+Niglis & Oberg (2015), eqs. (2.10), (2.14); with constraints: `baumgarte`. Link side, SI.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@
 dampings, 6 motor frictions, 4 joint frictions, 6 rotor inertias), weights from a full 36 x 36 covariance at every line:
 288 000 real residuals. One process, one BLAS thread. The same start, the same residuals and, but for finite
 differences, the same Jacobian; every fit must reach the same cost. `floor` is the useful work of one evaluation,
-96 kflop a line (computation.md), at the rate of a zgemm on this machine. CasADi (MX, automatic differentiation, LAPACK)
+96 kflop a line, at the rate of a zgemm on this machine. CasADi (MX, automatic differentiation, LAPACK)
 and, where it is installed, JAX (jacfwd, compiled) work out residuals, Jacobian and normal matrix of one configuration.
 --growth: time for twice the lines and twice the configurations, and peak memory of 500 configurations with diagonal
 weights. The last line is one JSON object with the numbers of the table.

@@ -35,7 +35,7 @@ from elastid.response import Covariance
 
 
 def test_the_cramer_rao_bound_is_the_published_one():
-    """5 % relative noise per line: .0015, .0100, .0011, .0347 (identification.md 7.1)."""
+    """5 % relative noise per line: .0015, .0100, .0011, .0347."""
     np.testing.assert_allclose(
         cramer_rao(plant(), noise_of("relative", plant())), [0.0015, 0.0100, 0.0011, 0.0347], rtol=0.05
     )

@@ -221,7 +221,7 @@ def test_variance_falls_as_one_over_the_number_of_periods() -> None:
 
 
 def test_orthogonal_experiments_beat_single_inputs_by_the_number_of_inputs() -> None:
-    """Same amplitude: n_u times less variance than moving one input at a time (identification.md 2.1)."""
+    """Same amplitude: n_u times less variance than moving one input at a time."""
     rng, lines, n = np.random.default_rng(0), np.arange(5, 120), 3
     G = _plant(len(lines), n, n)
     noise = (rng, np.zeros((n, n)), 0.1 * np.eye(n))

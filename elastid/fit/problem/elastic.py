@@ -3,7 +3,7 @@ r"""Where the wings meet: measured responses and linear models of all configurat
 .. math:: V(x) = \sum_i \sum_k \sum_{ab} 2 \frac{|e^{(i)}_{ab}(k; \theta(x))|^2}{\sigma^{(i)}_{ab}(k)^2}
           + \text{priors}
 
-One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked (computation.md).
+One configuration after the other: cost, J^T r and J^T J are summed up and J is never stacked.
 """
 
 from __future__ import annotations
@@ -224,7 +224,7 @@ def _part(
     kernel = Kernel(held, response.freq_hz, parameters.moved(model.configuration.name))
     used = weights.used
     if criterion == "log":
-        # The logarithm of noise is no more than noise, and biased: 6 dB are asked for (identification.md 2).
+        # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
         G = kernel.response(held.theta_ref)
         used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > LOG_GATE * weights.sigma)
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -3,7 +3,7 @@ r"""The two residuals between a measured and a modelled response, and how comple
 .. math:: \text{complex: } e = \hat G - G, \qquad \text{log: } e = \ln(\hat G / G), \ \mathrm{Im}\, e \in (-\pi, \pi]
 
 Element by element. A complex error of variance sigma^2 = E|e|^2 carries half of it in each real component, so
-r = sqrt(2) [Re e, Im e] / sigma has unit variance. (identification.md 4: NLS and LLS of Wernholt and Moberg.)
+r = sqrt(2) [Re e, Im e] / sigma has unit variance. (NLS and LLS of Wernholt and Moberg.)
 """
 
 from __future__ import annotations

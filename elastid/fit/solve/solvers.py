@@ -1,8 +1,6 @@
 r"""IPOPT or SQP with a Gauss-Newton Hessian for any LeastSquares problem; it knows neither robot nor response.
 
 .. math:: \min_x V(x) / N \quad \text{s.t.} \quad x_{lower} \le x \le x_{upper}, \qquad \nabla^2 V \approx 2 J^T J
-
-(computation.md: what works, and CasADi's traps.)
 """
 
 from __future__ import annotations

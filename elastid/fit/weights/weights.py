@@ -3,8 +3,8 @@ r"""How much each element of a measured response counts in the fit.
 .. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
 
 v~ is the measured variance, smoothed over neighbouring lines (`smoothed`), alpha the floor of the study: model error
-that is expected anyway. sigma is infinite where an element is left out. (identification.md 4.) Elements
-that err together may weigh together (`correlated`).
+that is expected anyway. sigma is infinite where an element is left out. Elements with correlated errors may be weighted
+by their full covariance (`full_covariance`).
 """
 
 from __future__ import annotations

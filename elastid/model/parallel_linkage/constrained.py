@@ -2,7 +2,7 @@ r"""constrained(robot): all coordinates of the open chain, the loops closed by c
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 
-Niglis & Oberg (2015), eq. 2.33. The elongation of an elastic rod is a coordinate of its own; where the rod weighs
+Niglis & Oberg (2015), eq. (2.33). The elongation of an elastic rod is a coordinate of its own; where the rod weighs
 nothing it has no inertia, and M is singular: only on the null space of Phi is it regular.
 """
 

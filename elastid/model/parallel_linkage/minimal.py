@@ -3,7 +3,7 @@ r"""minimal(robot): independent coordinates y, the linkage folded in; exact, or 
 .. math:: q = \gamma(y): \quad \varphi(\gamma(y)) = 0, \qquad \dot q = Z \dot y, \quad
           Z = \begin{bmatrix} I \\ -\Phi_d^{-1} \Phi_i \end{bmatrix}, \qquad Z^T [M(q) \ddot q + f(q, \dot q) - B u] = 0
 
-Niglis & Oberg (2015), eq. 2.34. Elastic rods are cut: they are force elements, and a loop that they close needs no
+Niglis & Oberg (2015), eq. (2.34). Elastic rods are cut: they are force elements, and a loop that they close needs no
 constraint. What other loops close is embedded by the implicit function theorem, which loses nothing, in the linear
 model and in the simulation; the dependent coordinates stay in q and are worked out, not integrated.
 """

@@ -1,0 +1,154 @@
+"""Citations are right: each numbered equation of the thesis is cited where it is implemented, and files exist.
+
+The thesis: Niglis & Oberg, Modelling High-Fidelity Robot Dynamics, LiTH-ISY-EX-15/4843-SE (2015), chapters 2 and 3.
+
+Grammar, in docstrings of elastid: `eq. (2.10)`, `eqs. (2.10), (2.14)`, `eqs. (2.16), (2.18) to (2.21)`, `eqs. (2.16)
+and (2.17)`. "to" includes both ends and all parts between them, (2.8a) and (2.8b) for one. The docstring, or that of
+its module, names Niglis & Oberg. No number (2.x) or (3.x) stands outside such a citation.
+"""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+
+# Every number of chapters 2 and 3, as far as the project has their text: the files below elastid/ that implement the
+# equation, or why none does.
+EQUATIONS: dict[str, tuple[str, ...] | str] = {
+    "2.1": ("model/kinematics.py",),
+    "2.2": "inverse kinematics: a study gives its configurations as joint angles",
+    "2.3": ("model/kinematics.py",),
+    "2.4": ("model/kinematics.py",),
+    "2.5": ("model/elastic.py",),
+    "2.6": ("model/kinematics.py", "model/rigid_body.py"),
+    "2.7": ("model/multibody.py", "model/rigid_body.py"),
+    "2.8a": ("model/drivetrain.py", "model/elastic.py"),
+    "2.8b": ("model/drivetrain.py",),
+    "2.9": ("model/elastic.py",),
+    "2.10": ("model/open_chain.py", "model/serial.py", "simulation/dynamics.py"),
+    "2.11": ("model/rigid_body.py",),
+    "2.12": ("model/elastic.py", "model/serial.py"),
+    "2.13": ("model/nonlinear_springs.py", "robot/spring.py"),
+    "2.14": ("friction/law.py", "simulation/dynamics.py"),
+    "2.15": ("friction/law.py", "friction/static.py"),
+    "2.16": ("friction/dynamic.py", "friction/law.py"),
+    "2.17": ("friction/law.py", "friction/static.py"),
+    "2.18": ("friction/dynamic.py", "friction/law.py"),
+    "2.19": ("friction/dynamic.py", "friction/law.py"),
+    "2.20": ("friction/dynamic.py", "friction/law.py"),
+    "2.21": ("friction/dynamic.py", "friction/law.py"),
+    "2.22": ("model/motor_coupling.py", "model/open_chain.py"),
+    "2.23": ("robot/gears.py",),
+    "2.24": ("model/drivetrain.py",),
+    "2.25a": ("robot/gears.py",),
+    "2.25b": ("robot/gears.py",),
+    "2.25c": ("robot/gears.py",),
+    "2.26": ("model/drivetrain.py",),
+    "2.27": ("model/drivetrain.py",),
+    "2.28": ("model/drivetrain.py",),
+    "2.29": ("model/drivetrain.py",),
+    "2.30": ("model/drivetrain.py",),
+    "2.31": "an illustration of the torque that gravity takes; it leaves the motors' inertia out",
+    "2.32": ("model/gravity_compensators.py",),
+    "2.33": ("model/parallel_linkage/constrained.py",),
+    "2.34": ("model/parallel_linkage/minimal.py",),
+    "2.35": ("simulation/baumgarte.py",),
+    "2.36": ("simulation/baumgarte.py",),
+    "2.37": ("simulation/baumgarte.py",),
+    "2.38": ("simulation/baumgarte.py",),
+    "2.39": ("simulation/baumgarte.py",),
+    "2.40": ("simulation/baumgarte.py",),
+    "3.1": ("model/motor_coupling.py",),
+    "3.2": ("model/motor_coupling.py",),
+    "3.3": "S with motor angles on the motor side: the model is on the link side, as in (3.4)",
+    "3.4": ("model/motor_coupling.py",),
+}
+
+NUMBER = r"\([23]\.\d+[a-z]?\)"
+CITATION = re.compile(rf"\beqs?\. {NUMBER}(?:(?:, and |, | and | to ){NUMBER})*")
+# Any number of an equation, with a chapter or not, and citations without parentheses.
+LOOSE = re.compile(rf"{NUMBER}|\beqs?\. [23]\.\d+")
+
+FILE = re.compile(r"(?<![\w<*./])[a-z][\w/-]*\.(?:md|py|ya?ml)\b")
+# Written by elastid or by its user, not part of the repository; a library.
+OTHER_FILES = {"study.yml", "load_model.py"}
+
+
+def docstrings(path: Path) -> Iterator[str]:
+    """The docstrings of a module, its classes and functions, the module's first, each on one line."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            yield " ".join((ast.get_docstring(node) or "").split())
+
+
+def numbers(citation: str) -> list[str]:
+    """The equations that a citation names, ranges written out; ValueError for one that the thesis does not have."""
+    found: list[str] = []
+    known = list(EQUATIONS)
+    for joined, number in re.findall(rf"(to )?\(({NUMBER[2:-2]})\)", citation):
+        first = known.index(found[-1]) + 1 if joined else known.index(number)
+        found += known[first : known.index(number) + 1]
+    return found
+
+
+def cited(path: Path) -> set[str]:
+    """The equations that a file cites."""
+    return {number for text in docstrings(path) for one in CITATION.findall(text) for number in numbers(one)}
+
+
+MODULES = sorted((ROOT / "elastid").rglob("*.py"))
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("eq. (2.10)", ["2.10"]),
+        ("eqs. (2.10), (2.14)", ["2.10", "2.14"]),
+        ("eqs. (2.16), (2.18) to (2.20) and (2.22)", ["2.16", "2.18", "2.19", "2.20", "2.22"]),
+        ("eqs. (2.7) to (2.9)", ["2.7", "2.8a", "2.8b", "2.9"]),
+    ],
+)
+def test_citations_are_read(text, expected):
+    (citation,) = CITATION.findall(f"Niglis & Oberg (2015), {text}; alpha (2.5 Nm) is theirs.")
+    assert citation == text
+    assert numbers(citation) == expected
+
+
+def test_a_number_that_the_thesis_does_not_have_is_found():
+    with pytest.raises(ValueError, match="is not in list"):
+        numbers("eq. (2.41)")
+
+
+def test_every_equation_is_cited_where_it_is_implemented_and_nowhere_else():
+    found: dict[str, set[str]] = {number: set() for number in EQUATIONS}
+    for path in MODULES:
+        for number in cited(path):
+            found[number].add(path.relative_to(ROOT / "elastid").as_posix())
+    expected = {number: set(files) if isinstance(files, tuple) else set() for number, files in EQUATIONS.items()}
+    assert found == expected
+
+
+def test_no_number_of_an_equation_stands_outside_the_grammar():
+    """A citation that the test above cannot read, or one that does not say whose equation it is."""
+    for path in MODULES:
+        whole = list(docstrings(path))
+        for text in whole:
+            assert not LOOSE.findall(CITATION.sub("", text)), f"{path}: {text}"
+            assert not CITATION.search(text) or "Niglis & Oberg" in whole[0] + text, f"{path}: {text}"
+
+
+def test_no_docstring_refers_to_a_file_that_is_not_in_the_repository():
+    names = {path.name for path in ROOT.rglob("*") if ".venv" not in path.parts and ".git" not in path.parts}
+    places = [*MODULES, *(ROOT / "scripts").rglob("*.py"), *(ROOT / "tests").rglob("*.py")]
+    missing = {
+        f"{path.relative_to(ROOT)}: {file}"
+        for path in places
+        for text in docstrings(path)
+        for file in FILE.findall(text)
+        if Path(file).name not in OTHER_FILES and not ((ROOT / file).exists() if "/" in file else file in names)
+    }
+    assert not missing
