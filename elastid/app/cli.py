@@ -283,6 +283,6 @@ def schema() -> None:
     """Print the JSON Schema of a study, for editors."""
     import json
 
-    from elastid.study import schema as schema_of_study
+    from elastid.study import make_schema
 
-    click.echo(json.dumps(schema_of_study(), indent=1))
+    click.echo(json.dumps(make_schema(), indent=1))

@@ -7,7 +7,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from elastid.base.errors import StudyError
-from elastid.study import SCHEMA_NAME, schema
+from elastid.study import SCHEMA_NAME, make_schema
 
 DEMO = "serial"
 STUDY = "study.yml"
@@ -34,7 +34,7 @@ def _write_template(folder: Path, template: str) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for source in (files("elastid.app") / "templates" / template).iterdir():
         _write(folder / source.name, source.read_text(encoding="utf-8"))
-    _write(folder / SCHEMA_NAME, json.dumps(schema(), indent=1) + "\n")
+    _write(folder / SCHEMA_NAME, json.dumps(make_schema(), indent=1) + "\n")
 
 
 def _write(path: Path, text: str) -> None:

@@ -18,7 +18,10 @@ from elastid.robot import Vector3
 
 @section
 class BoxSpec:
-    """A box that the robot must stay out of, its edges along the axes of the base frame: two opposite corners."""
+    """A box that the robot must stay out of, its edges along the axes of the base frame.
+
+    name: of the box, for messages.  lower: its corner of smallest coordinates.  upper: the opposite corner.
+    """
 
     name: str
     lower: Vector3
@@ -73,7 +76,8 @@ class CandidateSpec:
 class GuessSpec:
     """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well.
 
-    guesses: how many are drawn about the nominal one, log-normal, `factor` being one standard deviation.
+    guesses: how many are drawn about the nominal one, log-normal.  factor: one standard deviation of a guess, as a
+    factor.
     over: `mean` of the criterion over the guesses, or the `worst` of them.
     """
 
@@ -115,11 +119,12 @@ class DesignSpec:
 
     count: how many to choose, each measured experiment.realisations times; a configuration chosen twice gets twice
     the realisations.  robot_time: in place of count, as many as fit in.  periods: numbers of periods to choose from
-    for a robot_time (default: experiment.periods).
+    for a robot_time (default: experiment.periods).  candidates: configurations to choose from.
 
     criterion: D (volume of the confidence ellipsoid), A (mean variance) or E (worst direction) of the relative errors.
     parameters: names or patterns such as k_* that count; default all that the fit identifies.
-    measured: run folders or frf.h5 files of earlier measurements; the choice adds to what they tell, about the
+    robust: against wrong nominal parameters (default: not).  noise: expected in the responses.
+    measured: run folders or frf.h5 files of earlier measurements; the choice adds to their information about the
     parameters that their fit found.
     """
 

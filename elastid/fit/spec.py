@@ -27,8 +27,9 @@ def _check_band(band_hz: tuple[float, float] | None) -> None:
 
 @section
 class PriorSpec:
-    """Normal distribution known beforehand: std relative (0.1 = 10 %) for a positive parameter, else in SI.
+    """Normal distribution known beforehand.
 
+    std: relative (0.1 = 10 %) for a positive parameter, else in SI.
     mean: with unit; default the robot's number, as for masses that a drawing gives within a few percent.
     """
 
@@ -45,8 +46,10 @@ class PriorSpec:
 class TieSpec:
     """This parameter is factor times the parameter `to`, and times the ratio `by` if one is named.
 
-    to: a * stands for what the * of the key stands for (d_*: {tie: {to: k_*}}).  at_hz: the factor is divided by
-    2 pi at_hz, so that a damping d = eta k / omega has the loss factor eta at that frequency.
+    to: a * stands for what the * of the key stands for (d_*: {tie: {to: k_*}}).  factor: multiplies the other
+    parameter.
+    by: a name under fit.ratios.  at_hz: the factor is divided by 2 pi at_hz, so that a damping d = eta k / omega has
+    the loss factor eta at that frequency.
     """
 
     to: str
@@ -79,9 +82,10 @@ class RatioSpec:
 
 @section
 class ParameterSpec:
-    """What to do with one parameter: identify it (the default), fix it, or tie it to another.
+    """One parameter is identified (the default), fixed, or tied to another.
 
     start: default the robot's number.  bounds: [lower, upper]; default start / 100 to start * 100 for a positive one.
+    fixed: true keeps it at its start.  tie: to another parameter.  prior: known beforehand.
     per: `configuration` identifies it in each configuration by itself; `robot` in each robot of fit.robots; {warm: [c1,
     c2], cold: [c3]} in each of these groups (a temperature, a load), and once in all configurations that no group
     names.  A configuration in which none was found has the mean of the others.  The one of a group is called fm_1@warm;
@@ -109,7 +113,12 @@ class ParameterSpec:
 
 @section
 class MaskSpec:
-    """Leaves out what matches all that is given: some configurations, an output, an input, a band."""
+    """Leaves out elements that match all of the keys given.
+
+    configurations: by name; default: all.  output: place such as `motor 1`; default: all.  input: motor, such as `motor
+    1`; default: all.
+    band_hz: [lowest, highest]; default: all lines.
+    """
 
     configurations: tuple[str, ...] = ()
     output: str = ""
@@ -123,9 +132,11 @@ class MaskSpec:
 
 @section
 class FactorSpec:
-    """Counts what matches all that is given `factor` times as much: some configurations, an output, an input, a band.
+    """Multiplies the weight of elements that match all of the other keys given; several factors multiply.
 
-    0 leaves it out, as a mask does; several factors multiply.
+    factor: 0 leaves the elements out, as a mask does.  configurations: by name; default: all.  output: place such as
+    `motor 1`; default: all.  input: motor, such as `motor 1`; default: all.  band_hz: [lowest, highest]; default: all
+    lines.
     """
 
     factor: float
@@ -145,14 +156,15 @@ class FactorSpec:
 class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors.
 
-    floor: model error that is expected anyway, relative to |G|, and that the intervals then answer for; about 0.03
-    where friction is strong.  smooth: lines over which a variance that few periods or realisations gave is averaged;
-    0 chooses it from the degrees of freedom.
+    floor: expected model error relative to |G|, which the intervals then include; about 0.03 where friction is strong.
+    smooth: lines over which a variance from few periods or realisations is averaged; 0 chooses it from the degrees of
+    freedom.
     covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
-    `auto` with the full one where ten times as many degrees of freedom as correlated elements are behind it.
+    `auto` with the full one where it has ten times as many degrees of freedom as correlated elements.
     normalise: every configuration counts alike in sum, however many lines it has and however quiet they are.
-    loss: `huber` and `soft_l1` let elements that are off by more than loss_scale standard deviations of their real and
-    imaginary part pull less than their square, in iteratively reweighted least squares.
+    factors: further factors of some elements.
+    loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares.
+    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier.
     """
 
     floor: float = 0.01
@@ -179,15 +191,15 @@ class FitSpec:
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
     Geometry (ends of compensators, places of joints and bodies) is identified where it is named: pc1_cyl_z, pj_2b_z.
     ratios: factors that ties share, by a name of your own.
-    robots: several robots of one type in one fit: by a name of your own, the configurations measured on each. What is
-    not the same in all of them is `per: robot` (k_*: {}, fm_*: {per: robot}).
+    robots: several robots of one type in one fit: by a name of your own, the configurations measured on each.
+    Parameters that differ between them are `per: robot` (k_*: {}, fm_*: {per: robot}).
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
     line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
-    band_hz: lines used.  mask: what is left out.
-    profile: names or patterns of parameters whose interval is found by profile likelihood; `auto`: of those that are
-    known too roughly for a symmetric one, [] of none.  bootstrap: repetitions of the fit on data drawn anew, commonly
-    200; bootstrap_kind: from the measured covariance or from the residuals.
+    band_hz: lines used.  mask: elements left out.  weights: of the elements.
+    profile: names or patterns of parameters whose interval is found by profile likelihood; `auto`: of those whose
+    standard deviation is too large for a symmetric one, [] of none.  bootstrap: repetitions of the fit on data drawn
+    anew, commonly 200.  bootstrap_kind: `parametric`, from the measured covariance, or `residual`.
     """
 
     criterion: Literal["complex", "log"] = "complex"

@@ -35,12 +35,13 @@ class EstimatorSpec:
     method: `arithmetic`, `harmonic` or `logarithmic` mean of the realisations' responses, each from as many experiments
     as inputs; or of all experiments together `h1`, `h2`, `hv`, `joint` (input-output, by the injected torque) or
     `errors_in_variables`; or `local_polynomial` or `local_rational` (where windows are wider than resonances), from one
-    experiment of all inputs or more, started from rest or not; `auto` takes what closed-loop robot data want and says
-    why.  quantity: what the outputs are turned into, exactly, in the frequency domain.  lines: which DFT lines are
-    analysed, within band_hz: those planned (`auto`; for recorded data those found `excited` in the inputs), or `full`
-    or `odd`.  transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; none
+    experiment of all inputs or more, started from rest or not; `auto` takes the one that suits closed-loop robot data
+    and says why.  quantity: that the outputs are turned into, exactly, in the frequency domain.
+    lines: which DFT lines are analysed: those planned (`auto`; for recorded data those found `excited` in the inputs),
+    or `full` or `odd`.  band_hz: within which lines are analysed; default: all.
+    transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; none
     with a local method.  outlier_sigma: a period further from the median than so many robust standard deviations is
-    left out with a word, but for local methods.  local_order: degree of the local polynomials; `auto` is 2, rational
+    left out with a note, but for local methods.  local_order: degree of the local polynomials; `auto` is 2, rational
     up to 3.  local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6.
     """
 

@@ -14,8 +14,9 @@ Variant: TypeAlias = Literal[
 
 @section
 class ModelSpec:
-    """formulation: how the robot becomes equations (default: serial for a tree, constrained where there are loops).
+    """How the robot becomes equations.
 
+    formulation: default serial for a tree, constrained where there are loops.
     serial: a tree of bodies.  constrained: all coordinates, the loops closed by constraints with multipliers.
     minimal: independent coordinates; elastic rods are cut and become force elements.  independent: names of these
     coordinates, such as `joint 2` or `motor 3` (default: chosen by rank).

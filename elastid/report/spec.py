@@ -9,6 +9,9 @@ from elastid.base.section import section
 
 @section
 class ReportSpec:
-    """formats: of the figures beside the page."""
+    """The figures of the report.
+
+    formats: of the files beside the page.
+    """
 
     formats: tuple[Literal["png", "pdf"], ...] = ("png", "pdf")

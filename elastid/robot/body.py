@@ -26,9 +26,12 @@ _TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 class Body:
     """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass.
 
-    placement: of its first joint in the parent's frame.  mounting: of its own frame behind its last joint.
-    inertia: one number (the same about every axis), three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal
-    ones are entries of the tensor, not products of inertia with the other sign).
+    name: ends the names of its parameters (m_arm).  parent: the body that carries it.  placement: of its first joint in
+    the parent's frame.  joints: from the parent to the body, in this order.  mass: with rotors that ride on it.
+    center_of_mass: in the body's frame.  inertia: one number (the same about every axis), three (xx, yy, zz) or six
+    (xx, yy, zz, xy, xz, yz; the off-diagonal ones are entries of the tensor, not products of inertia with the other
+    sign).
+    mounting: of its own frame behind its last joint.
     """
 
     name: str
@@ -90,7 +93,10 @@ TOOL = "tool"
 
 @section
 class Frame:
-    """A frame fixed to a body: its placement in the body's frame."""
+    """A frame fixed to a body.
+
+    name: by which outputs and the payload refer to it.  body: that it is fixed to.  placement: in the body's frame.
+    """
 
     name: str
     body: str
@@ -102,7 +108,11 @@ PAYLOAD = "payload"
 
 @section
 class Payload:
-    """A body called `payload`, fixed to the frame or body `at`; centre of mass and inertia as a body's, in its axes."""
+    """A body called `payload`, fixed to a frame or body.
+
+    mass: of the payload.  center_of_mass: in the axes of its seat.  inertia: about the centre of mass, as a body's.
+    at: the frame or body that it is fixed to.
+    """
 
     mass: Mass
     center_of_mass: Vector3 = (0.0, 0.0, 0.0)

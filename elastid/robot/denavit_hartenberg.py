@@ -26,8 +26,12 @@ from elastid.robot.robot import Robot
 class Link:
     """One row of the table, the joint that moves the link, and the link as a body in its frame i.
 
-    joint: about or along z; its `motion` says which.  elastic: further joints right behind it, in axes that have z in
-    common with it.  name: of the body; that of the joint unless given.
+    joint: about or along z; its `motion` says which.
+    d, a: lengths along z and along x.  alpha: angle about x.  offset: added to the joint's angle.
+    mass: of the link.  center_of_mass: in its frame.  inertia: as that of a body, about the point that inertia_about
+    names.
+    elastic: further joints right behind it, in axes that have z in common with it.
+    name: of the body; default: that of the joint.
     """
 
     joint: Joint
@@ -58,8 +62,12 @@ class Link:
 class DenavitHartenberg:
     """A serial robot as a table of links, from the base to the tool.
 
-    inertia_about: what the links' inertia tensors are about, the centre of mass or the origin of the link's frame.
+    name: of the robot.  convention: `standard` or `modified`.  links: the rows, from the base to the tool.
+    inertia_about: reference point of the links' inertia tensors, the centre of mass or the origin of the link's frame.
     base: frame 0 in the base.  tool: in the last link's frame; it becomes the robot's frame `tool`.
+    gravity: acceleration in the base frame.  source: where the numbers come from; free text.  frames: further named
+    frames.
+    payload: carried at one of them.
     """
 
     name: str

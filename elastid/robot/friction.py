@@ -31,7 +31,10 @@ PASSIVE = 4 * math.sqrt(2 * math.e)
 
 @section
 class Dahl:
-    """Bristles of `stiffness` sigma_0 that break at the Coulomb level; no Stribeck effect."""
+    """Bristles that break at the Coulomb level; no Stribeck effect.
+
+    stiffness: sigma_0 of the bristles.
+    """
 
     stiffness: Stiffness
 
@@ -42,9 +45,10 @@ class Dahl:
 
 @section
 class LuGre:
-    """Bristles of `stiffness` sigma_0 and `damping` sigma_1 under a Stribeck curve.
+    """Bristles under a Stribeck curve.
 
-    damping_velocity: v_d, with which the bristles' damping falls, sigma_1 exp(-(v / v_d)^2); default: constant.
+    stiffness: sigma_0 of the bristles.  damping: sigma_1 of the bristles.  damping_velocity: v_d, with which their
+    damping falls, sigma_1 exp(-(v / v_d)^2); default: constant.
     """
 
     stiffness: Stiffness
@@ -95,9 +99,9 @@ class MaxwellSlip:
 
 @section
 class LoadDependence:
-    """Nm of Coulomb level and of stiction that each Nm (N per N) of load on the joint adds, whatever its sign.
+    """Friction that each Nm (N per N) of load on the joint adds, whatever its sign.
 
-    stiction: as much as coulomb unless given.
+    coulomb: Nm of Coulomb level for each Nm.  stiction: Nm of stiction for each Nm; as much as coulomb unless given.
     """
 
     coulomb: float = 0.0
@@ -120,7 +124,8 @@ class TemperatureDependence:
 
     .. math:: F_s + a (T - T_0), \quad \nu_s + b (T - T_0), \quad f + f_T (e^{-(T - T_0) / T_V} - 1)
 
-    reference: T_0, where the other numbers hold.  stiction: a.  stribeck_velocity: b.  viscous: f_T.  decay: T_V.
+    reference: T_0, where the other numbers hold.  stiction: a, change of F_s with T.  stribeck_velocity: b, change of
+    nu_s with T.  viscous: f_T, part of viscous friction that vanishes with heat.  decay: T_V, over which it falls.
     """
 
     reference: Temperature
@@ -139,8 +144,11 @@ class TemperatureDependence:
 class Friction:
     r"""Dry friction about g(v) = F_c + (F_s - F_c) exp(-(v / nu_s)^2), plus alpha_3 v |v|.
 
-    coulomb: F_c.  stiction: F_s (default: F_c).  stribeck_velocity: nu_s.  quadratic: alpha_3.
-    Without dahl, lugre or maxwell_slip the torque is sgn(v) g(v) (Tustin's law), smoothed at standstill.
+    coulomb: level F_c of sliding friction.  stiction: level F_s of break-away (default: F_c).  stribeck_velocity: nu_s,
+    over which it falls from F_s to F_c.  quadratic: alpha_3, factor of v |v|.
+    dahl, lugre, maxwell_slip: presliding, by at most one of these laws; without one the torque is sgn(v) g(v) (Tustin's
+    law), smoothed at standstill.
+    load: how friction grows with the joint's load.  temperature: how friction changes with temperature.
     """
 
     coulomb: JointTorque

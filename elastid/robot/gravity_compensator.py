@@ -21,7 +21,10 @@ from elastid.robot.placement import Vector3
 
 @section
 class Anchor:
-    """A point of a body, in the body's axes, m."""
+    """A point of a body.
+
+    body: its name.  point: in the body's axes.
+    """
 
     body: str = BASE
     point: Vector3 = (0.0, 0.0, 0.0)
@@ -29,7 +32,10 @@ class Anchor:
 
 @section
 class CoilSpring:
-    """A mechanical spring of `stiffness` k_c, without force at the length `rest_length` L_0."""
+    """A mechanical spring.
+
+    stiffness: k_c of the coil.  rest_length: L_0, at which it has no force.
+    """
 
     stiffness: LinearStiffness
     rest_length: Length = 0.0
@@ -48,7 +54,11 @@ class CoilSpring:
 
 @section
 class GasSpring:
-    """A gas spring of `force` F_0 and gas column `column` h_0 at the length `length` L_0, exponent `kappa`."""
+    """A gas spring.
+
+    force: F_0 at the length L_0.  length: L_0, between its ends.  column: h_0, height of the gas column at that length.
+    kappa: exponent, 1 isothermal to 1.4 adiabatic.  action: `push` for a strut, `draw` for a cylinder that pulls.
+    """
 
     force: Force
     length: Length
@@ -76,7 +86,10 @@ class GasSpring:
 
 @section
 class Compensator:
-    """A coil or a gas spring, one of the two, between the points `ends` of two bodies."""
+    """A coil or a gas spring, one of the two, between points of two bodies.
+
+    name: ends the names of its parameters.  ends: the two points.  coil: a mechanical spring.  gas: a gas spring.
+    """
 
     name: str
     ends: tuple[Anchor, Anchor]

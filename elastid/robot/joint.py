@@ -26,9 +26,10 @@ from elastid.robot.spring import Spring
 
 @section
 class Limits:
-    """What a driven joint may do, link side: angle (rad), its derivatives (rad/s, rad/s^2), motor torque (Nm).
+    """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2 and N.
 
-    Of a translation: the position in m, its derivatives in m/s and m/s^2, the force in N.
+    angle: [lower, upper] position.  velocity: largest speed.  torque: largest torque of the motor.
+    acceleration: largest acceleration.
     """
 
     angle: tuple[JointPosition, JointPosition] = (-math.inf, math.inf)
@@ -48,8 +49,11 @@ class Limits:
 class Joint:
     """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither.
 
-    viscous: friction across the joint.  Of a translation stiffness is in N/m, damping and friction in N*s/m; its motor
-    turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
+    name: ends the names of its parameters (k_1, d_1, fm_1).  axis: x, y, z or a direction, in the axes reached so far.
+    spring: of its gear where it is driven, else of an elastic joint.  motor: drives it.
+    viscous: friction across the joint.  friction: dry friction across the joint.
+    limits: link side.  motion: `rotation`, or `translation`: stiffness is then in N/m, damping and friction in N*s/m;
+    its motor turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
     start: its position where loops are put together, which decides between the two ways in which most loops close.
     point: of a rotation, a point that its axis goes through, in the axes reached so far. Whatever follows stays where
     it would be without the joint: a link of length l that bends at l1 is one joint at [0, 0, l1] and nothing else.

@@ -31,11 +31,11 @@ class Pin:
 
 @section
 class Rod:
-    """A straight rod on two ball joints, `length` apart, rigid unless it has a stiffness.
+    """A straight rod on two ball joints, rigid unless it has a stiffness.
 
-    center: place of the centre of mass between first end (0) and second (1).  inertia: about the centre of mass, across
-    the rod; its spin about itself is left out.  stiffness (N/m) and damping (N*s/m): along the rod, which stretches
-    evenly.
+    length: between the two joints.  mass: of the rod.  center: place of the centre of mass between first end (0) and
+    second (1).  inertia: about the centre of mass, across the rod; its spin about itself is left out.
+    stiffness, damping: along the rod, which stretches evenly.
     """
 
     length: Length
@@ -78,7 +78,8 @@ class Rod:
 class Loop:
     """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point.
 
-    A rod begins at the first end; where it hangs on a driven lever, that is the lever's end.
+    name: ends the names of its rod's parameters.  ends: two points of two bodies; a rod begins at the first end, and
+    where it is moved by a driven lever, that is the lever's end.  pin: a hinge.  rod: a rod on ball joints.
     """
 
     name: str

@@ -17,11 +17,12 @@ from elastid.robot.named_numbers import Numbers
 
 @section
 class Chain:
-    """torque_lag: time constant of the torque loop, first order, or of second order with torque_damping.
+    """Elements between torque command and logged motion; those without a number are not there.
 
-    sensor_lag: time constant 1 / (2 pi corner) of the low-pass filter of the logged motions, a Butterworth filter of
-    sensor_order.  differentiator: time over which a logged velocity is the difference of positions.
-    Elements without a number are not there.
+    torque_lag: time constant of the torque loop.  torque_order: 1, or 2 with torque_damping.  torque_damping: damping
+    ratio of a torque loop of second order.
+    sensor_lag: time constant 1 / (2 pi corner) of the low-pass filter of the logged motions.  sensor_order: of that
+    filter, a Butterworth filter.  differentiator: time over which a logged velocity is the difference of positions.
     """
 
     torque_lag: Time | None = None

@@ -14,10 +14,11 @@ from elastid.robot.spring import Spring
 
 @section
 class Motor:
-    """A motor and its gear: inertia and friction on the motor side, ratio = motor turns per joint turn.
+    """A motor and its gear, motor side; link side ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.
 
-    Link side: ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.  coulomb: dry friction that is Coulomb's alone;
-    `friction` in its place says more.
+    inertia: of the rotor about its axis.  ratio: motor turns per joint turn, negative where they turn in opposite ways.
+    viscous: friction of the motor.  coulomb: dry friction that is Coulomb's alone.  friction: dry friction of any law,
+    in the place of coulomb.
     spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own.
     on, axis: the body that carries the motor, and the direction in that body's axes about which the rotor turns where
     the motor does. The rotor then takes part in the carrier's rotation, T = inertia (axis . omega + ratio q_m')^2 / 2,

@@ -33,7 +33,10 @@ def unit_axis(axis: Axis) -> FloatArray:
 
 @section
 class Placement:
-    """Where something sits in its parent: translation xyz (m), then roll, pitch, yaw (rad, about fixed axes)."""
+    """Where something sits in its parent.
+
+    xyz: translation in the parent's axes.  rpy: roll, pitch, yaw about fixed axes, after the translation.
+    """
 
     xyz: Vector3 = (0.0, 0.0, 0.0)
     rpy: Angles3 = (0.0, 0.0, 0.0)

@@ -25,12 +25,15 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 
 @section
 class Robot:
-    """Bodies in any order of listing that names parents first, gravity in the base frame, loops that join bodies,
-    gears that couple axes, and the chain of measurement around all of it.
+    """A tree of bodies with joints, closed into loops, and everything that is attached to it.
 
-    frames: named frames of bodies, such as the tool.  payload: what it carries at one of them.  chain: of measurement.
+    name: of the robot.  bodies: each listed after its parent.  gravity: acceleration in the base frame.  source: where
+    the numbers come from; free text.  frames: named frames of bodies, such as the tool.  payload: carried at one of
+    them.
+    loops: join bodies that the tree does not.  compensators: coils and gas springs that carry part of the weight.
+    gears: couplings through which one axis turns the motor of another.  chain: of measurement, around all of it.
     Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
-    is not there or that its joint has nothing to do with, gear ratios that form a singular matrix.
+    does not exist or that its joint does not move against, gear ratios that form a singular matrix.
     """
 
     name: str

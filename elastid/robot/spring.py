@@ -33,9 +33,12 @@ _OF_BACKLASH = (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1"))
 class Spring:
     """Torque of a deflection, on the link side; the deflection is q_m - q_a in a gear, q_na in an elastic joint.
 
+    stiffness: k of Delta; with backlash, beyond the gap.  damping: d of the deflection's rate.
     quadratic: k2 of Delta^2, which makes one direction stiffer.  symmetric_quadratic: k2s of Delta |Delta|.
     cubic: k3 of Delta^3.  backlash: b, half the gap.  inner_stiffness: k_i inside the gap.  rounding: e / b, the part
-    of b over which the flanks take hold.  What is not given is not there and has no name among the parameters.
+    of b over which the flanks take hold.
+
+    Optional terms that are left out have no name among the parameters.
     """
 
     stiffness: Stiffness

@@ -29,9 +29,10 @@ _MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "trans
 
 @section
 class UrdfJoint:
-    """What a URDF does not tell of a joint: spring, motor, further elastic joints behind it, in the link's axes.
+    """Properties of a joint that a URDF does not hold.
 
-    viscous and limits: in the place of those of the file.
+    spring: of its gear, or of an elastic joint.  motor: drives it.  elastic: further elastic joints behind it, in the
+    link's axes.  viscous: friction, in the place of that of the file.  limits: in the place of those of the file.
     """
 
     spring: Spring | None = None
@@ -43,7 +44,12 @@ class UrdfJoint:
 
 @section
 class UrdfRobot:
-    """urdf: path of the file, relative to this one.  joints: by the names of the file, all that move."""
+    """A URDF file and the properties that it does not hold.
+
+    urdf: path of the file, relative to this one.  joints: by the names of the file, all that move.
+    name: of the robot; default: that of the file.  gravity: acceleration in the base frame.  source: where the numbers
+    come from; free text.  frames: further named frames.  payload: carried at one of them.
+    """
 
     urdf: str
     joints: dict[str, UrdfJoint]

@@ -10,10 +10,10 @@ from elastid.base.units import InUnit
 
 @section
 class StabilisationSpec:
-    """What keeps the loops of a simulated robot closed; nothing of it matters to a tree or to rods that are cut.
+    """How the loops of a simulated robot are kept closed; without effect on a tree or on rods that are cut.
 
-    project: after each sample back onto the closed loops, which leaves rounding alone.  alpha (1/s), beta (1/s^2):
-    Baumgarte's terms, phi'' + alpha phi' + beta phi = 0, critically damped where beta = alpha^2 / 4.
+    project: after each sample back onto the closed loops, which leaves rounding alone.
+    alpha, beta: Baumgarte's terms, phi'' + alpha phi' + beta phi = 0, critically damped where beta = alpha^2 / 4.
     """
 
     project: bool = True

@@ -13,7 +13,7 @@ The only room that knows YAML and pydantic.
 
 from elastid.study.loading import LoadedStudy, load
 from elastid.study.robots import load_robot
-from elastid.study.schema import SCHEMA_NAME, schema
+from elastid.study.schema import SCHEMA_NAME, make_schema
 from elastid.study.sections import Study
 
-__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "load_robot", "schema"]
+__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "load_robot", "make_schema"]

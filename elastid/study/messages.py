@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.reference import describe, keys_of, type_at, words_of
+from elastid.study.reference import describe, names_in, type_at, words_in
 from elastid.study.yaml_source import KeyPath, Place, YamlSource
 
 PydanticError: TypeAlias = Mapping[str, Any]
@@ -77,7 +77,7 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
     if kind == "missing" and isinstance(parent, dict) and path and path[-1] not in parent:
         return Problem(path, "this key is needed and not given", at_key=True)
     if kind == "unexpected_keyword_argument":
-        known = keys_of(type_at(root, path[:-1]))
+        known = names_in(type_at(root, path[:-1]))
         return Problem(path, f"unknown key; {did_you_mean(str(path[-1]), known)}", at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
@@ -98,7 +98,7 @@ def _union_problems(
     annotation = type_at(root, union)
     sentences = [str(error["ctx"]["error"]) for _, error in members if error["type"] == "value_error"]
     if sentences and isinstance(at(data, union), str):
-        return [Problem(union, " or ".join([sentences[0], *words_of(annotation)]))]
+        return [Problem(union, " or ".join([sentences[0], *words_in(annotation)]))]
     return [Problem(union, f"expected {describe(annotation)}")]
 
 

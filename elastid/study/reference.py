@@ -1,30 +1,105 @@
-"""What may stand at a key of a study, read from the types of the sections and put into words."""
+"""Keys of a study: where each may stand, its type in words, its default, and its text.
+
+The text of a key stands in the docstring of its section as `key: text`, or `key, other: text` where several share one:
+at the start of a line, or two spaces behind the sentence before it. It ends at the next key or at an empty line; the
+rest of the docstring is the text of the section. JSON Schema takes its descriptions from here.
+"""
 
 from __future__ import annotations
 
-from dataclasses import MISSING, fields, is_dataclass
+import inspect
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from elastid.base.units import InUnit
+from elastid.robot import Robot
+from elastid.robot.denavit_hartenberg import DenavitHartenberg
+from elastid.robot.urdf import UrdfRobot
+from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
+
+# The forms of a robot's file; a study names the file, or holds the robot itself.
+ROBOT_FORMS = (Robot, DenavitHartenberg, UrdfRobot)
 
 _SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
+@dataclass(frozen=True)
+class Key:
+    """One key of a study at one of its places, such as experiment.recorded.files[].samples.
+
+    `[]` stands for the number of an entry, `<name>` for a name that the study chooses.  section: the class that has the
+    key.  default: MISSING where the key is needed.
+    """
+
+    path: str
+    section: type
+    name: str
+    annotation: Any
+    text: str
+    default: Any = field(default=MISSING)
+
+
+def list_keys() -> Iterator[Key]:
+    """Every key of a study and of a robot's file in each of its forms, in the order of the sections."""
+    yield from _keys_below(Study, "")
+    for form in ROBOT_FORMS[1:]:
+        yield from _keys_below(form, "robot.")
+
+
+def list_sections() -> Mapping[str, type]:
+    """Every class that a study is made of, by its name."""
+    return {section.__name__: section for section in (Study, *ROBOT_FORMS, *(key.section for key in list_keys()))}
+
+
+@cache
+def texts_of(section: type) -> tuple[str, Mapping[str, str]]:
+    """The text of a section, and of each key that its docstring names."""
+    doc = inspect.getdoc(section) or ""
+    names = "|".join(f.name for f in fields(section))
+    begins = re.compile(rf"(?:^|  )((?:{names})(?:, (?:{names}))*): ", re.MULTILINE)
+    own, texts = [], {}
+    for paragraph in doc.split("\n\n"):
+        keys = [m for m in begins.finditer(paragraph) if paragraph[: m.start()].rstrip()[-1:] in ("", ".", ")")]
+        ends = [*(match.start() for match in keys), len(paragraph)]
+        own.append(paragraph[: ends[0]])
+        for match, end in zip(keys, ends[1:], strict=True):
+            texts |= dict.fromkeys(match[1].split(", "), " ".join(paragraph[match.end() : end].split()))
+    return " ".join(" ".join(own).split()), texts
+
+
+def _keys_below(annotation: Any, path: str) -> Iterator[Key]:
+    for option in _options(annotation):
+        arguments, origin = get_args(option), get_origin(option)
+        if origin is tuple:
+            yield from _keys_below(arguments[0], f"{path[:-1]}[].")
+        elif origin is dict:
+            yield from _keys_below(arguments[1], f"{path}<name>.")
+        elif is_dataclass(option) and isinstance(option, type):
+            hints, (_, texts) = get_type_hints(option, include_extras=True), texts_of(option)
+            for f in fields(option):
+                default = f.default if f.default_factory is MISSING else f.default_factory()
+                yield Key(path + f.name, option, f.name, hints[f.name], texts.get(f.name, ""), default)
+                yield from _keys_below(hints[f.name], f"{path}{f.name}.")
+
+
 def type_at(root: Any, path: KeyPath) -> Any:
-    """The type of what stands at a path below a section; Any where no section has such a key."""
+    """The type of the value at a path below a section; Any where no section has such a key."""
     for step in path:
         root = _child(root, step)
     return root
 
 
-def keys_of(annotation: Any) -> list[str]:
+def names_in(annotation: Any) -> list[str]:
     """The keys of the section that an annotation allows."""
     return [f.name for option in _options(annotation) if is_dataclass(option) for f in fields(option)]
 
 
-def words_of(annotation: Any) -> list[str]:
+def words_in(annotation: Any) -> list[str]:
     """The fixed words that an annotation allows."""
     return [str(w) for option in _options(annotation) if get_origin(option) is Literal for w in get_args(option)]
 

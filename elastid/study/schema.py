@@ -6,33 +6,41 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from elastid.robot.denavit_hartenberg import DenavitHartenberg
-from elastid.robot.urdf import UrdfRobot
+from elastid.study.reference import ROBOT_FORMS, list_sections, texts_of
 from elastid.study.sections import Study
 
 # The name under which `elastid new` writes it beside a study, and to which the study's first line refers.
 SCHEMA_NAME = "study.schema.json"
 
 
-def schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a study file: every key with its description, unit and default."""
+def make_schema() -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a study file: every key with its text, unit and default."""
     document = TypeAdapter(Study).json_schema()
-    for form in (DenavitHartenberg, UrdfRobot):
-        further = TypeAdapter(form).json_schema()
-        document["$defs"] |= further.pop("$defs")
-        document["$defs"][form.__name__] = further
+    definitions = document.pop("$defs")
+    for form in ROBOT_FORMS:
+        definition = TypeAdapter(form).json_schema()
+        definitions |= definition.pop("$defs")
+        definitions[form.__name__] = definition
+    for name, section in list_sections().items():
+        _add_texts(document if section is Study else definitions[name], section)
     document["properties"]["robot"] = {
-        "description": "The path of the robot's file, relative to the study, or the robot itself.",
-        "anyOf": [
-            {"type": "string"},
-            *({"$ref": f"#/$defs/{form}"} for form in ("Robot", "DenavitHartenberg", "UrdfRobot")),
-        ],
+        "description": document["properties"]["robot"]["description"],
+        "anyOf": [{"type": "string"}, *({"$ref": f"#/$defs/{form.__name__}"} for form in ROBOT_FORMS)],
     }
+    document["$defs"] = definitions
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **_for_editors(document)}
 
 
+def _add_texts(definition: dict[str, Any], section: type) -> None:
+    """The texts of a section and of its keys as descriptions; units that a type names already come last."""
+    definition["description"], texts = texts_of(section)
+    for key, text in texts.items():
+        entry = definition["properties"][key]
+        entry["description"] = f"{text} {entry.get('description', '')}".strip()
+
+
 def _for_editors(node: Any) -> Any:
-    """A name such as 1 needs no quotes: a number may stand for a free text. Defaults JSON cannot tell are left out."""
+    """A name such as 1 needs no quotes: a number may stand for a free text. Defaults that JSON lacks are left out."""
     if isinstance(node, list):
         return [_for_editors(item) for item in node]
     if not isinstance(node, dict):

@@ -22,8 +22,11 @@ class Study:
     """One identification, from the excitation to the report.
 
     name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself.
-    excitation: needed where the rig is simulated.  design: chooses further configurations.  seed: of everything that
-    is drawn; the same seed gives the same results, bit for bit, whatever the number of processes.
+    experiment: configurations, repetitions and the rig.  excitation: needed where the rig is simulated.
+    design: chooses further configurations.  seed: of everything that is drawn; the same seed gives the same results,
+    bit for bit, for any number of processes.
+    estimator: from records to frequency responses.  model: the equations that the fit uses.  fit: parameters, weights
+    and search.  validation: data that judge the model.  compare: models of `elastid compare`.  report: its figures.
     """
 
     name: str

@@ -28,6 +28,7 @@ class ValidationSpec:
 class VariantSpec:
     """Another model for `elastid compare`, as far as it differs from the study's own.
 
+    name: of the model in the comparison.
     rigid: joints and rods, these by the names of their loops, whose springs are left out; the gear of a driven joint is
     then rigid, and any other joint is not there.  motor_coupling: false has every rotor turn about its own axis only.
     set: keys of the study and their values as on the command line, such as model.formulation=serial or

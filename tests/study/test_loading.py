@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from hypothesis.strategies import DataObject
 
 from elastid.base.errors import StudyError
-from elastid.study import load, schema
+from elastid.study import load, make_schema
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TEMPLATES = Path(__file__).parents[2] / "elastid" / "app" / "templates"
@@ -386,7 +386,7 @@ def test_two_files_of_the_same_run_are_refused(tiny: Path) -> None:
 
 def test_the_schema_is_json_with_units_and_closed_sections() -> None:
     """For editors: 2020-12, no unknown keys, a description of every quantity's unit, names that may be numbers."""
-    document = json.loads(json.dumps(schema(), allow_nan=False))
+    document = json.loads(json.dumps(make_schema(), allow_nan=False))
     assert document["$schema"] == "https://json-schema.org/draft/2020-12/schema"
     assert document["additionalProperties"] is False
     assert {"name", "robot", "experiment"} == set(document["required"])

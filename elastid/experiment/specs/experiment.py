@@ -20,16 +20,15 @@ MOST_REALISATIONS = 10_000
 
 @section
 class ExperimentSpec:
-    """Configurations (name to angles of the driven joints), how often each is measured, and on which rig.
+    """Which configurations are measured, how often, and on which rig: simulated, recorded or responses, exactly one.
 
-    Of a joint that slides the angle is its position in m.
-    Further configurations are chosen where the study has a section `design`.
-
+    configurations: name to positions of the driven joints (rad, or m where a joint slides); a section `design` adds
+    others.
     realisations: independent draws of the random phases.  experiments: of every realisation (default: as many as
-    motors, each with all motors moving); fewer are for the local methods of `estimator`, which tell inputs apart by
-    neighbouring lines.  periods: measured after transient_periods that are left out.
+    motors, each with all motors moving); fewer are for the local methods of `estimator`, which separate inputs by
+    neighbouring lines.  periods: measured in each experiment.  transient_periods: before these, left out.
     ramp: time in which torque and movement grow at the start and fade at the end.  hold: rest before and after that.
-    Exactly one of simulated, recorded (logs) and responses (frequency responses from elsewhere).
+    simulated: a rig that is a model.  recorded: logs of a rig.  responses: frequency responses from elsewhere.
     """
 
     configurations: dict[str, tuple[JointPosition, ...]] = field(default_factory=dict)

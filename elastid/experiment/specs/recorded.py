@@ -22,14 +22,19 @@ QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 class ChannelSpec:
     """One signal of the log files: where it is in the file, and what it is on the robot.
 
-    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
-    of an HDF5 dataset.  column: which column of a matrix, the first is 1.  role: r injected, u acting torque, y motion.
+    Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
+
+    role: r injected torque, u acting torque, y motion.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
-    feels gravity).  unit: of the file after `scale`; default SI.
-    Value = sign * scale * file value, then unit, then torque_constant (for a current), then the gear ratio for
-    side: motor (motors that gears couple all together).  file: in which file of an experiment it is, 1 is `path` and 2
-    the first of `also`.  rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one,
-    band-limited.
+    feels gravity).
+    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
+    of an HDF5 dataset.  column: which column of a matrix, the first is 1.
+    quantity: that the channel holds.  unit: of the file after `scale`; default SI.  scale: factor of the file's
+    numbers.
+    sign: -1 where the sensor counts the other way.  torque_constant: of a current.
+    side: of the gear that it is measured on (`motor` refers to motors that gears couple all together).
+    file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.
+    rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one, band-limited.
     """
 
     role: Literal["r", "u", "y"]
@@ -79,6 +84,7 @@ class TextFormatSpec:
 
     delimiter: a character, `tab`, or `whitespace` (any run of blanks and tabs).  decimal: `,` for numbers such as 1,5.
     header_lines: lines to skip; headings are the last of them or the first line after them that holds no numbers.
+    comment: begins a line that is skipped.
     """
 
     delimiter: str = ","
@@ -89,8 +95,10 @@ class TextFormatSpec:
 
 @section
 class FileSpec:
-    """One log file: which configuration, realisation and experiment it holds. samples: [first, last) to use of it.
+    """One log file and its contents.
 
+    path: relative to the study.  configuration: that it was measured in.  realisation: of the phases, from 0.
+    experiment: of the realisation, from 0.  samples: [first, last) to use of it.
     also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
     it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
     """
@@ -107,10 +115,11 @@ class FileSpec:
 class RecordedSpec:
     """A rig that is a folder of lab logs.
 
-    rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  period: of the excitation in s, or
-    period_samples.  text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
+    rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  channels: the signals.  files: the logs.
+    period: of the excitation.  period_samples: the same in samples, in place of period.
+    text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
     of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
-    time: name of the channel that holds the time in s; what its gaps leave out are missing samples.
+    time: name of the channel that holds the time in s; gaps in it are missing samples.
     """
 
     rate_hz: Frequency | Literal["unknown"]

@@ -12,9 +12,14 @@ from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
 class ResponseColumnsSpec:
     """Where a CSV or HDF5 file keeps a frequency response: names of columns or datasets.
 
-    In a CSV file {y} and {u} stand for the names (`channel`) or the numbers (`column`) of output and input.  Either
-    real and imaginary, or magnitude and phase.  HDF5: response names a complex dataset with an axis of frequencies;
-    the two others are outputs, inputs.  std: standard deviation of the complex number, sqrt(E|dG|^2), if there is one.
+    In a CSV file {y} and {u} stand for the names (`channel`) or the numbers (`column`) of output and input. Either real
+    and imaginary, or magnitude and phase.
+
+    frequency: of the lines.  response: HDF5, a complex dataset with an axis of frequencies; the two others are outputs,
+    inputs.  real: part of G.  imaginary: part of G.  magnitude: |G|, in place of real and imaginary.  phase: of G,
+    beside the magnitude.
+    std: standard deviation of the complex number, sqrt(E|dG|^2), if there is one.
+    magnitude_unit: 1 or dB.  phase_unit: deg or rad.
     """
 
     frequency: str = "freq_hz"
@@ -37,6 +42,7 @@ class ResponseColumnsSpec:
 class ResponseFileSpec:
     """One file with the frequency response of one configuration.
 
+    path: relative to the study.  configuration: that it was measured in.
     response: which response of the file: variable of a MATLAB file, configuration of a frf.h5 of elastid (default:
     the only one; of frf.h5 the configuration of the same name).
     """
@@ -50,10 +56,11 @@ class ResponseFileSpec:
 class ResponsesSpec:
     """Frequency responses that were measured elsewhere: MATLAB structs, HDF5, CSV, UFF 58, or frf.h5 of elastid.
 
-    channels: what the inputs (role u) and outputs (role y) of the files are; column is their number in the file, the
-    first is 1, or channel their name.  frf.h5 of elastid needs none.  frequency_unit: `auto` is what the file says, or
-    Hz for CSV, HDF5 without units and UFF.  relative_std: standard deviation of G as a part of |G| where a file tells
-    none.
+    files: one for each configuration.  channels: inputs (role u) and outputs (role y) of the files; column is their
+    number in the file, the first is 1, or channel their name.  frf.h5 of elastid needs none.
+    frequency_unit: `auto` takes that of the file, or Hz for CSV, HDF5 without units and UFF.
+    columns: names in CSV and HDF5 files.  text: format of CSV files.
+    relative_std: standard deviation of G as a part of |G| where a file has none.
     """
 
     files: tuple[ResponseFileSpec, ...]

@@ -31,7 +31,7 @@ class ControllerSpec:
 
     bandwidth_hz: of the position loop about the configuration; low, so that the plant and not the loop is excited.
     damping_ratio: of that loop.  kind: `pd`, or the `cascade` of robot controllers, a proportional position loop around
-    a velocity loop with integral_time (default: three times 1 / (2 pi bandwidth_hz)).
+    a velocity loop.  integral_time: of the cascade's velocity loop (default: three times 1 / (2 pi bandwidth_hz)).
     """
 
     bandwidth_hz: Frequency = 1.5
@@ -68,9 +68,10 @@ class CarrierSpec:
     kind: `sine`: q(t) = amplitude * sin(2 pi cycles t / period).  `square`: the velocity is a square wave of `velocity`
     with so many cycles a period, filtered at cutoff_hz, without the harmonics that fall on analysed lines.  `offset`:
     constant `velocity` (its sign the direction), through the configuration in the middle of the measured periods; the
-    multisine is kept so small that no motor turns back.  amplitude, velocity: link-side, one for all joints or one for
-    each; in m and m/s of those that slide.
-    Sine and square are periodic with the multisine, on lines below the excited band.
+    multisine is kept so small that no motor turns back. Sine and square are periodic with the multisine, on lines below
+    the excited band.
+    amplitude, velocity: link-side, one for all joints or one for each; in m and m/s of those that slide.
+    cycles: of a sine or square, in a period of the multisine.  cutoff_hz: of the filter of a square.
     """
 
     amplitude: JointPosition | tuple[JointPosition, ...] | None = None
@@ -108,10 +109,11 @@ class CarrierSpec:
 
 @section
 class ColoredNoiseSpec:
-    """Noise of a given spectrum on one of the signals of `noise`, beside the white one; std of it all, SI.
+    """Noise of a given spectrum on one of the signals of `noise`, beside the white one.
 
-    Flat up to corner_hz, then falling by `slope` dB a decade; or of a table of [frequency in Hz, relative amplitude],
-    straight between its points on logarithmic axes and held beyond them.
+    signal: that it is added to.  std: of all of it, SI.  corner_hz: flat up to here, then falling.  slope: dB a decade
+    beyond the corner.  table: in place of a corner, [frequency in Hz, relative amplitude], straight between its points
+    on logarithmic axes and held beyond them.
     """
 
     signal: Literal["torque", "angle", "disturbance"]
@@ -146,7 +148,10 @@ class ColoredNoiseSpec:
 
 @section
 class EncoderRippleSpec:
-    """An error of the motor encoders that repeats `periods` times in a motor turn; amplitude on the motor side."""
+    """An error of the motor encoders that repeats in a motor turn.
+
+    amplitude: on the motor side.  periods: in a motor turn.  phase: at motor angle zero.
+    """
 
     amplitude: Angle
     periods: int = 1
@@ -160,7 +165,10 @@ class EncoderRippleSpec:
 
 @section
 class TorqueRippleSpec:
-    """Cogging: a torque on the motors that repeats `periods` times in a motor turn; amplitude on the motor side."""
+    """Cogging: a torque on the motors that repeats in a motor turn.
+
+    amplitude: on the motor side.  periods: in a motor turn.  phase: at motor angle zero.
+    """
 
     amplitude: Torque
     periods: int = 6
@@ -176,9 +184,11 @@ class TorqueRippleSpec:
 class WarmingSpec:
     """How the robot's friction drifts from run to run and within each, as it warms.
 
-    Level of dry friction: 1 + amplitude exp(-t / time_constant), t from the start of the first run, `pause` between
-    runs; spread: standard deviation of a further factor, drawn for every run.  temperature: [cold, warm] of the gears,
-    approached with the same time constant, for friction laws that have a `temperature`.
+    Level of dry friction: 1 + amplitude exp(-t / time_constant), t from the start of the first run.
+
+    time_constant: of the drift.  amplitude: of the drift, a part of the level.  spread: standard deviation of a further
+    factor, drawn for every run.  pause: between runs.  temperature: [cold, warm] of the gears, approached with the same
+    time constant, for friction laws that have a `temperature`.
     """
 
     time_constant: Time
@@ -201,10 +211,9 @@ class WarmingSpec:
 
 @section
 class NoiseSpec:
-    """What the sensors add, link side: torque_std on the logged torque, angle_std on the logged angles, both white.
+    """Sensor noise and disturbances, link side; in N and m where a joint slides.
 
-    The same number counts in N and m where a joint slides.
-
+    torque_std: on the logged torque, white.  angle_std: on the logged angles, white.
     acceleration_std: on the logged accelerations of points, white.
     encoder_counts: resolution of the motor encoders in counts per motor turn; 0 = unlimited.
     disturbance_std: torque that acts on the motors, white, unknown to the log.
@@ -243,9 +252,10 @@ class SimulatedSpec:
 
     truth: parameter name to value.  outputs: places that are logged (default: every motor): `motor 1`, `joint 1`,
     `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.
+    controller: of the joints.  carrier: a slow movement beside the excitation (default: none).  noise: of the sensors.
     substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
     loops: how those of a linkage are kept closed.
-    saturation: motor torques are clipped at the joints' limits.torque; without it going beyond is reported.
+    saturation: motor torques are clipped at the joints' limits.torque; without it, exceeding them is reported.
     encoder_ripple, torque_ripple: errors that repeat with the motors' turns.  warming: how friction drifts.
     """
 

@@ -1,0 +1,74 @@
+"""Every key of a study has a text beside its field, and something that gives it: a shipped file or a test."""
+
+import re
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from elastid.study import make_schema
+from elastid.study.reference import list_keys, list_sections, texts_of
+
+ROOT = Path(__file__).parents[2]
+KEYS = {(key.section.__name__, key.name): key for key in list_keys()}
+
+
+# Tests, shipped studies and templates give a key as `key: value` in YAML, `key=value` in Python or on the command line,
+# or "key" in a mapping.
+GIVEN = re.compile(r"(?<!\w)(\w+)\s*[:=](?!=)|[\"'](\w+)[\"']")
+GIVERS = ("tests/**/*.py", "configs/**/*.yml", "elastid/app/templates/**/*.yml")
+
+
+@cache
+def given_words() -> set[str]:
+    texts = [file.read_text(encoding="utf-8") for givers in GIVERS for file in ROOT.glob(givers)]
+    return {word for text in texts for pair in GIVEN.findall(text) for word in pair}
+
+
+@pytest.mark.parametrize("section", list_sections().values(), ids=lambda section: section.__name__)
+def test_every_key_has_a_text_and_is_given_somewhere(section: type) -> None:
+    """A text in the docstring of its section, as `key: text`; and a shipped study or a test that uses it."""
+    own, texts = texts_of(section)
+    names = [name for of, name in KEYS if of == section.__name__]
+    assert own, f"{section.__name__}: say what it is before its keys"
+    assert [name for name in names if " " not in texts.get(name, "")] == [], "without a text"
+    assert [name for name in names if name not in given_words()] == [], "in no test and no shipped study"
+
+
+def test_the_schema_shows_the_texts() -> None:
+    """Each key of each section has its text, and its unit where it has one."""
+    schema = make_schema()
+    for (section, name), key in KEYS.items():
+        definition = schema if section == "Study" else schema["$defs"][section]
+        assert definition["properties"][name]["description"].startswith(key.text), f"{section}.{name}"
+    period = schema["$defs"]["MultisineSpec"]["properties"]["period"]["description"]
+    assert period == "of the multisine; the lines are 1/period apart. in s, or a text with a unit: s, ms, us, min"
+
+
+def test_a_text_ends_where_the_next_begins() -> None:
+    """Several keys share a text; a colon within a sentence, or after a word that is no key, begins none."""
+
+    class Section:
+        """A thing.  Further words.
+
+        left, right: both ends (such as
+        left: mine).  other: no key.
+        width: of it.
+
+        More on the thing.
+        """
+
+    Section.__annotations__ = {"left": float, "right": float, "width": float}
+    from elastid.base.section import section
+
+    own, texts = texts_of(section(Section))
+    both = "both ends (such as left: mine). other: no key."
+    assert own == "A thing. Further words. More on the thing."
+    assert texts == {"left": both, "right": both, "width": "of it."}
+
+
+def test_a_key_knows_its_places() -> None:
+    """Entries of lists and names that a study chooses have a sign of their own."""
+    paths = {key.path for key in list_keys()}
+    assert {"seed", "experiment.recorded.files[].samples", "fit.parameters.<name>.tie.to"} <= paths
+    assert {"robot.bodies[].joints[].motor.ratio", "robot.links[].joint.axis", "robot.urdf"} <= paths
