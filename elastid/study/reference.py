@@ -62,7 +62,8 @@ def texts_of(section: type) -> tuple[str, Mapping[str, str]]:
     doc = inspect.getdoc(section) or ""
     names = "|".join(f.name for f in fields(section))
     begins = re.compile(rf"(?:^|  )((?:{names})(?:, (?:{names}))*): ", re.MULTILINE)
-    own, texts = [], {}
+    own: list[str] = []
+    texts: dict[str, str] = {}
     for paragraph in doc.split("\n\n"):
         keys = [m for m in begins.finditer(paragraph) if paragraph[: m.start()].rstrip()[-1:] in ("", ".", ")")]
         ends = [*(match.start() for match in keys), len(paragraph)]
