@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from elastid.experiment.plan.plan import Plan, make_plan
+    from elastid.experiment.simulated.closed_loop import closed_loop_of
     from elastid.experiment.simulated.rig import SimulatedRig
     from elastid.fit.identify import identify, predict
     from elastid.fit.result import FitResult
@@ -64,6 +65,7 @@ _HOME = {
     "RecordedRig": "elastid.recorded.rig",
     "Robot": "elastid.robot",
     "SimulatedRig": "elastid.experiment.simulated.rig",
+    "closed_loop_of": "elastid.experiment.simulated.closed_loop",
     "estimate": "elastid.frf.estimate",
     "formulate": "elastid.model.formulation",
     "frequency_response": "elastid.linear.response.transfer",
@@ -81,6 +83,7 @@ __all__ = [  # noqa: RUF022  (in the order of the work)
     "Robot",
     "Configuration",
     "make_plan",
+    "closed_loop_of",
     "Plan",
     "SimulatedRig",
     "RecordedRig",

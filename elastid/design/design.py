@@ -25,7 +25,9 @@ from elastid.excitation.spec import AskedTorque, MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
 from elastid.experiment.plan.plan import Chosen, Plan, make_plan
 from elastid.experiment.plan.rehearsal import Rehearsal
-from elastid.experiment.simulated.rig import true_robot
+from elastid.experiment.plan.torque_spectra import PredictClosedLoop
+from elastid.experiment.simulated.closed_loop import closed_loop_of
+from elastid.experiment.simulated.plant import true_robot
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.setup.parameter_choice import choose
@@ -126,9 +128,12 @@ class DesignProblem:
     @property
     def simulated(self) -> SimulatedSpec:
         """The rig that is planned for, with its noise and its controller."""
-        if self.experiment.simulated is None:
-            raise StudyError("design: the experiment is recorded; there is nothing to plan")
-        return self.experiment.simulated
+        return self.experiment.as_simulated()
+
+    @property
+    def closed_loop(self) -> PredictClosedLoop:
+        """The closed-loop response of the nominal robot."""
+        return closed_loop_of(self.robot, self.simulated.controller, self.excitation.rate_hz)
 
     @property
     def guesses(self) -> FloatArray:
@@ -178,7 +183,7 @@ def designed(brief: DesignProblem, jobs: int = 1, progress: Progress = silent) -
         experiment = replace(experiment, periods=choice.periods)
     chosen = choice.chosen if choice is not None else ()
     spectra = _spectra(brief, experiment, chosen, excitation.torque_rms)
-    plan = make_plan(excitation, experiment, robot, brief.seed, chosen, spectra)
+    plan = make_plan(excitation, experiment, robot, brief.seed, chosen, spectra, brief.closed_loop)
     check_line_count(plan.freq_hz, brief.parameters)
     # The rehearsal has Coulomb friction itself: it takes the robot as it was before friction counted as damping.
     plan, peaks = within_limits(plan, excitation, experiment, robot, brief.seed, jobs, progress)
@@ -275,7 +280,7 @@ def _planned(brief: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[
     if brief.typical is not None:
         names = (*experiment.configurations, *(one.configuration.name for one in chosen))
         spectra = dict.fromkeys(names, brief.typical)
-    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, chosen, spectra)
+    return make_plan(brief.excitation, experiment, brief.robot, brief.seed, chosen, spectra, brief.closed_loop)
 
 
 def _expected(brief: DesignProblem, plan: Plan) -> list[Expected]:

@@ -25,7 +25,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.rehearsal import Rehearsal, derivatives
 from elastid.experiment.plan.torque_spectra import torque_rms
-from elastid.experiment.simulated.closed_loop import closed_loop_response
+from elastid.experiment.simulated.closed_loop import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -149,7 +149,7 @@ def costs(plan: Plan, excitation: MultisineSpec, experiment: ExperimentSpec, rob
     for configuration, here in zip(plan.configurations, room, strict=True):
         if excitation.torque_rms == "limits":
             _check_ends(plan, here)
-        loop = closed_loop_response(robot, simulated.controller, configuration, plan.freq_hz, plan.rate_hz)
+        loop = closed_loop_of(robot, simulated.controller, plan.rate_hz)(configuration, plan.freq_hz)
         power = np.abs(loop.of(("torque", "position", "velocity", "acceleration"))) ** 2
         least = np.array([here[0], here[1], np.minimum(here[2], here[4]), here[3]]).ravel()
         motion = np.swapaxes(power, 0, 1) * (crest / (2 * E * least**2))[:, None, None]
@@ -216,9 +216,8 @@ def _filling(
     """
     assert experiment.simulated is not None
     _check_ends(plan, room)
-    loop = closed_loop_response(
-        robot, experiment.simulated.controller, plan.configurations[q], plan.freq_hz, plan.rate_hz
-    )
+    predict = closed_loop_of(robot, experiment.simulated.controller, plan.rate_hz)
+    loop = predict(plan.configurations[q], plan.freq_hz)
     response = loop.of(("torque", "position", "velocity", "acceleration"))
 
     def used(largest: FloatArray) -> FloatArray:

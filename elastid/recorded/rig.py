@@ -51,9 +51,7 @@ class RecordedRig:
 
     @property
     def _recorded(self) -> RecordedSpec:
-        if self.spec.recorded is None:
-            raise StudyError("the experiment of this study is not recorded; give experiment.recorded")
-        return self.spec.recorded
+        return self.spec.as_recorded()
 
     @property
     def experiments(self) -> tuple[Experiment, ...]:

@@ -201,8 +201,7 @@ def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> DesignProb
 def fitted(programme: Programme, draws: int, seed: int) -> FloatArray:
     """Measured once, then fitted with several draws of the torque's noise: the estimates x (B, n)."""
     brief, plan = programme.brief, programme.plan(seed)
-    assert brief.experiment.simulated is not None
-    simulated = brief.experiment.simulated
+    simulated = brief.experiment.as_simulated()
     quiet = replace(simulated, noise=replace(simulated.noise, torque_std=0.0))
     rig = SimulatedRig(brief.robot, replace(brief.experiment, simulated=quiet), plan, seed)
     records = [rig.measure(run) for run in plan.experiments]

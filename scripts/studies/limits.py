@@ -18,7 +18,7 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import argparse
 import json
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -30,6 +30,7 @@ from elastid.base.execution import ordered
 from elastid.design.limits import QUANTITIES, peaks_of_run, within_limits
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.simulated.closed_loop import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
@@ -119,15 +120,14 @@ def studied(truth: float, seed: int) -> Outcome:
     excitation, experiment = random_study(rng, robot)
     nothing = np.zeros(len(QUANTITIES))
     try:
-        plan, peaks = within_limits(make_plan(excitation, experiment, robot, seed), excitation, experiment, robot, seed)
+        loop = closed_loop_of(robot, experiment.as_simulated().controller, excitation.rate_hz)
+        plan = make_plan(excitation, experiment, robot, seed, closed_loop=loop)
+        plan, peaks = within_limits(plan, excitation, experiment, robot, seed)
     except StudyError as error:
         return Outcome(nothing, nothing, str(error))
-    assert experiment.simulated is not None
     springs = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_")}
     true = {name: value * (1 + truth * rng.uniform(-1, 1)) for name, value in springs.items()}
-    rig = SimulatedRig(
-        robot, replace(experiment, simulated=replace(experiment.simulated, truth=true)), plan, seed + 10**6
-    )
+    rig = SimulatedRig(robot, experiment.with_truth(true), plan, seed + 10**6)
     runs = [peaks_of_run(rig, e, *rig.rehearse(e)) for e in plan.experiments]
     measured = (np.max(runs, axis=0) / peaks.limit[0]).max(axis=1)
     return Outcome(peaks.used[0].max(axis=1), measured)

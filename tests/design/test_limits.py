@@ -20,7 +20,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import check_movement, movement
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.plan.references import references
-from elastid.experiment.simulated.closed_loop import closed_loop_response
+from elastid.experiment.simulated.closed_loop import closed_loop_of, feed_forward_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
@@ -212,12 +212,12 @@ def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_fric
 def test_a_motion_that_is_to_be_flat_is_flat_and_low_where_a_resonance_may_be(flat: Any) -> None:
     """Amplitude times the largest response within 10 % is the same at all lines; no line of the motion is above it."""
     machine = arm()
-    plan = make_plan(replace(EXCITATION, torque_rms=50.0, flat=flat), experiment(), machine, 0)
+    loop_of = closed_loop_of(machine, SimulatedSpec().controller, 500.0)
+    excitation = replace(EXCITATION, torque_rms=50.0, flat=flat)
+    plan = make_plan(excitation, experiment(), machine, 0, closed_loop=loop_of)
 
     def motion(factor: float) -> np.ndarray:
-        loop = closed_loop_response(
-            machine, SimulatedSpec().controller, plan.configurations[0], factor * plan.freq_hz, 500.0
-        )
+        loop = loop_of(plan.configurations[0], factor * plan.freq_hz)
         return np.abs(np.einsum("fii,fi->fi", getattr(loop, flat), plan.R[0, 0, 0]))
 
     level = np.max([motion(factor) for factor in np.linspace(0.9, 1.1, 9)], axis=0)
@@ -237,7 +237,7 @@ def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
     spec = experiment(simulated=SimulatedSpec(substeps=4), transient_periods=6)
     plan = make_plan(replace(EXCITATION, torque_rms=1.0), spec, machine, 0)
     rig = SimulatedRig(machine, spec, plan, 0)
-    loop = closed_loop_response(machine, spec.simulated.controller, plan.configurations[0], plan.freq_hz, 500.0)  # type: ignore[union-attr]
+    loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
     position, torque = rig.rehearse(rig.experiments[1])
     last = slice(plan.first_sample + 6 * 500, plan.first_sample + 7 * 500)
     R = plan.R[0, 0, 1]
@@ -252,12 +252,15 @@ def test_precision_puts_torque_where_angle_noise_would_hide_the_response() -> No
     noise = NoiseSpec(angle_std=1e-5)
     spec = experiment(simulated=SimulatedSpec(noise=noise))
     excitation = replace(EXCITATION, torque_rms=50.0, flat="precision")
-    plan = make_plan(excitation, spec, arm(), 0)
-    loop = closed_loop_response(arm(), SimulatedSpec().controller, plan.configurations[0], plan.freq_hz, 500.0)
+    loop_of = closed_loop_of(arm(), SimulatedSpec().controller, 500.0)
+    plan = make_plan(excitation, spec, arm(), 0, closed_loop=loop_of)
+    loop = loop_of(plan.configurations[0], plan.freq_hz)
     position = np.abs(np.einsum("fii,fi->fi", loop.position, plan.R[0, 0, 0]))
     np.testing.assert_allclose(position / position[0], 1, rtol=1e-9)
-    with pytest.raises(StudyError, match="precision needs the noise that is expected"):
-        make_plan(excitation, experiment(simulated=SimulatedSpec()), arm(), 0)
+    with pytest.raises(StudyError, match="precision needs the expected noise"):
+        make_plan(excitation, experiment(simulated=SimulatedSpec()), arm(), 0, closed_loop=loop_of)
+    with pytest.raises(StudyError, match=r"flat: precision.*needs the robot's closed-loop response"):
+        make_plan(excitation, spec, arm(), 0)
 
 
 def test_a_plan_refuses_sets_that_its_lines_or_realisations_do_not_allow() -> None:
@@ -275,7 +278,7 @@ def test_references_hold_the_robot_up_and_inject_the_plans_torque_under_a_ramp()
     """Feed-forward is the weight at rest; the injected torque is the period's, at the right sample."""
     spec = experiment(hold=0.1)
     plan = make_plan(replace(EXCITATION, torque_rms=10.0), spec, arm(), 0)
-    (one,) = references(plan, None, arm())
+    (one,) = references(plan, None, feed_forward_of(serial(arm())))
     assert one.position.shape == (plan.run_samples, 2)
     np.testing.assert_allclose(one.feed_forward[:, 0], 0, atol=1e-9)
     weight = -9.81 * 40 * 0.3 * math.sin(0.4)  # gravity about the beam's axis; the motor holds against it
@@ -292,7 +295,9 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     plan, peaks, _ = designed(CARRIERS[1], grid="odd-random")
     run = nearest_run(plan, peaks, experiment(CARRIERS[1]), arm(), 1)
     path = tmp_path / "plan.h5"
-    write_plan(path, plan, references=references(plan, CARRIERS[1], arm()), peaks=peaks, nearest=run)
+    write_plan(
+        path, plan, references=references(plan, CARRIERS[1], feed_forward_of(serial(arm()))), peaks=peaks, nearest=run
+    )
     again, found = read_plan(tmp_path / "plan.h5"), read_peaks(tmp_path / "plan.h5")
     for name in ("lines", "detection", "R", "ramp_samples", "hold_samples"):
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))

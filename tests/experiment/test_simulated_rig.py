@@ -290,5 +290,5 @@ def test_a_rig_that_cannot_run_is_refused_when_it_is_made() -> None:
         ChannelSpec(role, "motor 1", "x", quantity=what) for role, what in (("u", "torque"), ("y", "position"))
     )  # type: ignore[arg-type]
     recorded = RecordedSpec("unknown", channels, (FileSpec("log.csv", "c1"),), period_samples=10)
-    with pytest.raises(StudyError, match="there is nothing to simulate"):
+    with pytest.raises(StudyError, match="need the section simulated, not recorded"):
         SimulatedRig(machine, ExperimentSpec({"c1": POSTURE}, recorded=recorded), design, 1)

@@ -133,7 +133,12 @@ WRONG = [
     ("report:", "validation: {left_out: [a, a]}\nreport:", "validation.left_out", "names a configuration twice"),
     ("name: tiny", "name: " + "n" * 101, "name", "has 101 characters"),
     ("a: [0]", "c" * 101 + ": [0]", "experiment.configurations.c", "has 101 characters"),
-    ("  simulated:", "  realisations: 10001\n  simulated:", "experiment.realisations", "more than 10000 help nobody"),
+    (
+        "  simulated:",
+        "  realisations: 10001\n  simulated:",
+        "experiment.realisations",
+        "at most 10000, commonly 2",
+    ),
     ("  starts: 2", "  starts: 20000", "fit.starts", "it must be 1 to 10000"),
     ("  starts: 2", "  start_factor: 2000", "fit.start_factor", "it must be 1 to 1000"),
     ("  starts: 2", "  starts: true", "fit.starts", "expected a whole number"),

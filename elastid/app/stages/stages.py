@@ -26,6 +26,8 @@ from elastid.design.design import designed
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.references import references
 from elastid.experiment.plan.rig import Rig
+from elastid.experiment.simulated.closed_loop import feed_forward_of
+from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.identify import identify, predict
 from elastid.fit.result import FitResult
@@ -99,11 +101,10 @@ def design(run: Run) -> None:
     <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
     """
     study = run.study
-    assert study.experiment.simulated is not None  # a recorded experiment has no design
     with run.console.progress("design") as progress:
         design = designed(brief_of(run.loaded), run.jobs, progress)
     plan, forecast, peaks = design.plan, design.forecast, design.peaks
-    movements = references(plan, study.experiment.simulated.carrier, study.robot)
+    movements = references(plan, study.experiment.as_simulated().carrier, feed_forward_of(model_of(study.robot)))
     folder = run.folder / "references"
     shutil.rmtree(folder, ignore_errors=True)
     for movement in movements:

@@ -10,11 +10,9 @@ analysed ones, and below them, since friction makes harmonics of it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
@@ -24,7 +22,7 @@ from elastid.robot import Robot
 _NEGLIGIBLE = 1e-4
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Movement:
     """One whole run: position, velocity, acceleration (n, n_u) about the configuration; rad or m, link side.
 
@@ -36,10 +34,10 @@ class Movement:
     acceleration: FloatArray
     scale: FloatArray
 
-    def __post_init__(self) -> None:
-        """Freeze."""
-        for name in ("position", "velocity", "acceleration", "scale"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+    @property
+    def first(self) -> Movement:
+        """The first sample alone."""
+        return Movement(self.position[:1], self.velocity[:1], self.acceleration[:1], self.scale[:1])
 
 
 def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.multisine import synthesise
 from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan.torque_spectra import PredictClosedLoop, torque_spectra
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
@@ -41,7 +42,7 @@ class Chosen:
     realisations: int
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Plan:
     """What to run, sampled at rate_hz with period_samples per period.
 
@@ -67,10 +68,7 @@ class Plan:
     sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze and check."""
-        for name in ("lines", "detection"):
-            object.__setattr__(self, name, frozen(getattr(self, name), np.int64))
-        object.__setattr__(self, "R", frozen(self.R, np.complex128))
+        """Check the shape of R."""
         Q, _, _, F, n_u = self.R.shape
         if (Q, F, n_u) != (len(self.configurations), len(self.lines), len(self.inputs)):
             raise ValueError(f"R has shape {self.R.shape}; it does not fit configurations, lines and inputs")
@@ -138,17 +136,16 @@ def make_plan(
     seed: int,
     chosen: Sequence[Chosen] = (),
     spectra: Mapping[str, FloatArray] | None = None,
+    closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
     """The plan of a study: per realisation and configuration n_u experiments of an orthogonal multisine, or the first.
 
     chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
-    has found, by the configuration's name.  The phases of a set hang on seed, configuration index and realisation
-    alone, so that a further configuration or realisation leaves the others as they were.  Raises StudyError for what
-    the robot cannot do.
+    has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
+    other than the torque.  The phases of a set depend on seed, configuration index and realisation alone, so that a
+    further configuration or realisation leaves the others as they were.  Raises StudyError where the robot cannot do
+    it.
     """
-    # CasADi, which a plan as a value does not need.
-    from elastid.experiment.plan.torque_spectra import injected
-
     given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = (*given, *chosen)
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
@@ -156,8 +153,10 @@ def make_plan(
     R = np.zeros((len(everyone), M, E, len(lines.excited), n_u), complex)
     for q, one in enumerate(everyone):
         draws = [np.random.SeedSequence(seed, spawn_key=(q, m)) for m in range(one.realisations)]
-        found = (spectra or {}).get(one.configuration.name)
-        every = injected(excitation, experiment, robot, lines.excited, one.configuration, draws, found)
+        spectrum = (spectra or {}).get(one.configuration.name)
+        every = torque_spectra(
+            excitation, experiment, robot, lines.excited, one.configuration, draws, spectrum, closed_loop
+        )
         R[q, : len(draws)] = every[:, :E]
     return Plan(
         configurations=tuple(one.configuration for one in everyone),

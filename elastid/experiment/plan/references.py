@@ -1,30 +1,29 @@
-r"""Reference trajectories: what a robot controller is told for a whole run, at its rate.
+r"""Reference trajectories of a robot controller for a whole run, at its rate.
 
 .. math:: u_{ff} = T^T [M(q) T \ddot q_{ref} + f(q, T \dot q_{ref})], \qquad r(t) = s(t)\, r_{period}(t \bmod T)
 
-The feed-forward torque is that of the rigid nominal robot on the reference; the injected torque is the experiment's
-period, repeated, under the ramp s.
+The feed-forward torque is that of the rigid nominal robot on the reference and is an argument here; the injected torque
+is the experiment's period, repeated, under the ramp s.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
-from elastid.experiment.plan.movement import movement
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.experiment.plan.movement import Movement, movement
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.specs.simulated import CarrierSpec
-from elastid.linear.equilibrium import equilibrium
-from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import formulate
 from elastid.record import Configuration
-from elastid.robot import Robot
-from elastid.simulation.controller import feed_forward
+
+# Torque (n, n_u) of the rigid robot on a movement of n samples about a configuration.
+FeedForward: TypeAlias = Callable[[Configuration, Movement], FloatArray]
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Reference:
     """One whole run in one configuration, each (n, n_u): rad, rad/s, rad/s^2, Nm, link side; scale (n,), 0 to 1.
 
@@ -40,37 +39,31 @@ class Reference:
     feed_forward: FloatArray
     scale: FloatArray
 
-    def __post_init__(self) -> None:
-        """Freeze."""
-        for name in ("position", "velocity", "acceleration", "feed_forward", "scale"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
     def injected(self, period: FloatArray) -> FloatArray:
         """r (n, n_u) of a whole run from one period (N, n_u) of torque."""
         sample = np.arange(-self.first_sample, len(self.scale) - self.first_sample)
-        r: FloatArray = self.scale[:, None] * period[sample % len(period)]
-        return r
+        return np.asarray(self.scale[:, None] * period[sample % len(period)])
 
 
-def references(plan: Plan, carrier: CarrierSpec | None, robot: Robot) -> tuple[Reference, ...]:
-    """The references of all configurations of a plan, with the nominal robot's feed-forward torque."""
-    model = formulate(robot)
-    rest = (equilibrium(model, model.theta, configuration).q for configuration in plan.configurations)
-    return tuple(reference(plan, carrier, model, q0, c) for q0, c in zip(rest, plan.configurations, strict=True))
+def references(plan: Plan, carrier: CarrierSpec | None, feed_forward: FeedForward) -> tuple[Reference, ...]:
+    """The references of all configurations of a plan."""
+    return tuple(reference(plan, carrier, feed_forward, configuration) for configuration in plan.configurations)
 
 
 def reference(
-    plan: Plan, carrier: CarrierSpec | None, model: ElasticModel, q0: FloatArray, configuration: Configuration
+    plan: Plan, carrier: CarrierSpec | None, feed_forward: FeedForward, configuration: Configuration
 ) -> Reference:
-    """The reference of a configuration whose equilibrium is q0 (n_q,)."""
+    """The reference of one configuration."""
     path = movement(carrier, plan)
-    motion = path.position, path.velocity, path.acceleration
-    if carrier is None:
-        # One sample says it all.
-        torque = np.broadcast_to(feed_forward(model, q0, *(signal[:1] for signal in motion)), path.position.shape)
-    else:
-        torque = feed_forward(model, q0, *motion)
-    position = configuration.angles + path.position
+    # At rest all samples are the same.
+    torque = feed_forward(configuration, path if carrier is not None else path.first)
     return Reference(
-        configuration, plan.rate_hz, plan.first_sample, position, path.velocity, path.acceleration, torque, path.scale
+        configuration,
+        plan.rate_hz,
+        plan.first_sample,
+        configuration.angles + path.position,
+        path.velocity,
+        path.acceleration,
+        np.broadcast_to(torque, path.position.shape),
+        path.scale,
     )

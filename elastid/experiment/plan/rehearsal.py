@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.experiment.plan.plan import Experiment
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Rehearsal:
     """Motor angles and torques (n, n_u) of a whole run, rad and Nm, link side; its periods begin at first_sample."""
 
@@ -20,16 +18,10 @@ class Rehearsal:
     position: FloatArray
     torque: FloatArray
 
-    def __post_init__(self) -> None:
-        """Freeze."""
-        for name in ("position", "torque"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
     @property
     def time_s(self) -> FloatArray:
         """Time (n,), 0 where the periods begin."""
-        time: FloatArray = (np.arange(len(self.torque)) - self.first_sample) / self.rate_hz
-        return time
+        return np.asarray((np.arange(len(self.torque)) - self.first_sample) / self.rate_hz)
 
     @property
     def signals(self) -> FloatArray:

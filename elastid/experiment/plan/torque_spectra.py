@@ -1,35 +1,53 @@
-r"""The torque spectra of one configuration: amplitudes as the study wants them to be flat, then the phases.
+r"""Torque spectra of one configuration: amplitudes for the quantity that is to be flat, then phases.
 
 .. math:: \mathrm{var}\, G / |G|^2 \approx (\sigma_u^2 + \sigma_d^2 + \sigma_y^2 / |P|^2) / |U|^2
 
 is the expected relative variance of a response under noise of torque, disturbance and angle; `flat: precision` makes it
-the same at all lines, motor by motor. P: torque to angle, U: torque that acts.
+the same at all lines, motor by motor. P: torque to angle, U: acting torque. The closed-loop response is an argument.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, shape
-from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.simulated.closed_loop import ClosedLoopResponse, closed_loop_response
+from elastid.excitation.spec import MultisineSpec, Signal
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec
+from elastid.experiment.specs.simulated import NoiseSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 
-# A resonance may be so far from where the nominal robot has it (springs off by a fifth): a motion is flattened by the
-# largest response nearby, or a resonance that has moved to a strong line would take the robot out of its limits.
+# True resonances lie within 10 % of the nominal ones (springs off by a fifth): a motion is flattened by the largest
+# response in that range, otherwise a resonance moved to a strong line would take the robot out of its limits.
 _NEARBY = np.linspace(0.9, 1.1, 9)
 
 
-def injected(
+@frozen_value
+class ClosedLoopResponse:
+    """From injected torques (F, n_u, n_u): the motors' torque, and their position, velocity and acceleration."""
+
+    torque: ComplexArray
+    position: ComplexArray
+    velocity: ComplexArray
+    acceleration: ComplexArray
+
+    def of(self, signals: tuple[Signal, ...]) -> ComplexArray:
+        """The responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
+        return np.concatenate([getattr(self, signal) for signal in signals], axis=1)
+
+
+# The expected response in a configuration at frequencies (F,) in Hz (`experiment.simulated.closed_loop` makes one).
+PredictClosedLoop: TypeAlias = Callable[[Configuration, FloatArray], ClosedLoopResponse]
+
+
+def torque_spectra(
     excitation: MultisineSpec,
     experiment: ExperimentSpec,
     robot: Robot,
@@ -37,38 +55,40 @@ def injected(
     configuration: Configuration,
     draws: Sequence[np.random.SeedSequence],
     spectrum: FloatArray | None = None,
+    closed_loop: PredictClosedLoop | None = None,
 ) -> ComplexArray:
     """R (M, n_u experiments, F, n_u) of one configuration, a realisation for each of the M draws.
 
     spectrum (F, n_u): amplitudes in Nm that a design has found (`flat: information`; until then flat in torque).
-    With torque_rms: limits every motor has a share of its torque limit, to be scaled.  Raises StudyError where fewer
-    lines than inputs are excited, or realisations would all be the same.
+    closed_loop: needed where anything but the torque is to be flat or compressed.  With torque_rms: limits every motor
+    has a share of its torque limit, to be scaled.  Raises StudyError where fewer lines than inputs are excited,
+    realisations would all be the same, or closed_loop is missing.
     """
     inputs = robot.motor_locations
     check_excited_lines(excitation, lines, len(inputs))
     if len(draws) > 1 and not excitation.is_new_in_every_realisation:
         raise StudyError(
-            f"excitation.phases: {excitation.phases} gives the same signal in every realisation, which tells nothing "
-            "about nonlinear distortion; set experiment.realisations: 1, or phases: random or optimised"
+            f"excitation.phases: {excitation.phases} gives the same signal in every realisation, which does not show "
+            "nonlinear distortion; set experiment.realisations: 1, or phases: random or optimised"
         )
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = shape(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
     is_found = excitation.flat in ("torque", "information")
     if not is_found or excitation.compress != ("torque",):
-        simulated = experiment.simulated
-        controller = simulated.controller if simulated is not None else ControllerSpec()
-        noise = simulated.noise if simulated is not None else NoiseSpec()
-
-        def loop_at(frequencies: FloatArray) -> ClosedLoopResponse:
-            return closed_loop_response(robot, controller, configuration, frequencies, excitation.rate_hz)
-
+        if closed_loop is None:
+            raise StudyError(
+                f"excitation: flat: {excitation.flat} with compress: [{', '.join(excitation.compress)}] needs the "
+                "robot's closed-loop response; call make_plan with closed_loop=elastid.closed_loop_of(robot, "
+                "experiment.simulated.controller, excitation.rate_hz), or set flat and compress to torque"
+            )
         if excitation.flat == "precision":
-            relative = relative * _precision(loop_at(freq_hz), noise, robot)
+            noise = experiment.as_simulated().noise
+            relative = relative * _precision(closed_loop(configuration, freq_hz), noise, robot)
         elif not is_found:
-            nearby = [getattr(loop_at(freq_hz * factor), excitation.flat) for factor in _NEARBY]
+            nearby = [getattr(closed_loop(configuration, freq_hz * factor), excitation.flat) for factor in _NEARBY]
             relative = relative / np.max([_own(response) for response in nearby], axis=0)
-        responses = loop_at(freq_hz).of(excitation.compress)
+        responses = closed_loop(configuration, freq_hz).of(excitation.compress)
     amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
     return np.array([experiments(*how, np.random.default_rng(d), responses, excitation.effort) for d in draws])
@@ -103,8 +123,7 @@ def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
 
 def _own(response: ComplexArray) -> FloatArray:
     """|T_ii| (F, n_u): of each motor to its own torque."""
-    magnitude: FloatArray = np.abs(np.diagonal(response, axis1=1, axis2=2))
-    return magnitude
+    return np.asarray(np.abs(np.diagonal(response, axis1=1, axis2=2)))
 
 
 def _precision(loop: ClosedLoopResponse, noise: NoiseSpec, robot: Robot) -> FloatArray:
@@ -116,8 +135,6 @@ def _precision(loop: ClosedLoopResponse, noise: NoiseSpec, robot: Robot) -> Floa
     variance = noise.torque_std**2 + noise.disturbance_std**2 + angle * (torque / position) ** 2
     if not np.all(variance > 0):
         raise StudyError(
-            "excitation.flat: precision needs the noise that is expected; set experiment.simulated.noise, or take "
-            "another flat"
+            "excitation.flat: precision needs the expected noise; set experiment.simulated.noise, or take another flat"
         )
-    deviation: FloatArray = np.sqrt(variance) / torque
-    return deviation
+    return np.asarray(np.sqrt(variance) / torque)

@@ -1,4 +1,4 @@
-r"""What the robot is expected to do, before it is measured: the closed loop of its nominal model about a configuration.
+r"""Predictions for a plan: closed-loop response and feed-forward torque of the nominal robot about a configuration.
 
 .. math:: u = [I + F H P]^{-1} r, \qquad q_m = H P u, \qquad F = k_p + k_d (1 - z^{-1}) / T_s
 
@@ -8,42 +8,38 @@ which damps, is left out. Link side, SI.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import replace
+from functools import lru_cache, partial
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.excitation.spec import Signal
+from elastid.base.arrays import FloatArray
+from elastid.experiment.plan.movement import Movement
+from elastid.experiment.plan.references import FeedForward
+from elastid.experiment.plan.torque_spectra import ClosedLoopResponse, PredictClosedLoop
+from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
 from elastid.linear.measurement_chain import torque_elements
 from elastid.linear.response.transfer import frequency_response
-from elastid.model.formulation import formulate
+from elastid.model.elastic import ElasticModel
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.controller import tuned
+from elastid.simulation.controller import feed_forward, tuned
 
 
-@dataclass(frozen=True)
-class ClosedLoopResponse:
-    """From injected torques (F, n_u, n_u): the motors' torque, and their position, velocity and acceleration."""
+def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:
+    """The closed-loop response of the nominal robot under a controller sampled at rate_hz, as `make_plan` takes it.
 
-    torque: ComplexArray
-    position: ComplexArray
-    velocity: ComplexArray
-    acceleration: ComplexArray
-
-    def of(self, signals: tuple[Signal, ...]) -> ComplexArray:
-        """The responses of several signals (F, n_signals n_u, n_u), one signal's motors after the other's."""
-        return np.concatenate([getattr(self, signal) for signal in signals], axis=1)
+    It raises StudyError where a configuration has no equilibrium.
+    """
+    return partial(_closed_loop_response, robot, controller, rate_hz)
 
 
-def closed_loop_response(
-    robot: Robot, controller: ControllerSpec, configuration: Configuration, freq_hz: FloatArray, rate_hz: float
+def _closed_loop_response(
+    robot: Robot, controller: ControllerSpec, rate_hz: float, configuration: Configuration, freq_hz: FloatArray
 ) -> ClosedLoopResponse:
-    """The responses at freq_hz (F,) with a controller sampled at rate_hz; StudyError where there is no equilibrium."""
     linearisation = _linearisation(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
@@ -63,4 +59,14 @@ def closed_loop_response(
 
 @lru_cache(maxsize=4)
 def _linearisation(robot: Robot) -> Linearisation:
-    return Linearisation.of(formulate(robot))
+    return Linearisation.of(model_of(robot))
+
+
+def feed_forward_of(model: ElasticModel) -> FeedForward:
+    """The feed-forward torque of a rigid robot, as `references` takes it."""
+
+    def torque(configuration: Configuration, path: Movement) -> FloatArray:
+        q0 = equilibrium(model, model.theta, configuration).q
+        return feed_forward(model, q0, path.position, path.velocity, path.acceleration)
+
+    return torque

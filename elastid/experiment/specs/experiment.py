@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import field
-from typing import Literal
+from dataclasses import field, replace
+from typing import Literal, TypeAlias
 
+from elastid.base.errors import StudyError
 from elastid.base.section import section
-from elastid.base.units import (
-    JointPosition,
-    Time,
-)
+from elastid.base.units import JointPosition, Quantity, Time
 from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 
-# Whatever is more is a slip of the pen.
-MOST_REALISATIONS = 10_000
+# More are taken for a typing error.
+MAX_REALISATIONS = 10_000
+
+# The kinds of an experiment: from where its data come.
+RigSpec: TypeAlias = SimulatedSpec | RecordedSpec | ResponsesSpec
 
 
 @section
@@ -54,10 +55,8 @@ class ExperimentSpec:
         ):
             if number < int(least[0]):
                 raise ValueError(f"{name} is {number}; it must be at least {least}")
-        if self.realisations > MOST_REALISATIONS:
-            raise ValueError(
-                f"realisations is {self.realisations}; more than {MOST_REALISATIONS} help nobody, 2 to 20 do"
-            )
+        if self.realisations > MAX_REALISATIONS:
+            raise ValueError(f"realisations is {self.realisations}; at most {MAX_REALISATIONS}, commonly 2 to 20")
         if self.ramp < 0 or self.hold < 0:
             raise ValueError("ramp and hold are times; they must not be negative")
 
@@ -66,8 +65,33 @@ class ExperimentSpec:
         return n_u if self.experiments is None else self.experiments
 
     @property
+    def rig(self) -> RigSpec:
+        """The section of the experiment's kind, for `match`."""
+        return next(kind for kind in (self.simulated, self.recorded, self.responses) if kind is not None)
+
+    @property
     def kind(self) -> Literal["simulated", "recorded", "responses"]:
-        """Where the data come from, which decides what stages a study has."""
-        if self.simulated is not None:
-            return "simulated"
-        return "recorded" if self.recorded is not None else "responses"
+        """The key of that section, which decides the stages of a study."""
+        match self.rig:
+            case SimulatedSpec():
+                return "simulated"
+            case RecordedSpec():
+                return "recorded"
+            case ResponsesSpec():
+                return "responses"
+
+    def as_simulated(self) -> SimulatedSpec:
+        """The section `simulated`; StudyError for an experiment of another kind."""
+        if self.simulated is None:
+            raise StudyError(f"experiment: designing and simulating need the section simulated, not {self.kind}")
+        return self.simulated
+
+    def as_recorded(self) -> RecordedSpec:
+        """The section `recorded`; StudyError for an experiment of another kind."""
+        if self.recorded is None:
+            raise StudyError(f"experiment: logs need the section recorded, not {self.kind}")
+        return self.recorded
+
+    def with_truth(self, truth: dict[str, Quantity]) -> ExperimentSpec:
+        """The same with another truth of the simulated robot; an empty one is the nominal robot."""
+        return replace(self, simulated=replace(self.as_simulated(), truth=truth))

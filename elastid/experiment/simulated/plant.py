@@ -1,0 +1,84 @@
+"""The simulated plant: the true robot as equations, alone and in its closed loop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.base.units import Quantity, to_si
+from elastid.experiment.plan.plan import Experiment
+from elastid.experiment.simulated.hardware import drives
+from elastid.experiment.specs.simulated import EncoderRippleSpec, TorqueRippleSpec
+from elastid.friction.robot_friction import frictions
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import EXACT, formulate
+from elastid.model.spec import ModelSpec
+from elastid.robot import Robot
+from elastid.simulation.closed_loop import ClosedLoop, closed_loop
+from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
+from elastid.simulation.friction_states import contacts
+from elastid.simulation.spec import StabilisationSpec
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """The true robot as equations, alone and in its loop."""
+
+    model: ElasticModel
+    loop: ClosedLoop
+
+
+def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
+    """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
+    unit = {name: unit for name, (_, unit) in robot.parameters(robot.geometry).items()}
+    try:
+        # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
+        return robot.with_parameters(
+            {name: to_si(value, unit[name]) if name in unit else 0.0 for name, value in truth.items()}
+        )
+    except ValueError as error:
+        raise StudyError(f"experiment.simulated.truth: {error}") from None
+
+
+@lru_cache(maxsize=4)
+def model_of(robot: Robot, spec: ModelSpec = EXACT) -> ElasticModel:
+    """The equations of a robot, built once in a process."""
+    return formulate(robot, spec)
+
+
+@lru_cache(maxsize=4)
+def plant_of(
+    robot: Robot,
+    equations: ModelSpec,
+    loops: StabilisationSpec,
+    rate_hz: float,
+    substeps: int,
+    encoder_counts: int,
+    encoder_ripple: tuple[EncoderRippleSpec, ...],
+    torque_ripple: tuple[TorqueRippleSpec, ...],
+    saturation: bool,
+) -> Plant:
+    """A plant and its closed loop, built once in a process: CasADi expressions do not pickle."""
+    model = model_of(robot, equations)
+    limits = np.array([joint.limits.angle for joint in robot.driven])
+    hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
+    sliding = contacts(model, frictions(robot))
+    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops))
+
+
+def check_steps(plant: Plant, q0: FloatArray, experiment: Experiment, substeps: int, rate_hz: float) -> None:
+    """StudyError where the integration steps are too long for the plant's fastest pole."""
+    rate = fastest_rate(plant.model, plant.loop.contacts, q0)
+    needed = math.ceil(rate / rate_hz / STABLE_STEP)
+    if substeps < needed:
+        raise StudyError(
+            f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
+            f"{plant.model.robot.name} in configuration {experiment.configuration.name} (a pole of {rate:.4g} 1/s: its "
+            f"stiffest mode, or friction at standstill); take at least {needed}, or raise excitation.rate_hz"
+        )

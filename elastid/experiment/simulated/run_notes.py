@@ -1,0 +1,76 @@
+"""Notes about a simulated run: torques that were clipped, limits that were exceeded, loops that opened."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.base.units import of_translation
+from elastid.experiment.plan.plan import Experiment
+from elastid.experiment.simulated.plant import Plant
+from elastid.model.elastic import ElasticModel
+from elastid.robot import Robot
+from elastid.simulation.baumgarte import violation
+from elastid.simulation.closed_loop import Trajectory
+
+# m between the ends of a loop that a simulation may leave without a note.
+MAX_VIOLATION_M = 1e-6
+# Share of the measured samples in which a motor may be at its torque limit.
+MAX_CLIPPED_SHARE = 0.5
+
+
+def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[str, ...]:
+    """A word for every motor whose measured torque u (n, n_u) was clipped; DataError where it mostly was."""
+    part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
+    words = []
+    for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
+        unit = "N" if plant.model.robot.slides(name) else "N*m"
+        if share > MAX_CLIPPED_SHARE:
+            raise DataError(
+                f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
+                f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
+                "measured samples, so that nothing is controlled; lower excitation.torque_rms, move the configuration "
+                "to where gravity takes less, or correct limits.torque"
+            )
+        if share > 0:
+            words.append(
+                f"{name} was clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the "
+                f"measured samples of configuration {experiment.configuration.name}, realisation "
+                f"{experiment.realisation}, experiment {experiment.experiment}: the response is no longer linear; "
+                "lower excitation.torque_rms"
+            )
+    return tuple(words)
+
+
+def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[str, ...]:
+    """A word where the loops did not stay closed."""
+    left = violation(model, trajectory.q)
+    if left <= MAX_VIOLATION_M:
+        return ()
+    return (
+        f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; set "
+        "experiment.simulated.loops.project: true, or take more substeps",
+    )
+
+
+def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:
+    """A word for every motor that went beyond its limits; the simulation does not clip."""
+    torque = np.abs(trajectory.u).max(axis=0)
+    velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
+    speed = np.abs(velocity).max(axis=0)
+    acceleration = np.abs(np.diff(velocity, axis=0)).max(axis=0) * rate_hz
+    notes = []
+    for i, joint in enumerate(robot.driven):
+        for peak, limit, unit in (
+            (torque[i], joint.limits.torque, "N*m"),
+            (speed[i], joint.limits.velocity, "rad/s"),
+            (acceleration[i], joint.limits.acceleration, "rad/s^2"),
+        ):
+            unit = of_translation(unit) if joint.slides else unit
+            if peak > limit:
+                notes.append(
+                    f"motor {joint.name} went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "
+                    "lower excitation.torque_rms"
+                )
+    return tuple(notes)
