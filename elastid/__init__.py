@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     from elastid.experiment.plan.plan import Plan, make_plan
     from elastid.experiment.simulated.closed_loop import closed_loop_of
     from elastid.experiment.simulated.rig import SimulatedRig
-    from elastid.fit.identify import identify, predict
+    from elastid.fit.fitted_model import FittedModel
+    from elastid.fit.identify import identify
     from elastid.fit.result import FitResult
     from elastid.frf.estimate import estimate
     from elastid.linear.linearise import linearise
@@ -59,6 +60,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Configuration": "elastid.record",
     "FitResult": "elastid.fit.result",
+    "FittedModel": "elastid.fit.fitted_model",
     "FrequencyResponse": "elastid.response",
     "Plan": "elastid.experiment.plan.plan",
     "Record": "elastid.record",
@@ -73,7 +75,6 @@ _HOME = {
     "linearise": "elastid.linear.linearise",
     "load_study": "elastid.study",
     "make_plan": "elastid.experiment.plan.plan",
-    "predict": "elastid.fit.identify",
     "serial": "elastid.model.serial",
     "validate": "elastid.validation.agreement",
 }
@@ -95,8 +96,8 @@ __all__ = [  # noqa: RUF022  (in the order of the work)
     "linearise",
     "frequency_response",
     "identify",
-    "predict",
     "FitResult",
+    "FittedModel",
     "validate",
 ]
 

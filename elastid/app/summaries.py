@@ -8,24 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.fit.fitted_model import FittedModel
 from elastid.fit.result import FitResult, LocalOptimum
-from elastid.fit.setup.assembly import linearised
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.uncertainty.propagation import response_deviation, uncertain_modes
+from elastid.fit.uncertainty.propagation import uncertain_modes
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
-from elastid.linear.linearise import Linearisation
 from elastid.linear.modes import modes, shapes_of_all
 from elastid.linear.strain_energy import strain_energy
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import formulate
 from elastid.model.stick_figure import stick_figure
 from elastid.report.modes.mode_drawing import mode_drawing
 from elastid.report.modes.mode_row import ModeRow, load_name, spring_names
 from elastid.report.parameter_rows import parameter_rows
-from elastid.response import FrequencyResponse
 from elastid.study import Study
 from elastid.validation.agreement import Agreement, Validation
 from elastid.validation.replay import Replay
@@ -49,11 +45,9 @@ def truth(study: Study) -> dict[str, float] | None:
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
 
 
-def modes_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[ModeRow, ...]:
+def modes_of(fitted: FittedModel) -> tuple[ModeRow, ...]:
     """The modes of the fitted model with its motors free, configuration by configuration."""
-    linearisation = Linearisation.of(formulate(study.robot, study.model, result.parameters.names))
-    models = linearised(linearisation, responses, result.parameters, result.x)
-    return tuple(_mode_row(linearisation.model, model, result) for model in models)
+    return tuple(_mode_row(fitted.model, model, fitted.result) for model in fitted.linear)
 
 
 def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> ModeRow:
@@ -77,16 +71,6 @@ def _mode_row(elastic: ElasticModel, model: LinearModel, result: FitResult) -> M
         stores=(*(names[spring] for spring in energy.springs), load_name(robot)),
         energy=np.vstack([energy.share, energy.load]),
         drawing=mode_drawing(stick_figure(robot, point.q[:n_l]), shapes[:n_l], robot.gravity),
-    )
-
-
-def model_std_of(study: Study, result: FitResult, responses: Sequence[FrequencyResponse]) -> tuple[FloatArray, ...]:
-    """Standard deviation (F, n_y, n_u) of the fitted model beside each response, by that of its parameters."""
-    equations = formulate(study.robot, study.model, result.parameters.names)
-    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
-    return tuple(
-        response_deviation(model, response.freq_hz, result.parameters, result.x, result.covariance)[1]
-        for model, response in zip(models, responses, strict=True)
     )
 
 

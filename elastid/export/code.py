@@ -11,11 +11,11 @@ from pathlib import Path
 
 import casadi as ca
 
-from elastid.export.fitted import Identified
+from elastid.fit.fitted_model import FittedModel
 from elastid.store import replacing, text_file
 
 
-def functions(model: Identified) -> tuple[ca.Function, ...]:
+def functions(model: FittedModel) -> tuple[ca.Function, ...]:
     """mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, at the fitted numbers.
 
     damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
@@ -40,7 +40,7 @@ def functions(model: Identified) -> tuple[ca.Function, ...]:
     )
 
 
-def write_casadi(folder: Path, model: Identified) -> tuple[Path, ...]:
+def write_casadi(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """mass.casadi, force.casadi, damping.casadi, stiffness.casadi, input_matrix.casadi for casadi.Function.load."""
     paths = []
     for function in functions(model):
@@ -51,7 +51,7 @@ def write_casadi(folder: Path, model: Identified) -> tuple[Path, ...]:
     return (*paths, _coordinates(folder, model))
 
 
-def write_c(folder: Path, model: Identified) -> tuple[Path, ...]:
+def write_c(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """robot.c and robot.h: the same functions, each `int mass(const double** arg, double** res, ...)`.
 
     Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`.
@@ -69,7 +69,7 @@ def write_c(folder: Path, model: Identified) -> tuple[Path, ...]:
     return folder / "robot.c", folder / "robot.h", _coordinates(folder, model)
 
 
-def _coordinates(folder: Path, model: Identified) -> Path:
+def _coordinates(folder: Path, model: FittedModel) -> Path:
     """What the entries of q and u are, in words."""
     path = folder / "coordinates.txt"
     equation = "M(q) q'' + f(q, q')" + (" + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.export.fitted import Identified
+from elastid.fit.fitted_model import FittedModel
 from elastid.store import replacing, text_file
 
 _LOADER = '''"""Loads {npz}: the identified model of {name}, one state space for each configuration.
@@ -36,7 +36,7 @@ def load(path=Path(__file__).with_name("{npz}")):
 '''
 
 
-def write_control(folder: Path, model: Identified) -> tuple[Path, ...]:
+def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s)."""
     systems = model.state_spaces
     first = systems[0]

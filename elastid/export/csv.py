@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.export.fitted import Identified
+from elastid.fit.fitted_model import FittedModel
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 from elastid.store import text_file
 
 
-def write_csv(folder: Path, model: Identified) -> tuple[Path, ...]:
+def write_csv(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
     paths = [
         _table(folder / "parameters.csv", _parameters(model)),
@@ -35,7 +35,7 @@ def write_csv(folder: Path, model: Identified) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def _parameters(model: Identified) -> Iterable[Sequence[Any]]:
+def _parameters(model: FittedModel) -> Iterable[Sequence[Any]]:
     result = model.result
     values, std = result.values, result.std
     yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
@@ -44,7 +44,7 @@ def _parameters(model: Identified) -> Iterable[Sequence[Any]]:
         yield p.name, p.unit, values[p.name], std.get(p.name, 0.0), lower, upper
 
 
-def _modes(model: Identified) -> Iterable[Sequence[Any]]:
+def _modes(model: FittedModel) -> Iterable[Sequence[Any]]:
     yield "configuration", "mode", "frequency_hz", "damping_ratio"
     for linear in model.linear:
         found = modes(linear, model.theta)

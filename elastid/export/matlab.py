@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from elastid.export.fitted import Identified
+from elastid.fit.fitted_model import FittedModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.store import replacing, text_file
 
@@ -30,7 +30,7 @@ end
 """
 
 
-def write_matlab(folder: Path, model: Identified) -> tuple[Path, ...]:
+def write_matlab(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """model.mat (version 5) with struct arrays `model`, `measured`, `fitted` and `parameters`, and load_model.m.
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit.

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.export.fitted import Identified
+from elastid.fit.fitted_model import FittedModel
 from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
@@ -28,7 +28,7 @@ from elastid.store import text_file
 _LEAST = 1e-12
 
 
-def write_mujoco(folder: Path, model: Identified) -> tuple[Path, ...]:
+def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """robot.xml. StudyError where the robot has something that MJCF cannot say."""
     root = mjcf(model.robot)
     _keyframes(root, model)
@@ -165,7 +165,7 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
         ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
 
 
-def _keyframes(root: ET.Element, model: Identified) -> None:
+def _keyframes(root: ET.Element, model: FittedModel) -> None:
     keys = ET.SubElement(root, "keyframe")
     for linear in model.linear:
         point = equilibrium(model.model, model.theta[:-1], linear.configuration)

@@ -8,11 +8,11 @@ from pathlib import Path
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control
 from elastid.export.csv import write_csv
-from elastid.export.fitted import Identified
 from elastid.export.matlab import write_matlab
 from elastid.export.mujoco import write_mujoco
+from elastid.fit.fitted_model import FittedModel
 
-Writer = Callable[[Path, Identified], tuple[Path, ...]]
+Writer = Callable[[Path, FittedModel], tuple[Path, ...]]
 
 TARGETS: dict[str, Writer] = {
     "control": write_control,

@@ -1,4 +1,4 @@
-r"""identify: measured responses and a robot -> elastic parameters with their certainty, and predict, its inverse.
+r"""identify: measured responses and a robot -> elastic parameters with their uncertainty.
 
     choose -> weigh -> linearise -> search (log, then the criterion, from many starts) -> settle -> certainty
 
@@ -23,7 +23,7 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import possible
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.fit.setup import geometry
-from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, linearised, settle, widening
+from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, settle, widening
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.setup.response_checks import alike_words, check_responses, posture_words
 from elastid.fit.solve.multistart import Interrupted, multistart, spread
@@ -31,9 +31,7 @@ from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, certainty
 from elastid.fit.uncertainty.intervals import further_intervals
 from elastid.fit.weights.weights import check_masks
-from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import to_response
-from elastid.model.formulation import EXACT, formulate
+from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
@@ -133,21 +131,6 @@ def _notes(assembly: Assembly, settled: RelinearisedOptimum) -> tuple[str, ...]:
     responses = assembly.responses
     twice = alike_words(responses) or posture_words(responses, assembly.parameters, assembly.spec.robots)
     return (*twice, *assembly.notes, *settled.notes, *assembly.spring_words(settled.end.x))
-
-
-def predict(
-    result: FitResult, robot: Robot, responses: Sequence[FrequencyResponse], model: ModelSpec = EXACT
-) -> tuple[FrequencyResponse, ...]:
-    """The fitted model's response for each of `responses`: its lines, inputs, outputs and configuration."""
-    equations = formulate(robot, model, result.parameters.names)
-    models = linearised(Linearisation.of(equations), responses, result.parameters, result.x)
-    return tuple(
-        replace(
-            to_response(linear, result.theta_of(linear.configuration.name), response.freq_hz),
-            rate_is_known=response.rate_is_known,
-        )
-        for linear, response in zip(models, responses, strict=True)
-    )
 
 
 def refuse_without_effect(fit: ElasticFit, robot: Robot) -> None:

@@ -31,8 +31,11 @@ from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.measurement_chain import elements
 from elastid.linear.operating_point_slopes import Following, following_of, total
 from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import EXACT, formulate
 from elastid.model.parallel_linkage.null_space import motions
+from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Motion
+from elastid.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,11 @@ class Linearisation:
         moves = _moves_with_parameters(model) or (follows and model.n_c == 0)
         following = following_of(model, triangles, q, lambda_, theta) if moves else None
         return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), following)
+
+    @classmethod
+    def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> Linearisation:
+        """Formulate a robot's equations and differentiate them; arguments and errors as `formulate`."""
+        return cls.of(formulate(robot, spec, geometry))
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion

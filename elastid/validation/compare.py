@@ -27,7 +27,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import ElastidError, StudyError
-from elastid.fit.identify import estimated, predict
+from elastid.fit.fitted_model import FittedModel
+from elastid.fit.identify import estimated
 from elastid.fit.setup.groups import OF, is_of_one
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
@@ -144,7 +145,7 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     spec = replace(variant.fit, mask=masks)
     try:
         result = estimated(kept, variant.robot, spec, model=variant.model, seed=task.seed)
-        modelled = predict(result, variant.robot, out, variant.model)
+        modelled = FittedModel.of(result, variant.robot, out, variant.model).responses
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})
     pairs = zip(out, modelled, strict=True)

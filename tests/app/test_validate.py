@@ -12,7 +12,8 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run
 from elastid.app.stages import stages
-from elastid.app.summaries import model_std_of, modes_of, validation_summary
+from elastid.app.summaries import modes_of, validation_summary
+from elastid.fit.fitted_model import FittedModel
 from elastid.fit.spec import FitSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
@@ -244,12 +245,13 @@ def test_modes_and_responses_have_the_uncertainty_of_the_parameters(finished):
     """One joint: its mode moves with the root of its stiffness, so by half of its relative deviation."""
     run = run_of(finished / "study.yml", finished / "run", "validation.folds=2")
     result, measured = read_fit(run.path("fit")), read_responses(run.path("estimate"))
-    for row in modes_of(run.study, result, measured):
+    fitted = FittedModel.of(result, run.study.robot, measured, run.study.model)
+    for row in modes_of(fitted):
         assert row.coordinates == ("joint 1", "motor 1")
         expected = 0.5 * result.std["k_1"] / result.values["k_1"] * row.frequency_hz[0]
         assert row.frequency_std[0] == pytest.approx(expected, rel=0.02)
         # The sum of momenta of load and motor stays zero: they swing against each other.
         assert row.shapes[0, 0].real * row.shapes[1, 0].real < 0
-    for std, response in zip(model_std_of(run.study, result, measured), measured, strict=True):
+    for std, response in zip(fitted.response_std, measured, strict=True):
         assert std.shape == response.G.shape
         assert np.all(std > 0)

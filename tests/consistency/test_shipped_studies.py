@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.fit.identify import predict
+from elastid.fit.fitted_model import FittedModel
 from elastid.store import read_fit, read_plan, read_responses
 from elastid.study import load
 from elastid.validation.resonances import antiresonances, resonances
@@ -34,7 +34,7 @@ def run(study: Path, folder: Path, *options: str) -> dict[str, Any]:
 def measured_and_fitted(study: Path, folder: Path) -> tuple[Any, Any]:
     """The first configuration's response and the fitted model's, on its lines."""
     responses = read_responses(folder / "frf.h5")
-    (model, *_) = predict(read_fit(folder / "fit.h5"), load(study).study.robot, responses)
+    (model, *_) = FittedModel.of(read_fit(folder / "fit.h5"), load(study).study.robot, responses).responses
     return responses[0], model
 
 

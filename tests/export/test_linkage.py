@@ -14,8 +14,8 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
-from elastid.export.fitted import Identified, identified
 from elastid.export.targets import TARGETS
+from elastid.fit.fitted_model import FittedModel, models_by_group
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -39,7 +39,7 @@ def robot_file(request: pytest.FixtureRequest) -> Path:
 
 
 @pytest.fixture(params=SPECS)
-def model(request: pytest.FixtureRequest, robot_file: Path) -> Identified:
+def model(request: pytest.FixtureRequest, robot_file: Path) -> FittedModel:
     """As if a fit had ended at stiffnesses a tenth above the robot's."""
     robot, spec = load_robot(robot_file), SPECS[request.param]
     parameters = choose(FitSpec(parameters={"k_*": ParameterSpec()}), robot)
@@ -53,10 +53,10 @@ def model(request: pytest.FixtureRequest, robot_file: Path) -> Identified:
         at = Configuration(name, np.array(angles[-len(robot.driven) :]))
         linear = linearise(equations, at, equations.theta, equations.inputs, "acceleration")
         responses.append(to_response(linear, linear.theta_ref, LINES))
-    return identified("linkage", robot, result, responses, spec)
+    return models_by_group(result, robot, responses, spec, "linkage")[""]
 
 
-def ours(model: Identified, configuration: int = 0) -> ComplexArray:
+def ours(model: FittedModel, configuration: int = 0) -> ComplexArray:
     return frequency_response(model.linear[configuration], model.theta, LINES)
 
 
@@ -65,7 +65,7 @@ def close(G: ComplexArray, expected: ComplexArray, part: float = 1e-8) -> bool:
     return bool(np.all(np.abs(G - expected) <= part * np.abs(expected).max(axis=(1, 2), keepdims=True)))
 
 
-def read_back(model: Identified, function: Any, B: FloatArray) -> ComplexArray:
+def read_back(model: FittedModel, function: Any, B: FloatArray) -> ComplexArray:
     """The response of exported functions at an equilibrium: by the saddle point where constraints are exported."""
     point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
     n, q = len(point.q), point.q
@@ -83,7 +83,7 @@ def read_back(model: Identified, function: Any, B: FloatArray) -> ComplexArray:
     return np.array(G)
 
 
-def test_casadi_functions_have_the_response(model: Identified, tmp_path: Path) -> None:
+def test_casadi_functions_have_the_response(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["casadi"](tmp_path, model)
     loaded = {path.stem: ca.Function.load(str(path)) for path in tmp_path.glob("*.casadi")}
     assert ("constraint" in loaded) == (model.model.n_c > 0)
@@ -92,7 +92,7 @@ def test_casadi_functions_have_the_response(model: Identified, tmp_path: Path) -
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
-def test_c_code_has_the_response(model: Identified, tmp_path: Path) -> None:
+def test_c_code_has_the_response(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["c"](tmp_path, model)
     library = tmp_path / "robot.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
@@ -101,7 +101,7 @@ def test_c_code_has_the_response(model: Identified, tmp_path: Path) -> None:
     assert close(G, ours(model))
 
 
-def test_python_control_reads_the_response_back(model: Identified, tmp_path: Path) -> None:
+def test_python_control_reads_the_response_back(model: FittedModel, tmp_path: Path) -> None:
     pytest.importorskip("control", reason="python-control is not installed (group oracles)")
     _, script = TARGETS["control"](tmp_path, model)
     specification = importlib.util.spec_from_file_location("load_linkage", script)
@@ -115,7 +115,7 @@ def test_python_control_reads_the_response_back(model: Identified, tmp_path: Pat
         assert close(G, ours(model, i), 1e-6)
 
 
-def test_matlab_state_space_has_the_response(model: Identified, tmp_path: Path) -> None:
+def test_matlab_state_space_has_the_response(model: FittedModel, tmp_path: Path) -> None:
     from scipy.io import loadmat
 
     data, _ = TARGETS["matlab"](tmp_path, model)
@@ -127,7 +127,7 @@ def test_matlab_state_space_has_the_response(model: Identified, tmp_path: Path) 
         assert close(C @ np.linalg.solve(s * np.eye(len(A)) - A, B.astype(complex)) + D, ours(model, i))
 
 
-def test_csv_responses_are_what_a_study_reads(model: Identified, tmp_path: Path) -> None:
+def test_csv_responses_are_what_a_study_reads(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["csv"](tmp_path, model)
     channels = [ChannelSpec("u", place, channel=place) for place in model.linear[0].inputs]
     channels += [ChannelSpec("y", place, channel=place, quantity="acceleration") for place in model.linear[0].outputs]
@@ -137,6 +137,6 @@ def test_csv_responses_are_what_a_study_reads(model: Identified, tmp_path: Path)
     assert close(G.G, ours(model), 1e-12)
 
 
-def test_mujoco_is_refused_with_what_holds_loops(model: Identified, tmp_path: Path) -> None:
+def test_mujoco_is_refused_with_what_holds_loops(model: FittedModel, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"has loops \(rod\).*export to casadi, c, control or matlab"):
         TARGETS["mujoco"](tmp_path, model)

@@ -17,8 +17,8 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
-from elastid.export.fitted import Identified, identified
 from elastid.export.targets import TARGETS
+from elastid.fit.fitted_model import FittedModel, models_by_group
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -70,7 +70,7 @@ def scara() -> Robot:
 
 
 @pytest.fixture(params=[*ROBOTS, "scara"])
-def model(request: pytest.FixtureRequest) -> Identified:
+def model(request: pytest.FixtureRequest) -> FittedModel:
     robot = load_robot(ROBOTS[request.param]) if request.param in ROBOTS else scara()
     n_u, result = len(robot.driven), result_of(robot)
     responses = []
@@ -78,10 +78,10 @@ def model(request: pytest.FixtureRequest) -> Identified:
         model = serial(robot)
         linear = linearise(model, Configuration(name, angles), model.theta, model.inputs, "acceleration")
         responses.append(to_response(linear, linear.theta_ref, LINES))
-    return identified("study", robot, result, responses)
+    return models_by_group(result, robot, responses, name="study")[""]
 
 
-def ours(model: Identified, configuration: int = 0) -> ComplexArray:
+def ours(model: FittedModel, configuration: int = 0) -> ComplexArray:
     return frequency_response(model.linear[configuration], model.theta, LINES)
 
 
@@ -91,13 +91,13 @@ def close(G: ComplexArray, expected: ComplexArray, part: float = 1e-9) -> bool:
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
-def test_state_space_has_the_response_of_the_linear_model(model: Identified, quantity: Any) -> None:
+def test_state_space_has_the_response_of_the_linear_model(model: FittedModel, quantity: Any) -> None:
     linear = replace(model.linear[0], quantity=quantity)
     expected = frequency_response(linear, model.theta, LINES)
     assert close(state_space(linear, model.theta).response(LINES), expected)
 
 
-def test_python_control_reads_the_response_back(model: Identified, tmp_path: Path) -> None:
+def test_python_control_reads_the_response_back(model: FittedModel, tmp_path: Path) -> None:
     pytest.importorskip("control", reason="python-control is not installed (group oracles)")
     _, script = TARGETS["control"](tmp_path, model)
     specification = importlib.util.spec_from_file_location("load_model", script)
@@ -115,7 +115,7 @@ def test_python_control_reads_the_response_back(model: Identified, tmp_path: Pat
         assert close(delayed, ours(model, i), 1e-7)
 
 
-def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: Identified, tmp_path: Path) -> None:
+def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedModel, tmp_path: Path) -> None:
     from scipy.io import loadmat
 
     data, script = TARGETS["matlab"](tmp_path, model)
@@ -131,7 +131,7 @@ def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: Identif
     assert "ss(" in script.read_text()
 
 
-def test_csv_responses_are_what_a_study_reads(model: Identified, tmp_path: Path) -> None:
+def test_csv_responses_are_what_a_study_reads(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["csv"](tmp_path, model)
     channels = [ChannelSpec("u", place, channel=place) for place in model.linear[0].inputs]
     channels += [ChannelSpec("y", place, channel=place, quantity="acceleration") for place in model.linear[0].outputs]
@@ -141,7 +141,7 @@ def test_csv_responses_are_what_a_study_reads(model: Identified, tmp_path: Path)
     assert close(G.G, ours(model), 1e-12)
 
 
-def test_csv_parameters_are_the_fits(model: Identified, tmp_path: Path) -> None:
+def test_csv_parameters_are_the_fits(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["csv"](tmp_path, model)
     with (tmp_path / "parameters.csv").open() as file:
         rows = {row["parameter"]: row for row in csv.DictReader(file)}
@@ -158,11 +158,11 @@ def linearised(mass: Any, stiffness: Any, damping: Any, B: FloatArray, q: FloatA
     return np.asarray(s**2 * (B.T @ np.linalg.solve(Z, B.astype(complex))) * np.exp(-s * DELAY))
 
 
-def resting(model: Identified, configuration: int = 0) -> FloatArray:
+def resting(model: FittedModel, configuration: int = 0) -> FloatArray:
     return equilibrium(model.model, model.theta[:-1], model.linear[configuration].configuration).q
 
 
-def test_casadi_functions_have_the_response(model: Identified, tmp_path: Path) -> None:
+def test_casadi_functions_have_the_response(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["casadi"](tmp_path, model)
     loaded = {path.stem: ca.Function.load(str(path)) for path in tmp_path.glob("*.casadi")}
     matrix = {name: (lambda q, f=f: f(q).full()) for name, f in loaded.items()}
@@ -175,7 +175,7 @@ def test_casadi_functions_have_the_response(model: Identified, tmp_path: Path) -
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
-def test_c_code_has_the_response(model: Identified, tmp_path: Path) -> None:
+def test_c_code_has_the_response(model: FittedModel, tmp_path: Path) -> None:
     TARGETS["c"](tmp_path, model)
     library = tmp_path / "robot.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
@@ -186,7 +186,7 @@ def test_c_code_has_the_response(model: Identified, tmp_path: Path) -> None:
     assert close(G, ours(model))
 
 
-def test_mujoco_has_the_response(model: Identified, tmp_path: Path) -> None:
+def test_mujoco_has_the_response(model: FittedModel, tmp_path: Path) -> None:
     """M from the engine, K and D by differences of its forces about the keyframe; rotor angles are measured."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
     (path,) = TARGETS["mujoco"](tmp_path, model)
@@ -240,7 +240,7 @@ def test_the_command_offers_every_target() -> None:
     assert list(TARGETS) == _TARGETS
 
 
-def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, model: Identified) -> None:
+def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, model: FittedModel) -> None:
     """A cubic gear or a compensator has no place in MJCF: refused by name."""
     body = next(body for body in model.robot.bodies if any(j.spring is not None for j in body.joints))
     joints = tuple(replace(j, spring=replace(j.spring, cubic=1.0)) if j.spring is not None else j for j in body.joints)
@@ -248,4 +248,4 @@ def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, model: Identifi
     ends = (Anchor("base"), Anchor(body.name, (0.0, 0.0, 0.1)))
     bent = replace(model.robot, bodies=bodies, compensators=(Compensator("c", ends, coil=CoilSpring(1.0)),))
     with pytest.raises(StudyError, match=r"linear joint springs only, and the spring of joint .*, compensator c would"):
-        TARGETS["mujoco"](tmp_path, replace(model, robot=bent))
+        TARGETS["mujoco"](tmp_path, replace(model, model=replace(model.model, robot=bent)))

@@ -13,7 +13,8 @@ import pytest
 
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
-from elastid.fit.identify import identify, predict
+from elastid.fit.fitted_model import FittedModel
+from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.geometry import refusals
@@ -130,7 +131,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
         low, high = result.interval(name)
         assert high - low < 0.025
         assert result.parameters[name].unit == "m"
-    (again, *_) = predict(result, start, measure(truth, POSTURES, seed))
+    (again, *_) = FittedModel.of(result, start, measure(truth, POSTURES, seed)).responses
     (exact, *_) = measure(truth, POSTURES, seed)
     assert np.abs(again.G / exact.G - 1).max() < 0.2
 

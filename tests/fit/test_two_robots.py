@@ -13,8 +13,8 @@ import pytest
 
 from elastid.app import cli
 from elastid.base.errors import DataError, StudyError
-from elastid.export.fitted import by_robot
-from elastid.fit.identify import identify, predict
+from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, RatioSpec, TieSpec
@@ -101,7 +101,7 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
     result = identify([G for G in data if G.configuration.name != "b3"], arm(), SPEC)
-    (predicted,) = predict(result, arm(), data[-1:])
+    (predicted,) = FittedModel.of(result, arm(), data[-1:]).responses
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = Variant("own", arm(), SPEC, EXACT)
     fold = refit(data, RefitTask(own, ("b3",), 0))
@@ -198,14 +198,14 @@ def test_an_export_is_of_one_robot_each() -> None:
     ratio = {"beta": RatioSpec(start=2e-3)}
     tied = SPEC.parameters | {"d_*": ParameterSpec(tie=TieSpec("k_*", by="beta"))}
     result = identify(data, arm(), replace(SPEC, parameters=tied, ratios=ratio, starts=1))
-    models = by_robot("study", arm(), result, data)
+    models = models_by_group(result, arm(), data)
     assert {name: tuple(G.configuration.name for G in of.measured) for name, of in models.items()} == ROBOTS
     for name, model in models.items():
         assert model.robot.parameters()["k_1"][0] == result.values[f"k_1@{name}"]
         names = [p.name for p in model.parameters]
         assert f"fm_1@{name}" in names
         assert not {"k_1", "fm_1", f"fm_1@{'BA'['AB'.index(name)]}"} & set(names)
-        for linear, fitted in zip(model.linear, predict(result, arm(), model.measured), strict=True):
+        for linear, fitted in zip(model.linear, FittedModel.of(result, arm(), model.measured).responses, strict=True):
             np.testing.assert_allclose(frequency_response(linear, model.theta, FREQ), fitted.G, rtol=1e-9)
 
 

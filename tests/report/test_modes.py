@@ -15,6 +15,7 @@ from matplotlib.colors import to_hex
 from plants.report_values import fit_result, report_content
 
 from elastid.app.summaries import modes_of
+from elastid.fit.fitted_model import FittedModel
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
@@ -48,7 +49,6 @@ from elastid.robot import (
     Rod,
     Spring,
 )
-from elastid.study import Study
 
 MOTOR = Motor(1e-3, 100.0, 2e-3)
 ARM = Robot(
@@ -295,7 +295,7 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
         FrequencyResponse(freq_hz, nothing, places, places, "acceleration", Configuration(name, ANGLES))
         for name in ("cold", "warm")
     ]
-    cold, warm = modes_of(Study("s", ARM, None), result, responses)  # type: ignore[arg-type]
+    cold, warm = modes_of(FittedModel.of(result, ARM, responses))
     assert cold.stores == ("gear 1", "gear 2", "bending b", "torsion t", "gear 3", "weight")
     for row in (cold, warm):
         np.testing.assert_allclose(row.energy.sum(axis=0), 1.0)

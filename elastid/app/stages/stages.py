@@ -17,7 +17,7 @@ from elastid.app.imported_responses import imported_responses
 from elastid.app.run import Run
 from elastid.app.stages.design_problem import brief_of
 from elastid.app.stages.validation import validated
-from elastid.app.summaries import failure, interrupted, model_std_of, modes_of, summary, truth, validation_summary
+from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, validation_summary
 from elastid.app.tables import forecast_table, parameter_table
 from elastid.base.arrays import IntArray
 from elastid.base.errors import FitError, StudyError
@@ -29,7 +29,8 @@ from elastid.experiment.plan.rig import Rig
 from elastid.experiment.simulated.closed_loop import feed_forward_of
 from elastid.experiment.simulated.plant import model_of
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.fit.identify import identify, predict
+from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.multistart import Interrupted
 from elastid.frf.estimate import estimate as estimate_response
@@ -231,14 +232,13 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
 
     Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
     """
-    from elastid.export.fitted import by_robot
     from elastid.export.targets import TARGETS
 
     run.require("validate")  # reads what an export reads
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     folder = run.folder / "export" / target
     shutil.rmtree(folder, ignore_errors=True)
-    models = by_robot(run.study.name, run.study.robot, result, responses, run.study.model)
+    models = models_by_group(result, run.study.robot, responses, run.study.model, run.study.name)
     if any(models):
         each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
         run.console.say(f"export: a model for each of {', '.join(each)}, which have parameters of their own")
@@ -258,14 +258,15 @@ def report(run: Run) -> None:
     study, stamp = run.study, run.stamps["report"]
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     validation = read_validation(run.path("validate"))
+    fitted = FittedModel.of(result, study.robot, responses, study.model)
     content = ReportContent(
         title=study.name,
         verdict=validation.verdict,
         warnings=tuple(note for response in responses for note in response.notes),
         result=result,
-        frf=tuple(zip(responses, predict(result, study.robot, responses, study.model), strict=True)),
+        frf=tuple(zip(responses, fitted.responses, strict=True)),
         validation=validation,
-        modes=modes_of(study, result, responses),
+        modes=modes_of(fitted),
         study_text=run.loaded.text,
         provenance={
             "elastid": stamp.version,
@@ -280,7 +281,7 @@ def report(run: Run) -> None:
         nearest=read_rehearsal(run.path("design")) if study.experiment.simulated is not None else None,
         robot=study.robot,
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
-        model_std=model_std_of(study, result, responses),
+        model_std=fitted.response_std,
     )
     shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(content, run.folder, study.report.formats)
@@ -355,11 +356,13 @@ def _measured(rig: Rig, folder: Path, notes: dict[str, None]) -> Iterator[Record
 
 
 def _summary(run: Run, result: FitResult, responses: tuple[FrequencyResponse, ...]) -> dict[str, Any]:
-    model = predict(result, run.study.robot, responses, run.study.model)
+    fitted = FittedModel.of(result, run.study.robot, responses, run.study.model)
     left_out = run.study.validation.left_out
-    agreements = [agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, model, strict=True)]
+    agreements = [
+        agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, fitted.responses, strict=True)
+    ]
     notes = [note for response in responses for note in response.notes]
-    return summary(run.study, result, modes_of(run.study, result, responses), agreements, notes)
+    return summary(run.study, result, modes_of(fitted), agreements, notes)
 
 
 def _taken_up(run: Run, stage: str) -> Finished:

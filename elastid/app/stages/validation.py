@@ -8,11 +8,8 @@ from functools import partial
 
 from elastid.app.run import Run
 from elastid.base.execution import Progress, in_order, resumed
-from elastid.fit.identify import predict
+from elastid.fit.fitted_model import FittedModel
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import linearised
-from elastid.linear.linearise import Linearisation
-from elastid.model.formulation import formulate
 from elastid.response import FrequencyResponse
 from elastid.store import read_configurations, read_records, read_stamp
 from elastid.validation.agreement import Validation, validate
@@ -34,10 +31,11 @@ def validated(
     finished: the fits of an earlier validation that was stopped, and where those of this one are kept.
     """
     study, left_out = run.study, run.study.validation.left_out
-    modelled = predict(result, study.robot, responses, study.model)
+    fitted = FittedModel.of(result, study.robot, responses, study.model)
+    modelled = fitted.responses
     judged = validate(responses, modelled, left_out)
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
-    replays = tuple(_replays(run, responses, result, progress))
+    replays = tuple(_replays(run, fitted, progress))
     left_out_in_turn = _folds(run, [Ghat for Ghat, _ in seen], finished, progress)
     return replace(
         judged,
@@ -63,9 +61,7 @@ def _folds(
     return folded(parts, in_order(resumed(partial(refit, responses), tasks, names, finished, run.jobs, progress)))
 
 
-def _replays(
-    run: Run, responses: Sequence[FrequencyResponse], result: FitResult, progress: Progress
-) -> Iterator[Replay]:
+def _replays(run: Run, fitted: FittedModel, progress: Progress) -> Iterator[Replay]:
     """One record in memory at a time; none where responses came from elsewhere or the records are gone."""
     if "measure" not in run.stages:
         return
@@ -74,13 +70,10 @@ def _replays(
     if found is None or found.inputs != stamp.inputs:
         run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
         return
-    study = run.study
-    equations, names = formulate(study.robot, study.model, result.parameters.names), read_configurations(path)
-    linearisation = Linearisation.of(equations)
-    todo = [response for response in responses if response.configuration.name in names]
+    names = read_configurations(path)
+    todo = [response for response in fitted.measured if response.configuration.name in names]
     for done, response in enumerate(todo):
         progress(done, len(todo))
         name = response.configuration.name
-        (model,) = linearised(linearisation, [response], result.parameters, result.x)
         band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
-        yield replay(read_records(path, name), model, result.theta_of(name), band_hz, study.estimator)
+        yield replay(read_records(path, name), fitted.at(name), fitted.theta_of(name), band_hz, run.study.estimator)

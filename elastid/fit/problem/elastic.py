@@ -25,6 +25,7 @@ from elastid.fit.problem.residuals import RESIDUALS, ResidualKind, as_real, erro
 from elastid.fit.weights.full_covariance import unmixing
 from elastid.fit.weights.weights import Weights
 from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
 from elastid.linear.response.transfer import Kernel
 from elastid.parameters import ParameterSet
@@ -213,6 +214,12 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse) -> Linea
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
     return replace(model.reading(outputs), B=model.B[:, inputs], inputs=response.inputs)
+
+
+def linear_model(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> LinearModel:
+    """The model at theta (n_theta,), which ends with the delay, with the inputs and outputs of a response."""
+    model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
+    return at_measured_places(model, response)
 
 
 def _part(

@@ -11,7 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
-from elastid.fit.problem.elastic import ElasticFit, at_measured_places, elastic_fit
+from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import shapes
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import MovingFit
@@ -21,10 +21,9 @@ from elastid.fit.solve.solvers import distance, solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.weights.weights import Weights, normalised, weigh
 from elastid.linear.equilibrium import equilibrium
-from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.spring_preload import spring_words
-from elastid.model.formulation import EXACT, formulate
+from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
@@ -81,7 +80,7 @@ class Assembly:
         weights = tuple(weigh(response, spec) for response in responses)
         if spec.weights.normalise:
             weights = normalised(weights, responses)
-        linearisation = Linearisation.of(formulate(robot, model, parameters.names))
+        linearisation = Linearisation.of_robot(robot, model, parameters.names)
         moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
         if not linearisation.is_affine_in(moved):
             linearisation = Linearisation.of(linearisation.model, follows=True)
@@ -94,7 +93,9 @@ class Assembly:
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
         """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
-        models = linearised(self.linearisation, self.responses, self.parameters, x)
+        models = [
+            linear_model(self.linearisation, G, self.parameters.expand(x, G.configuration.name)) for G in self.responses
+        ]
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
         return replace(fit, shapes=shapes(self.parameters, self.linearisation.model.robot))
@@ -168,15 +169,3 @@ def settle(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> 
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
     )
     return RelinearisedOptimum(end, fit, there.weights, (note,))
-
-
-def linearised(
-    linearisation: Linearisation, responses: Sequence[FrequencyResponse], parameters: ParameterSet, x: FloatArray
-) -> list[LinearModel]:
-    """The model of each response at x, with its inputs and outputs in its order; theta ends with the delay."""
-    models = []
-    for response in responses:
-        theta = parameters.expand(x, response.configuration.name)
-        model = linearisation.at(response.configuration, theta[:-1], response.outputs, response.quantity)
-        models.append(at_measured_places(model, response))
-    return models

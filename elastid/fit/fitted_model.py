@@ -1,0 +1,141 @@
+"""FittedModel: a robot with fitted numbers, linearised where it was measured: predictions, modes, replays, exports."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.fit.problem.elastic import linear_model
+from elastid.fit.result import FitResult
+from elastid.fit.setup.groups import labels
+from elastid.fit.uncertainty.propagation import response_deviation
+from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.linear.statespace import StateSpace, state_space
+from elastid.model.elastic import ElasticModel
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.parameters import Parameter
+from elastid.response import FrequencyResponse
+from elastid.robot import Robot
+
+
+@dataclass(frozen=True, eq=False)
+class FittedModel:
+    """The equations of a fitted robot, and measured response and linear model of each configuration, in one order.
+
+    linear: inputs and outputs in the order of the response.  name: of an export.
+    """
+
+    result: FitResult
+    model: ElasticModel
+    measured: tuple[FrequencyResponse, ...]
+    linear: tuple[LinearModel, ...]
+    name: str = ""
+
+    @classmethod
+    def of(
+        cls, result: FitResult, robot: Robot, measured: Sequence[FrequencyResponse], spec: ModelSpec = EXACT
+    ) -> FittedModel:
+        """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
+
+        robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
+        Raises StudyError where a configuration has no equilibrium with the fitted numbers, and where the robot lacks an
+        input or output of a response.
+        """
+        return cls._of(result, robot, measured, spec, result.parameters.names, "")
+
+    @classmethod
+    def _of(
+        cls,
+        result: FitResult,
+        robot: Robot,
+        measured: Sequence[FrequencyResponse],
+        spec: ModelSpec,
+        geometry: Collection[str],
+        name: str,
+    ) -> FittedModel:
+        linearisation = Linearisation.of_robot(robot, spec, geometry)
+        model = linearisation.model
+        linear = (linear_model(linearisation, G, _theta(result, model, G.configuration.name)) for G in measured)
+        return cls(result, model, tuple(measured), tuple(linear), name)
+
+    @property
+    def robot(self) -> Robot:
+        """The robot of the equations."""
+        return self.model.robot
+
+    @property
+    def theta(self) -> FloatArray:
+        """theta (n_theta,) of the first configuration, which is that of all in a model of one group."""
+        return self.theta_of(self.measured[0].configuration.name)
+
+    def theta_of(self, configuration: str) -> FloatArray:
+        """The fitted numbers (n_theta,) in a configuration, SI: those of the equations, then the delay."""
+        return _theta(self.result, self.model, configuration)
+
+    def at(self, configuration: str) -> LinearModel:
+        """The linear model of a configuration; KeyError where it was not measured."""
+        return {linear.configuration.name: linear for linear in self.linear}[configuration]
+
+    @property
+    def responses(self) -> tuple[FrequencyResponse, ...]:
+        """The model's frequency response beside each measured one: its lines, inputs and outputs."""
+        return tuple(
+            replace(
+                to_response(linear, self.theta_of(linear.configuration.name), G.freq_hz), rate_is_known=G.rate_is_known
+            )
+            for linear, G in zip(self.linear, self.measured, strict=True)
+        )
+
+    @property
+    def response_std(self) -> tuple[FloatArray, ...]:
+        """Standard deviation (F, n_y, n_u) of each of `responses` by that of the parameters, to first order."""
+        found = self.result
+        return tuple(
+            response_deviation(linear, G.freq_hz, found.parameters, found.x, found.covariance)[1]
+            for linear, G in zip(self.linear, self.measured, strict=True)
+        )
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the fit that count here: not those of other groups, nor those which this group has of its own."""
+        here = self.measured[0].configuration.name
+        own = [p.stands_for for p in self.result.parameters if here in p.only]
+        return tuple(p for p in self.result.parameters if here in p.only or not (p.only or p.name in own))
+
+    @property
+    def state_spaces(self) -> tuple[StateSpace, ...]:
+        """The linear models as control engineers write them."""
+        return tuple(state_space(linear, self.theta) for linear in self.linear)
+
+
+def models_by_group(
+    result: FitResult, robot: Robot, measured: Sequence[FrequencyResponse], spec: ModelSpec = EXACT, name: str = ""
+) -> dict[str, FittedModel]:
+    """A model for each group of configurations with parameters of its own, by its label; one, "", without groups.
+
+    The robot of each has the fitted numbers, geometry included, which is no parameter of its equations any more.
+    Arguments and errors as `FittedModel.of`.
+    """
+    models = {}
+    for label, members in labels(result.parameters, [G.configuration.name for G in measured]).items():
+        its = [G for G in measured if G.configuration.name in members]
+        numbers = _numbers(result, members[0])
+        fitted = robot.with_parameters({key: value for key, value in numbers.items() if key != DELAY})
+        models[label] = FittedModel._of(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
+    return models
+
+
+def _numbers(result: FitResult, configuration: str) -> dict[str, float]:
+    """The fitted numbers by name in a configuration, SI."""
+    return dict(zip(result.parameters.names, result.theta_of(configuration).tolist(), strict=True))
+
+
+def _theta(result: FitResult, model: ElasticModel, configuration: str) -> FloatArray:
+    numbers = _numbers(result, configuration)
+    return np.array([numbers[name] for name in (*model.parameters, DELAY)])
