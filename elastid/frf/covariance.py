@@ -19,7 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.frf.experiment_blocks import Block, Gathered, Scatter, added
+from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter, added
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
@@ -46,7 +46,7 @@ def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexAr
     return kronecker(left, C_V, dof)
 
 
-def total_error(data: Gathered, estimate: Estimate) -> tuple[ComplexArray, int] | None:
+def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, int] | None:
     r"""C_T (F, n_y, n_y) of one experiment from the scatter of K experiments about the mean, and its dof.
 
     With D = Y - G U of all of them, U and W side by side,

@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.covariance import equation_error
-from elastid.frf.experiment_blocks import Gathered
+from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.response import Levels
 
 # The fast method averages over so many odd detection lines, or over more where the outputs are many.
@@ -52,7 +52,7 @@ def detected(
     lines: IntArray,
     spacing_hz: float,
     G: ComplexArray,
-    data: Gathered,
+    data: MeanSpectra,
 ) -> Detected:
     """Distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
     every, G_k = data.every, interpolated(detection, lines, G)

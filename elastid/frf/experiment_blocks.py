@@ -1,4 +1,4 @@
-"""One configuration's records, one at a time, to what its estimators need: mean spectra and the scatter of periods."""
+"""Mean spectra of a configuration's experiments, and the scatter of their periods: the input of every estimator."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import PeriodSpectra, period_spectra, reference_spectrum
-from elastid.record import Record
+from elastid.frf.spectra import PeriodSpectra, RecordSpectra, amplitude_scale, period_spectra, reference_spectrum
 
-# Lines whose spectra, of all periods of a record, fit into the processor's cache.
-_AT_ONCE = 256
+# The spectra of so many lines, in all periods of a record, fit into the processor's cache.
+_LINES_AT_ONCE = 256
 
 
 @dataclass(frozen=True)
 class Block:
     """The E experiments of one realisation (or of several), as means over their periods.
 
-    U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): the torque that was injected, or None.  periods (E,): how many.
+    U (F, n_u, E), Y (F, n_y, E).  R (F, n_u, E): the injected torque, or None.  periods (E,): number of each.
     input_noise (F, n_u): variance of U in one period, with its degrees of freedom.
     """
 
@@ -38,10 +37,8 @@ class Block:
         """(F, E, n_u) with U W = 1: U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
         _, n_u, E = self.U.shape
         if n_u == E:
-            W: ComplexArray = np.linalg.inv(self.U).astype(np.complex128, copy=False)
-            return W
-        right: ComplexArray = np.swapaxes(self.U, 1, 2).conj() @ np.linalg.inv(self.UU)
-        return right
+            return np.asarray(np.linalg.inv(self.U), dtype=np.complex128)
+        return np.asarray(np.swapaxes(self.U, 1, 2).conj() @ np.linalg.inv(self.UU))
 
     @cached_property
     def UU(self) -> ComplexArray:
@@ -51,7 +48,7 @@ class Block:
     @cached_property
     def input_rms(self) -> FloatArray:
         """RMS (n_u,) of each input over lines and experiments; 1 for one that is zero."""
-        rms: FloatArray = np.sqrt(np.mean(np.abs(self.U) ** 2, axis=(0, 2)))
+        rms = np.sqrt(np.mean(np.abs(self.U) ** 2, axis=(0, 2)))
         return np.where(rms > 0, rms, 1.0)
 
     def on(self, lines: BoolArray) -> Block:
@@ -80,8 +77,8 @@ class Scatter:
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """A block for each realisation, the scatter of all their periods, and what was noticed."""
+class MeanSpectra:
+    """A block for each realisation, the scatter of all their periods, and notes on the periods left out."""
 
     blocks: tuple[Block, ...]
     scatter: Scatter
@@ -89,7 +86,7 @@ class Gathered:
 
     @property
     def periods(self) -> FloatArray:
-        """(K,): how many of each of the K experiments."""
+        """Number of periods (K,) of each of the K experiments."""
         return np.concatenate([each.periods for each in self.blocks])
 
     @cached_property
@@ -102,13 +99,13 @@ class Gathered:
         """All experiments of all realisations as one block."""
         return pooled(self.blocks)
 
-    def on(self, lines: BoolArray) -> Gathered:
+    def on(self, lines: BoolArray) -> MeanSpectra:
         """The same on some of its lines (F,)."""
-        return Gathered(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
+        return MeanSpectra(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
 
 
-class _Sums:
-    """What is added up over experiments: the scatter of their periods, before its scale (F, n)."""
+class _ScatterSum:
+    """The scatter of the periods of one experiment after the other, before its scale (F, n); one array in memory."""
 
     def __init__(self, scale: ComplexArray) -> None:
         self.scale = scale
@@ -119,8 +116,8 @@ class _Sums:
         """Adds the scatter of a record's periods; returns their mean Z (F, n)."""
         mean = np.empty_like(self.scale)
         # In parts that stay in the processor's cache.
-        for first in range(0, len(mean), _AT_ONCE):
-            part = slice(first, first + _AT_ONCE)
+        for first in range(0, len(mean), _LINES_AT_ONCE):
+            part = slice(first, first + _LINES_AT_ONCE)
             V = np.concatenate([spectra.y[:, part], spectra.u[:, part]], axis=2)
             mean[part] = V.mean(axis=0)
             V -= mean[part]
@@ -131,8 +128,7 @@ class _Sums:
 
     def power(self) -> FloatArray:
         """Sum (F, n) over periods of |Z - mean|^2."""
-        power: FloatArray = np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2
-        return power
+        return np.asarray(np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2)
 
     def scatter(self) -> Scatter:
         """S_Z."""
@@ -141,38 +137,35 @@ class _Sums:
         return Scatter(self.S, self.dof)
 
 
-def gathered(
-    realisations: Iterable[Sequence[Record]],
+def gather_spectra(
+    realisations: Sequence[Sequence[RecordSpectra]],
     lines: IntArray,
     detection: IntArray,
     spec: EstimatorSpec,
     with_reference: bool,
-) -> Gathered:
+) -> MeanSpectra:
     """Mean spectra at lines (F,) and detection lines (K,), all in order, of one record after another.
 
-    Which periods can be trusted is told by the excited lines.  The spectra of r are there if asked for.
+    The excited lines decide which periods can be trusted.  with_reference: the spectra of r are needed, too.
     """
     everywhere = np.union1d(lines, detection)
     excited = np.isin(everywhere, lines)
-    sums: _Sums | None = None
+    sums = _ScatterSum(amplitude_scale(realisations[0][0].record, everywhere, spec.quantity))
     blocks: list[Block] = []
     notes: list[str] = []
     for group in realisations:
-        power, dof = (0.0, 0) if sums is None else (sums.power(), sums.dof)
+        power, dof = sums.power(), sums.dof
         means, R, periods = [], [], []
-        for record in group:
-            spectra = period_spectra(record, everywhere, spec.quantity)
+        for each in group:
+            spectra = period_spectra(each, everywhere, spec.quantity)
             kept = trusted(spectra.on(excited), spec)
             notes += kept.notes
             periods.append(len(kept.periods))
-            sums = sums or _Sums(spectra.scale)
             means.append(sums.add(spectra.only(kept.periods)))
-            R.append(reference_spectrum(record, everywhere) if with_reference else None)
-        assert sums is not None  # a group holds at least one record
-        noise = (sums.power() - power)[:, len(group[0].outputs) :] / (sums.dof - dof)
+            R.append(reference_spectrum(each, everywhere) if with_reference else None)
+        noise = (sums.power() - power)[:, len(group[0].record.outputs) :] / (sums.dof - dof)
         blocks.append(_block(means, R, periods, noise, sums.dof - dof))
-    assert sums is not None
-    return Gathered(tuple(blocks), sums.scatter(), tuple(notes))
+    return MeanSpectra(tuple(blocks), sums.scatter(), tuple(notes))
 
 
 def _block(
@@ -195,7 +188,7 @@ def _block(
 
 
 def added(terms: Iterable[ComplexArray]) -> ComplexArray:
-    """Their sum, two in memory at a time."""
+    """The sum of the terms, two of them in memory at a time."""
     return reduce(np.add, terms)
 
 

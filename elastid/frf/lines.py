@@ -1,4 +1,4 @@
-"""Which DFT lines are analysed: those planned, those of a grid, or those found excited in recorded inputs."""
+"""DFT lines to analyse: those planned, those of a grid, or those found excited in recorded inputs."""
 
 from __future__ import annotations
 
@@ -10,21 +10,26 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import line_spectra
+from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 
-# An excited line stands 10 dB above the noise of the mean, 6 dB in a notch, and not 14 dB below its surroundings.
-_ABOVE_NOISE = 10.0
-LEAST_SNR = 4.0
-_BELOW_OTHERS = 0.04
+# Power of an excited line over the noise of the mean (10 dB), in a notch (6 dB), and over the lines around it (-14 dB).
+_CLEAR_SNR = 10.0
+MIN_SNR = 4.0
+_MIN_SHARE_OF_NEIGHBOURS = 0.04
 
 
-def analysed_lines(records: Sequence[Record], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
+def lines_are_known(spec: EstimatorSpec, planned: IntArray | None) -> bool:
+    """Whether lines are stated or planned, so that no spectrum is searched for them."""
+    return spec.lines in ("full", "odd") or (spec.lines == "auto" and planned is not None)
+
+
+def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planned: IntArray | None) -> IntArray:
     """DFT lines (F,) that the spec asks for, of the records of one configuration.
 
     Raises StudyError where a grid has no line in band_hz, DataError where no line is excited.
     """
-    first = records[0]
+    first = spectra[0].record
     rate_hz, N = first.rate_hz, first.period_samples
     band_hz = spec.band_hz or (0.0, rate_hz / 2)
     if spec.lines in ("full", "odd"):
@@ -35,7 +40,7 @@ def analysed_lines(records: Sequence[Record], spec: EstimatorSpec, planned: IntA
     if spec.lines == "auto" and planned is not None:
         lines = np.intersect1d(planned, candidates)
     else:
-        lines = candidates[excited(candidates, *_input_power(records, candidates))]
+        lines = candidates[excited(candidates, *_driver_power(spectra, candidates))]
     if lines.size == 0:
         raise DataError(
             f"configuration {first.configuration.name}: no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz; "
@@ -45,86 +50,81 @@ def analysed_lines(records: Sequence[Record], spec: EstimatorSpec, planned: IntA
 
 
 def excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
-    """Which candidate lines (F,) carry excitation, from their power (F,) and the noise (F,) in it.
+    """Flags (F,) of the candidate lines that carry excitation, from their power (F,) and the noise (F,) in it.
 
     A level falls steeply at the edge of a band and between the lines of a grid, but gently along a shaped spectrum
-    (1/f^2 in power) and into a notch.  So from the strongest half octave the envelope is followed up and down; lines
-    near it count, and from them their neighbours on the grid as far as the level changes little.
+    (1/f^2 in power) and into a notch.  So the envelope is followed up and down from the strongest half octave; lines
+    near it count, and so do their neighbours on the grid as far as the level changes little.
     """
-    clear = np.where(power > _ABOVE_NOISE * noise, power, 0.0)
+    clear = np.where(power > _CLEAR_SNR * noise, power, 0.0)
     if not clear.any():
         return np.zeros(len(lines), dtype=np.bool_)
-    found: BoolArray = clear > _BELOW_OTHERS * _envelope(lines, clear)
+    found = clear > _MIN_SHARE_OF_NEIGHBOURS * _envelope(lines, clear)
     gaps = np.diff(lines[found])
     step = int(gaps.min()) if gaps.size else 1
-    return _followed(lines, np.where(power > LEAST_SNR * noise, power, 0.0), found, step)
+    return _followed(lines, np.where(power > MIN_SNR * noise, power, 0.0), found, step)
 
 
 def smoothed_noise(noise: FloatArray, dof: int) -> FloatArray:
-    """Noise power (F,) with as many neighbouring lines averaged as make up for few degrees of freedom of each."""
+    """Noise power (F,) averaged over neighbouring lines, more of them where each has few degrees of freedom."""
     window = np.ones(min(1 + 2 * round(2 / dof), len(noise)))
-    average: FloatArray = np.convolve(noise, window, "same") / np.convolve(np.ones(len(noise)), window, "same")
-    return average
+    return np.convolve(noise, window, "same") / np.convolve(np.ones(len(noise)), window, "same")
 
 
 def _envelope(lines: IntArray, level: FloatArray) -> FloatArray:
-    """At each line the highest level of its half octave, as far as that hangs together with the strongest line."""
+    """At each line the highest level of its half octave, up to the first steep fall on the way from the strongest."""
     octave = np.floor(2 * np.log2(lines / lines[0])).astype(int)
     peaks = np.zeros(octave[-1] + 1)
     np.maximum.at(peaks, octave, level)
     strongest = int(np.argmax(peaks))
-    envelope: FloatArray = np.full(len(peaks), peaks[strongest])
+    envelope = np.full(len(peaks), peaks[strongest])
     for way in (range(strongest - 1, -1, -1), range(strongest + 1, len(peaks))):
         last = peaks[strongest]
         for i in way:
             if i not in octave:
                 continue
-            if peaks[i] <= _BELOW_OTHERS * last:
+            if peaks[i] <= _MIN_SHARE_OF_NEIGHBOURS * last:
                 break
             envelope[i] = last = peaks[i]
-    at_lines: FloatArray = envelope[octave]
-    return at_lines
+    return np.asarray(envelope[octave])
 
 
 def _followed(lines: IntArray, level: FloatArray, found: BoolArray, step: int) -> BoolArray:
-    """The found lines and those that are reached from them, `step` lines at a time, without a steep fall."""
+    """The found lines and those reached from them, `step` lines at a time, without a steep fall."""
     by_line = np.zeros(lines[-1] + 2 * step + 1)
     is_found = np.zeros(len(by_line), dtype=np.bool_)
     by_line[lines + step], is_found[lines + step] = level, found
     while True:
-        reach = _BELOW_OTHERS * by_line * is_found
+        reach = _MIN_SHARE_OF_NEIGHBOURS * by_line * is_found
         near = np.maximum(np.roll(reach, step), np.roll(reach, -step))
         more = is_found | ((by_line > near) & (near > 0))
         if np.array_equal(more, is_found):
-            result: BoolArray = is_found[lines + step]
-            return result
+            return is_found[lines + step]
         is_found = more
 
 
-def _input_power(records: Sequence[Record], lines: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Power (F,) of the mean inputs (r, else u), each relative to its whole, and the noise (F,) in it."""
+def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Power (F,) of the mean drivers, each relative to its total, and the noise (F,) in it."""
     power, noise, dof = [], [], 0
-    for record in records:
-        # A slow carrier is in u but not in r.
-        U = line_spectra(record, record.u if record.r is None else record.r, lines)
+    for each in spectra:
+        U = each.amplitudes(each.driver_role, lines)
         # The first period holds the transient, if there are more than two.
         U = U[1:] if len(U) > 2 else U
         power.append(np.abs(U.mean(axis=0)) ** 2)
-        noise.append(noise_of_mean(U))
+        noise.append(_noise_of_mean(U))
         dof += len(U) - 1
-    whole = np.sum(power, axis=(0, 1))
-    whole[whole == 0] = 1.0
-    return np.sum(power, axis=0) @ (1 / whole), smoothed_noise(np.sum(noise, axis=0) @ (1 / whole), max(dof, 1))
+    total = np.sum(power, axis=(0, 1))
+    total[total == 0] = 1.0
+    return np.sum(power, axis=0) @ (1 / total), smoothed_noise(np.sum(noise, axis=0) @ (1 / total), max(dof, 1))
 
 
-def noise_of_mean(X: ComplexArray) -> FloatArray:
-    """Variance (F, c) of the mean over periods of X (P, F, c); 0 where there is one period, which does not tell."""
-    variance: FloatArray = np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) / max(len(X) - 1, 1) / len(X)
-    return variance
+def _noise_of_mean(X: ComplexArray) -> FloatArray:
+    """Variance (F, c) of the mean over periods of X (P, F, c); 0 for a single period."""
+    return np.asarray(np.sum(np.abs(X - X.mean(axis=0)) ** 2, axis=0) / max(len(X) - 1, 1) / len(X))
 
 
 def described_lines(lines: IntArray, record: Record) -> str:
-    """How messages name lines: how many, and from where to where."""
+    """Lines as messages name them: their number and their range."""
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     unit = "Hz" if record.rate_is_known else "of the sampling rate"
     return (

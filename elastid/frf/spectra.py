@@ -1,4 +1,4 @@
-"""From a record to the complex amplitudes of its inputs and outputs, period by period.
+"""Complex amplitudes of a record's signals, one set for each repetition.
 
     X_p(k) = 2 / N sum_n x(n + p N) exp(-2 pi j k n / N),   velocity = j omega position, ...
 
@@ -8,6 +8,7 @@ With this sign a delay turns the phase of Y / U down, and y = Re Y exp(j omega t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.fft import rfft
@@ -17,14 +18,62 @@ from elastid.base.errors import DataError
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 
-# Around the ends of a period its drift is averaged over this part of it: long enough that encoder noise does not
-# enter, short enough that the drift is straight.
+Role: TypeAlias = Literal["r", "u", "y"]
+
+# The drift at the ends of a period is averaged over this part of it: long enough to suppress encoder noise, short
+# enough that the drift is straight.
 _END_WINDOW = 1 / 50
-# Beyond these, squares and their products overflow or vanish.
-_SMALLEST, _LARGEST = 1e-60, 1e60
+# Outside these limits squares and their products overflow or vanish.
+_MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class RecordSpectra:
+    """The DFTs (P, N // 2 + 1, c) of the P repetitions of a record's signals, each computed once.
+
+    A half period counts as a repetition of a half-wave record, whose odd lines alone mean anything.
+    driver: DFT of the torque that excites (r; u where r was not recorded), kept where the excited lines are found in
+    it.  None where the lines are known: then memory holds the spectra of one record at a time.
+    """
+
+    record: Record
+    driver: ComplexArray | None = None
+
+    @property
+    def driver_role(self) -> Role:
+        """Which signal excites: a slow carrier is in u but not in r."""
+        return "u" if self.record.r is None else "r"
+
+    def with_driver(self) -> RecordSpectra:
+        """The same with the DFT of its driver."""
+        return replace(self, driver=self.dft(self.driver_role))
+
+    def dft(self, role: Role) -> ComplexArray:
+        """The DFT of a signal as it was logged."""
+        if role == self.driver_role and self.driver is not None:
+            return self.driver
+        record, L = self.record, self.record.repeat_samples
+        signals: FloatArray = getattr(record, role)
+        P = len(signals) // L
+        blocks = signals[: P * L].reshape(P, L, -1)
+        if not record.half_wave:
+            return np.asarray(rfft(blocks, axis=1))
+        # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
+        blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
+        halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)
+        halves *= ((-1.0) ** np.arange(P))[:, None, None]
+        return halves
+
+    def dft_at(self, role: Role, lines: IntArray) -> ComplexArray:
+        """The DFT (P, F, c) of a signal at lines (F,), a view where no line between them is left out."""
+        return self.dft(role)[:, slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines]
+
+    def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
+        """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
+        return self.dft_at(role, lines) * (2 / self.record.repeat_samples)
+
+
+@dataclass(frozen=True, eq=False)
 class PeriodSpectra:
     """Z = [Y, U] = scale [y, u] of the periods of one record that are used, by their index (P,) in it.
 
@@ -63,71 +112,51 @@ class PeriodSpectra:
         return replace(self, periods=self.periods[keep], y=self.y[keep], u=self.u[keep])
 
 
-def period_spectra(record: Record, lines: IntArray, quantity: Motion) -> PeriodSpectra:
+def period_spectra(spectra: RecordSpectra, lines: IntArray, quantity: Motion) -> PeriodSpectra:
     """All periods of a record at DFT lines (F,), outputs as `quantity`: exact, by powers of j omega.
 
-    A position or velocity that drifts is freed of what does not repeat.  Of a half-wave record each half period
-    counts as a period, and lines must be odd.  Raises DataError where a sample is missing: it would make every line
-    of G missing.
+    The part of a position or velocity that does not return to its start within a period (drift) is removed.  Each half
+    period of a half-wave record counts as a period; lines must then be odd.
+    Raises DataError where a sample is missing, since every line of G would be missing.
     """
-    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    j_omega = 2j * np.pi * freq_hz[:, None]
-    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
-    drifts = np.array([each != "acceleration" for each in record.quantities])
-    P, n_y = record.n_samples // record.repeat_samples, len(record.outputs)
-    scale = np.empty((len(lines), n_y + len(record.inputs)), dtype=np.complex128)
-    scale[:, :n_y], scale[:, n_y:] = j_omega**order, record.hold_response(freq_hz)[:, None]
-    scale *= 2 / record.repeat_samples
-    y, u = _dft(record, record.y, lines), _dft(record, record.u, lines)
-    # The samples themselves are looked at only where a line says that there is something to see.
+    record = spectra.record
+    y, u = spectra.dft_at("y", lines), spectra.dft_at("u", lines)
+    # The samples themselves are searched only where a line shows that something is wrong.
     if not all(_computable(np.abs(x[:, 0])).all() for x in (y, u)):
         refuse_uncomputable(record)
+    drifts = np.array([each != "acceleration" for each in record.quantities])
     if drifts.any():
         y[:, :, np.flatnonzero(drifts)] -= _drift_spectra(record, lines, drifts)
-    return PeriodSpectra(record, np.arange(P), y, u, scale)
+    return PeriodSpectra(record, np.arange(len(y)), y, u, amplitude_scale(record, lines, quantity))
 
 
-def reference_spectrum(record: Record, lines: IntArray) -> ComplexArray | None:
-    """R (F, n_u) of the injected torque, which is known and without noise; None where it was not recorded."""
+def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> ComplexArray:
+    r"""Scale (F, n_y + n_u) from the DFT of [y, u] to amplitudes: (2 / L) [(j omega)^k, H]."""
+    freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
+    n_y = len(record.outputs)
+    order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
+    scale = np.empty((len(lines), n_y + len(record.inputs)), dtype=np.complex128)
+    scale[:, :n_y] = (2j * np.pi * freq_hz[:, None]) ** order
+    scale[:, n_y:] = record.hold_response(freq_hz)[:, None]
+    scale *= 2 / record.repeat_samples
+    return scale
+
+
+def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray | None:
+    """R (F, n_u) of the injected torque, which is known and free of noise; None where it was not recorded."""
+    record = spectra.record
     if record.r is None:
         return None
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    R: ComplexArray = line_spectra(record, record.r, lines).mean(axis=0) * record.hold_response(freq_hz)[:, None]
+    R: ComplexArray = spectra.amplitudes("r", lines).mean(axis=0) * record.hold_response(freq_hz)[:, None]
     return R
 
 
-def line_spectra(record: Record, signals: FloatArray, lines: IntArray) -> ComplexArray:
-    """Complex amplitudes (P, F, c) at lines (F,) of signals (n_samples, c), one for each repetition."""
-    amplitudes: ComplexArray = _dft(record, signals, lines) * (2 / record.repeat_samples)
-    return amplitudes
-
-
-def _dft(record: Record, signals: FloatArray, lines: IntArray) -> ComplexArray:
-    """DFT (P, F, c) at lines (F,) of signals (n_samples, c) in every repetition, maybe a view of all lines."""
-    L = record.repeat_samples
-    P = record.n_samples // L
-    blocks = signals[: P * L].reshape(P, L, -1)
-    if not record.half_wave:
-        everywhere: ComplexArray = rfft(blocks, axis=1)
-        return everywhere[:, _contiguous(lines)]
-    # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
-    blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
-    sign = (-1.0) ** np.arange(P)
-    halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)[:, lines] * sign[:, None, None]
-    return halves
-
-
-def _contiguous(lines: IntArray) -> slice | IntArray:
-    """Lines as a slice where none between them is left out: a view instead of a copy."""
-    return slice(int(lines[0]), int(lines[-1]) + 1) if np.all(np.diff(lines) == 1) else lines
-
-
 def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> ComplexArray:
-    r"""Spectra (P, F, c) of the drift of those columns of y that drift.
+    r"""DFT (P, F, c) of the drift of those columns of y that drift.
 
-    As `_dft` has them. The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: what x gains from end to
-    end is drift, and a ramp g n / N of that height is all that has to go. (Half wave: [-x(T/2) - x(0)], a constant
-    g / 2.) With theta = 2 pi k / N their sums are
+    The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: the gain g of x from end to end is drift, and
+    a ramp g n / N removes it. (Half wave: [-x(T/2) - x(0)], a constant g / 2.) With theta = 2 pi k / N their sums are
 
     .. math:: \sum_{n<N} \frac{n}{N} e^{-j\theta n} = \frac{1}{e^{-j\theta} - 1}, \quad
               \sum_{n<N/2} \frac12 e^{-j\theta n} = \frac{1}{1 - e^{-j\theta}} \quad (k\ odd)
@@ -150,22 +179,22 @@ def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> Comple
 
 
 def refuse_uncomputable(record: Record) -> None:
-    """DataError that names the first sample that is missing, and channels whose squares no computer holds."""
+    """DataError that names the first missing sample, or a channel whose squares overflow or vanish."""
     for role, names, signals in (("u", record.inputs, record.u), ("y", record.outputs, record.y)):
         if not np.isfinite(signals).all():
             sample, column = np.argwhere(~np.isfinite(signals))[0]
             raise DataError(
                 f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {sample} on; "
-                "leave that part out, or mend the record"
+                "leave that part out, or repair the record"
             )
         largest = np.max(np.abs(signals), axis=0)
         for column in np.flatnonzero(~_computable(largest)):
             raise DataError(
                 f"record {record.name}: {role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "
-                "nothing measures; check unit and scale of its channel, and what the log writes where it has no value"
+                "no sensor can; check unit and scale of its channel, and the log's placeholder for missing values"
             )
 
 
 def _computable(size: FloatArray) -> BoolArray:
-    computable: BoolArray = (size == 0) | ((size > _SMALLEST) & (size < _LARGEST))
-    return computable
+    """Whether squares of these sizes neither overflow nor vanish; 0 is a number like others."""
+    return np.asarray((size == 0) | ((size > _MIN_COMPUTABLE) & (size < _MAX_COMPUTABLE)))

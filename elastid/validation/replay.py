@@ -28,7 +28,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import line_spectra, period_spectra
+from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import MOTION_ORDER, Motion, Record, motion_unit
@@ -136,7 +136,7 @@ def _replayed(
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     G = frequency_response(model, theta, freq_hz)
     if _settled_periods(record, spec) > 1:
-        spectra = trusted(period_spectra(record, lines, model.quantity), spec)
+        spectra = trusted(period_spectra(RecordSpectra(record), lines, model.quantity), spec)
         Y, U = spectra.Y, spectra.U
         Yhat = (G @ U[..., None])[..., 0]
     else:
@@ -179,8 +179,9 @@ def _single(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexA
     last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
-    Y = line_spectra(record, record.y, lines)[last] * (2j * np.pi * freq_hz[:, None]) ** order
-    return Y, line_spectra(record, record.u, lines)[last] * record.hold_response(freq_hz)[:, None]
+    spectra = RecordSpectra(record)
+    Y = spectra.amplitudes("y", lines)[last] * (2j * np.pi * freq_hz[:, None]) ** order
+    return Y, spectra.amplitudes("u", lines)[last] * record.hold_response(freq_hz)[:, None]
 
 
 def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:

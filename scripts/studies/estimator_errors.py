@@ -17,7 +17,7 @@ from scipy.special import exp1
 from elastid.base.arrays import ComplexArray
 from elastid.excitation.multisine import orthogonal_set
 from elastid.frf.covariance import equation_error, noise_covariance, total_covariance, total_error
-from elastid.frf.experiment_blocks import Block, Gathered, Scatter
+from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
 from elastid.frf.methods import METHODS, arithmetic_mean, h1, h2, harmonic_mean, logarithmic_mean
 
 LEVELS_DB = ((3, 6), (6, 6), (8, 6), (10, 10), (20, 20))
@@ -56,7 +56,7 @@ def biases(snr_y_db: float, snr_u_db: float, parts: int) -> dict[str, tuple[floa
     return {name: (20 * np.log10(found[name]), 20 * np.log10(expected[name])) for name in expected}
 
 
-def simulated(rng: np.random.Generator, G: ComplexArray, mix: np.ndarray) -> Gathered:
+def simulated(rng: np.random.Generator, G: ComplexArray, mix: np.ndarray) -> MeanSpectra:
     """3 realisations of n orthogonal experiments of 4 periods at F lines, G (F, n, n), noise mix (2n, 2n) w."""
     (F, n, _), P = G.shape, 4
     blocks, S_Z = [], np.zeros((F, 2 * n, 2 * n), dtype=complex)
@@ -67,7 +67,7 @@ def simulated(rng: np.random.Generator, G: ComplexArray, mix: np.ndarray) -> Gat
         V = np.moveaxis(Z - mean, 0, 3).reshape(F, 2 * n, n * P)
         S_Z += V @ np.swapaxes(V, 1, 2).conj()
         blocks.append(Block(mean[:, n:], mean[:, :n], U, np.full(n, float(P)), np.zeros((F, n)), 1))
-    return Gathered(tuple(blocks), Scatter(S_Z, 3 * n * (P - 1)))
+    return MeanSpectra(tuple(blocks), Scatter(S_Z, 3 * n * (P - 1)))
 
 
 def variance_ratios(runs: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:

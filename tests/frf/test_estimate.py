@@ -9,11 +9,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.fft import rfft
 
 from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf import spectra
 from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spec import EstimatorSpec, Method
 from elastid.record import Configuration, Motion, Record
 
 RATE = 500.0
@@ -89,6 +91,25 @@ def test_any_number_of_inputs_outputs_and_experiments_gives_the_plant(
     np.testing.assert_allclose(response.G, G, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
     assert response.total is None
+
+
+@pytest.mark.parametrize("planned", [True, False])
+@pytest.mark.parametrize("method", ["arithmetic", "joint"])
+def test_every_signal_of_a_record_is_transformed_once(
+    method: Method, planned: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """u and y of two records, and r where lines are found in it or the method needs it."""
+    lines, transformed = np.arange(5, 40), []
+
+    def counted(x: np.ndarray, **same: int) -> np.ndarray:
+        transformed.append(x)
+        return np.asarray(rfft(x, **same))
+
+    monkeypatch.setattr(spectra, "rfft", counted)
+    records = _experiments(_plant(35, 2, 2), lines, 1, np.random.default_rng(0))
+    records = [replace(record, r=record.u) for record in records]
+    estimate(records, replace(ALL_PERIODS, method=method), lines if planned else None)
+    assert len(transformed) == (4 if planned and method == "arithmetic" else 6)
 
 
 def test_a_delay_turns_the_phase_down() -> None:

@@ -13,7 +13,7 @@ from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpe
 from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import period_spectra
+from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
 from elastid.response import FrequencyResponse
@@ -59,7 +59,7 @@ def _relative_std(response: FrequencyResponse) -> np.ndarray:
 def test_bench_transient_and_both_bad_periods_are_found_and_no_other(bench: Record) -> None:
     """The first period, and the 7th and 14th of those after it."""
     response = estimate([bench], SPEC)
-    kept = trusted(period_spectra(bench, np.arange(11, 251), "acceleration"), SPEC).periods
+    kept = trusted(period_spectra(RecordSpectra(bench), np.arange(11, 251), "acceleration"), SPEC).periods
     assert sorted(set(range(20)) - set(kept.tolist())) == [0, 7, 14]
     first, later = response.notes
     assert "period 1 of 20 (from 0 s) left out as a transient" in first

@@ -13,7 +13,7 @@ from elastid.frf.estimate import estimate
 from elastid.frf.lines import analysed_lines, excited
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import period_spectra
+from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra
 from elastid.record import MOTION_ORDER, Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -38,8 +38,12 @@ def _record(
     return Record("c-r0-e0", configuration, 0, 0, RATE, N, ("motor 1",), ("joint 1",), (quantity,), u, y)
 
 
+def _spectra(record: Record, lines: np.ndarray, quantity: Motion) -> PeriodSpectra:
+    return period_spectra(RecordSpectra(record), lines, quantity)
+
+
 def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[str, ...]]:
-    found = trusted(period_spectra(record, LINES, "acceleration"), spec)
+    found = trusted(_spectra(record, LINES, "acceleration"), spec)
     return found.periods.tolist(), found.notes
 
 
@@ -47,7 +51,7 @@ def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[
 @pytest.mark.parametrize("wanted", ["position", "velocity", "acceleration"])
 def test_any_motion_becomes_any_other_exactly(measured: Motion, wanted: Motion) -> None:
     """(j omega)^order to rounding, up and down; a finite difference would be 2 % off at the highest line."""
-    spectra = period_spectra(_record(quantity=measured), LINES, wanted)
+    spectra = _spectra(_record(quantity=measured), LINES, wanted)
     j_omega = 2j * np.pi * LINES * RATE / N
     expected = j_omega ** (MOTION_ORDER[wanted] - 2)
     np.testing.assert_allclose(spectra.Y[:, :, 0] / spectra.U[:, :, 0], np.tile(expected, (4, 1)), rtol=1e-9)
@@ -55,7 +59,7 @@ def test_any_motion_becomes_any_other_exactly(measured: Motion, wanted: Motion) 
 
 def test_amplitudes_are_those_of_the_sines_whatever_the_period() -> None:
     """|U| is the peak in Nm of each line's cosine."""
-    np.testing.assert_allclose(np.abs(period_spectra(_record(), LINES, "velocity").U), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(np.abs(_spectra(_record(), LINES, "velocity").U), 1.0, rtol=1e-12)
 
 
 def test_without_a_rate_a_derivative_is_per_sample() -> None:
@@ -72,7 +76,7 @@ def test_a_motion_that_drifts_steadily_gives_the_same_spectra(quantity: Motion) 
     """A ramp a thousand times the motion changes nothing: neither amplitude nor, by its scatter, the noise level."""
     record = _record(6, quantity)
     ramp = 1000 * record.y.std() * np.linspace(0, 1, record.n_samples)[:, None]
-    still, drifting = (period_spectra(r, LINES, quantity).Y for r in (record, replace(record, y=record.y + ramp)))
+    still, drifting = (_spectra(r, LINES, quantity).Y for r in (record, replace(record, y=record.y + ramp)))
     np.testing.assert_allclose(drifting, still, rtol=0, atol=1e-9 * np.abs(still).max())
 
 
@@ -82,8 +86,8 @@ def test_a_position_that_wanders_is_cleaned_of_most_of_its_leakage() -> None:
     rng = np.random.default_rng(2)
     walk = np.cumsum(np.cumsum(rng.normal(size=record.n_samples)))
     y = record.y + 20 * record.y.std() * (walk / walk.std())[:, None]
-    cleaned = period_spectra(replace(record, y=y), LINES, "position").Y
-    plain = period_spectra(replace(record, y=y, quantities=("acceleration",)), LINES, "acceleration").Y
+    cleaned = _spectra(replace(record, y=y), LINES, "position").Y
+    plain = _spectra(replace(record, y=y, quantities=("acceleration",)), LINES, "acceleration").Y
     assert 20 * cleaned.std(axis=0).mean() < plain.std(axis=0).mean()
 
 
@@ -94,7 +98,7 @@ def test_drift_removal_adds_no_noise_to_an_encoder_without_drift() -> None:
     rng, s, variance = np.random.default_rng(0), 0.1, []
     for _ in range(300):
         noisy = replace(record, y=s * rng.normal(size=record.y.shape))
-        variance.append(np.mean(np.abs(period_spectra(noisy, lines, "position").Y[:, :, 0]) ** 2, axis=0))
+        variance.append(np.mean(np.abs(_spectra(noisy, lines, "position").Y[:, :, 0]) ** 2, axis=0))
     np.testing.assert_allclose(np.mean(variance, axis=0)[0], 4 * s**2 / N, rtol=0.4)
     np.testing.assert_allclose(np.mean(variance, axis=0)[10:].mean(), 4 * s**2 / N, rtol=0.02)
 
@@ -175,7 +179,7 @@ def test_good_periods_are_almost_never_left_out(n_lines: int) -> None:
     lost = 0
     for seed in range(400):
         record = _record((3, 4, 5, 7, 20)[seed % 5], noise=0.05, seed=seed)
-        found = trusted(period_spectra(record, LINES[:n_lines], "acceleration"), AUTO)
+        found = trusted(_spectra(record, LINES[:n_lines], "acceleration"), AUTO)
         lost += len(found.periods) < record.n_periods
     assert lost <= 4
 
@@ -188,7 +192,7 @@ def test_periods_whose_noise_level_varies_are_kept() -> None:
         record = _record((3, 4, 5, 7)[seed % 4], lines=lines, seed=seed)
         levels = np.repeat(rng.uniform(0.7, 1.4, record.n_periods), N)[:, None]
         noisy = replace(record, y=record.y * (1 + 0.05 * levels * rng.normal(size=record.y.shape)))
-        lost += len(trusted(period_spectra(noisy, lines, "acceleration"), AUTO).periods) < record.n_periods
+        lost += len(trusted(_spectra(noisy, lines, "acceleration"), AUTO).periods) < record.n_periods
     assert lost <= 1
 
 
@@ -251,7 +255,7 @@ def test_a_1_over_f_record_keeps_all_its_lines_from_start_to_end() -> None:
         "r", Configuration("c", np.zeros(1)), 0, 0, RATE, 2 * N, ("motor 1",), ("motor 1",), ("acceleration",),
         u + 1e-3 * rng.normal(size=u.shape), u + 1e-3 * rng.normal(size=u.shape),
     )  # fmt: skip
-    np.testing.assert_array_equal(analysed_lines([record], AUTO, None), lines)
+    np.testing.assert_array_equal(analysed_lines([RecordSpectra(record)], AUTO, None), lines)
 
 
 def test_inputs_of_noise_have_no_excited_line() -> None:
@@ -259,4 +263,4 @@ def test_inputs_of_noise_have_no_excited_line() -> None:
     record = _record(4)
     rng = np.random.default_rng(0)
     with pytest.raises(DataError, match="no excited line between 0 and 100 Hz; check period"):
-        analysed_lines([replace(record, u=rng.normal(size=record.u.shape))], AUTO, None)
+        analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)

@@ -67,9 +67,9 @@ def test_inputs_that_tell_nothing_are_refused(change: Change, method: str) -> No
 
 @pytest.mark.parametrize("method", ["arithmetic", "hv", "errors_in_variables", "local_rational"])
 @pytest.mark.parametrize("change", ABSURD.values(), ids=ABSURD)
-def test_sizes_that_nothing_measures_are_refused_with_their_channel(change: Change, method: str) -> None:
-    """A wrong unit, or what a logger writes where it has no value; squares of it would overflow."""
-    with pytest.raises(DataError, match=r"m0e0: [uy] at motor 1 reaches .* in SI units, which nothing measures"):
+def test_sizes_beyond_any_sensor_are_refused_with_their_channel(change: Change, method: str) -> None:
+    """A wrong unit, or a placeholder for a missing value; squares of it would overflow."""
+    with pytest.raises(DataError, match=r"m0e0: [uy] at motor 1 reaches .* in SI units, which no sensor can"):
         estimate([change(r) for r in _records()], EstimatorSpec(method=method), LINES)  # type: ignore[arg-type]
 
 

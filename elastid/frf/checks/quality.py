@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.frf.experiment_blocks import Gathered, added
-from elastid.frf.lines import LEAST_SNR
+from elastid.frf.experiment_blocks import MeanSpectra, added
+from elastid.frf.lines import MIN_SNR
 from elastid.response import Levels, Quality
 
 # An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
@@ -17,7 +17,7 @@ _HARDLY = 100.0
 _WORST_CONDITION = 10.0
 
 
-def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Quality:
+def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
     """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
     blocks, S_Z, n_y = data.blocks, data.scatter.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
@@ -41,7 +41,7 @@ def measured_quality(freq_hz: FloatArray, data: Gathered, G: ComplexArray) -> Qu
     )
 
 
-def input_singular_values(data: Gathered) -> FloatArray:
+def input_singular_values(data: MeanSpectra) -> FloatArray:
     """Of U (F, n_u, K) / sqrt(K), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
     S_U = data.UU / len(data.periods)
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
@@ -67,7 +67,7 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
 def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[str]:
     """A word for every output that hardly moved."""
     excited = quality.excited
-    weak = excited.amplitude**2 <= LEAST_SNR * excited.noise**2
+    weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
         f"configuration {where}: output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
         f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque"
@@ -76,7 +76,7 @@ def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[s
     ]
 
 
-def input_words(where: str, inputs: Sequence[str], data: Gathered, quality: Quality) -> list[str]:
+def input_words(where: str, inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[str]:
     """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
     power = np.einsum("fii->fi", data.UU).real / len(data.periods)
     noise = quality.input_noise * np.mean(1 / data.periods)

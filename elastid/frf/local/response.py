@@ -27,6 +27,7 @@ from elastid.frf.local.regression import local_fit
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
 from elastid.frf.local.windows import WindowTerms, windows
 from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 from elastid.response import Covariance, FrequencyResponse
 
@@ -52,7 +53,7 @@ def local_response(
     first = records[0]
     for record in records:
         _refuse_gaps(record)
-    lines = analysed_lines(records, spec, planned_lines)
+    lines = analysed_lines([RecordSpectra(record) for record in records], spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     spectra = [settled_spectra(record, lines, spec.quantity, dropped) for record in records]
     _refuse_dead_inputs(first, spectra)
