@@ -94,16 +94,17 @@ def _proposed(
     n = len(robot.driven)
     if spec.given:
         for name, one in spec.given.items():
-            if len(one) != n:
-                joints = ", ".join(joint.name for joint in robot.driven)
-                raise StudyError(f"design.candidates.given.{name}: {len(one)} angles for {n} driven joints ({joints})")
+            if refused := robot.count_refusal(len(one)):
+                raise StudyError(f"design.candidates.given.{name}: {refused}")
         return list(spec.given), np.array(list(spec.given.values()))
     if spec.grid is not None:
         counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
-        if len(counts) != n or math.prod(counts) > MOST:
+        if refused := robot.count_refusal(len(counts), "numbers"):
+            raise StudyError(f"design.candidates.grid: {refused}")
+        if math.prod(counts) > MOST:
             raise StudyError(
-                f"design.candidates.grid: {len(counts)} numbers of points for {n} driven joints, "
-                f"{math.prod(counts)} candidates; give one number for each joint, at most {MOST} in all"
+                f"design.candidates.grid: {math.prod(counts)} candidates; take fewer points per joint, at most {MOST} "
+                "in all"
             )
         axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
         angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)

@@ -16,6 +16,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError
 from elastid.design.expected_response import Expected, expected_fit
+from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.residuals import as_real
 from elastid.fit.uncertainty.covariance import certainty
@@ -121,13 +122,8 @@ def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
 
 def check_line_count(freq_hz: FloatArray, parameters: ParameterSet) -> None:
     """Refuse a grid with fewer lines than unknowns; StudyError says which period would do."""
-    lines, unknowns = len(freq_hz), len(parameters.free)
-    if lines < unknowns:
-        raise StudyError(
-            f"excitation: {lines} lines from {freq_hz[0]:g} to {freq_hz[-1]:g} Hz for {unknowns} unknowns; take a "
-            f"period at least {np.ceil(10 * unknowns / lines) / 10:g} times as long, a wider band_hz, a fuller grid, "
-            "or fix some of fit.parameters"
-        )
+    if refused := line_count_refusal(len(freq_hz), len(parameters.free), "unknowns"):
+        raise StudyError(f"excitation: {refused}, or fix some of fit.parameters")
 
 
 def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:

@@ -92,17 +92,29 @@ def with_detection(lines: IntArray, group: int, rng: np.random.Generator) -> Lin
     return Lines(np.delete(lines, left_out), lines[left_out])
 
 
+def line_count_refusal(n_lines: int, needed: int, noun: str) -> str:
+    """Why a grid has too few lines for as many motors or unknowns; empty where it has enough.
+
+    >>> line_count_refusal(4, 6, "motors")
+    '4 lines for 6 motors; take a period at least 1.5 times as long, a wider band_hz or a fuller grid'
+    """
+    if n_lines >= needed:
+        return ""
+    longer = math.ceil(10 * needed / max(1, n_lines)) / 10
+    return (
+        f"{n_lines} lines for {needed} {noun}; take a period at least {longer:g} times as long, a wider band_hz or a "
+        "fuller grid"
+    )
+
+
 def zippered(n_lines: int, n_u: int) -> IntArray:
     """Which input (n_lines,) has each line: every input its own, interleaved. StudyError for fewer lines than inputs.
 
     >>> zippered(5, 2).tolist()
     [0, 1, 0, 1, 0]
     """
-    if n_lines < n_u:
-        raise StudyError(
-            f"the excitation has {n_lines} lines for {n_u} inputs; every input needs a line of its own: widen band_hz "
-            "or take a longer period"
-        )
+    if refused := line_count_refusal(n_lines, n_u, "motors"):
+        raise StudyError(f"excitation.orthogonal: zippered gives every motor lines of its own, and there are {refused}")
     return np.arange(n_lines) % n_u
 
 

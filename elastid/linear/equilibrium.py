@@ -141,12 +141,8 @@ def rigid_posture(model: ElasticModel, configuration: Configuration, theta: Floa
     theta (n_theta,): model.parameters, of which the geometry counts; default the robot's own.
     StudyError where the configuration does not give one angle for each motor, or the loops do not close there.
     """
-    if configuration.angles.shape != (model.n_u,):
-        driven = ", ".join(joint.name for joint in model.robot.driven)
-        raise StudyError(
-            f"configuration {configuration.name}: {configuration.angles.size} angles are given, but robot "
-            f"{model.robot.name} has {model.n_u} driven joints ({driven}); give one angle for each"
-        )
+    if refused := model.robot.count_refusal(configuration.angles.size):
+        raise StudyError(f"configuration {configuration.name}: {refused}")
     q = np.zeros(model.n_q)
     try:
         q[: len(model.robot.joints)] = assembled(

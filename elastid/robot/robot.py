@@ -192,6 +192,12 @@ class Robot:
                 f"{', '.join(b for b in parents if moved in _up(parents, b) or b in _up(parents, moved))}"
             )
 
+    def count_refusal(self, count: int, noun: str = "angles") -> str:
+        """Why so many numbers cannot be one for each driven joint; empty where they can."""
+        n_u, joints = len(self.driven), ", ".join(joint.name for joint in self.driven)
+        refused = f"{count} {noun} for {n_u} driven joints ({joints}) of robot {self.name}; give one for each"
+        return "" if count == n_u else refused
+
     def check_location(self, location: str) -> None:
         """Refuse a place that the robot does not have; StudyError lists those it has."""
         if location not in self.locations:

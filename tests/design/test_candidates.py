@@ -113,7 +113,7 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
         (CandidateSpec(boxes=(BoxSpec("all", (-9, -9, -9), (9, 9, 9)),)), "reach into box all.*boxes or clearance"),
         (CandidateSpec(given={"a": (0, 3, 0)}), "1 are outside the joints' limits.*within the limits"),
         (CandidateSpec(given={"a": (0, 1)}), "given.a: 2 angles for 3 driven joints"),
-        (CandidateSpec(grid=(2, 2)), "grid: 2 numbers of points for 3 driven joints"),
+        (CandidateSpec(grid=(2, 2)), "grid: 2 numbers for 3 driven joints"),
         (CandidateSpec(grid=100), "1000000 candidates; .* at most 200000"),
         (CandidateSpec(floor=0.0, points={"hand": ((0, 0, 0),)}), "no body is called 'hand'; there are turret"),
     ],

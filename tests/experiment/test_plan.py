@@ -66,13 +66,13 @@ def test_one_torque_for_all_motors_is_allowed_and_a_wrong_number_of_them_refused
     plan = make_plan(replace(EXCITATION, torque_rms=7.0), experiment, ROBOT, 0)
     torque = plan.torque(plan.experiments[0])
     np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), 7.0, rtol=1e-12)
-    with pytest.raises(StudyError, match=r"torque_rms has 3 numbers for 2 motors \(motor 1, motor 2\)"):
+    with pytest.raises(StudyError, match=r"torque_rms: 3 torques for 2 driven joints \(1, 2\)"):
         make_plan(replace(EXCITATION, torque_rms=(1.0, 2.0, 3.0)), experiment, ROBOT, 0)
 
 
 def test_a_configuration_with_a_wrong_number_of_angles_is_refused() -> None:
     """The message counts angles and driven joints."""
-    with pytest.raises(StudyError, match="configuration a has 1 angles; robot two axes has 2 driven joints"):
+    with pytest.raises(StudyError, match=r"configuration a: 1 angles for 2 driven .* two axes; give one for each"):
         _plan({"a": (0.0,)})
 
 

@@ -171,8 +171,8 @@ def test_wrong_sets_of_responses_are_named(data):
     for given, says in (
         ([], "there is no response to fit"),
         ([data[0], data[1], renamed(data[2], "c1")], "configuration c1 is given by two responses"),
-        ([data[0], renamed(data[1], "c2", ())], "configuration c2: its angles are missing"),
-        ([data[0], renamed(data[1], "c2", (0.0,) * 6)], "c2: 6 angles for the 2 driven joints .* another robot"),
+        ([data[0], renamed(data[1], "c2", ())], "configuration c2: 0 angles for 2 driven joints"),
+        ([data[0], renamed(data[1], "c2", (0.0,) * 6)], "c2: 6 angles for 2 driven joints .* another robot"),
         ([data[0], replace(data[1], inputs=("motor 1", "motor 7"))], "input motor 7, which robot bench has not"),
         ([data[0], replace(data[1], outputs=("motor 1", "tool"))], "'tool' is not a place .* another robot"),
         ([replace(data[0], rate_is_known=False), data[1]], "the lines of c1 are in units of an unknown sampling rate"),

@@ -71,7 +71,7 @@ WRONG = [
     ("  starts: 2", "  strats: 2", "fit.strats", "unknown key; did you mean 'starts'?"),
     ("torque_rms: 0.1", "torque_rms: 0.1 kg", "excitation.torque_rms", "unit 'kg' measures kg, not N*m"),
     ("torque_rms: 0.1", "torque_rms: [0.1 N*m, 0.2 kg]", "excitation.torque_rms[1]", "unit 'kg' measures kg"),
-    ("torque_rms: 0.1", "torque_rms: [1, 2]", "excitation.torque_rms", "2 torques for 1 motors"),
+    ("torque_rms: 0.1", "torque_rms: [1, 2]", "excitation.torque_rms", "2 torques for 1 driven joints (1) of robot"),
     ("torque_rms: 0.1", "torque_rms: {a: 1}", "excitation.torque_rms", "expected a number in N*m"),
     ("torque_rms: 0.1", "torque_rms: much", "excitation.torque_rms", "'much' is not a number with a unit"),
     ("band_hz: [5, 100]", "band_hz: [5]", "excitation.band_hz", "expected a list of 2"),

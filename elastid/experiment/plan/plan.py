@@ -114,11 +114,8 @@ class Plan:
 def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Configuration, ...]:
     """The configurations of a study; StudyError for a wrong number of angles or a joint outside its limits."""
     for name, angles in experiment.configurations.items():
-        if len(angles) != len(robot.driven):
-            raise StudyError(
-                f"configuration {name} has {len(angles)} angles; robot {robot.name} has {len(robot.driven)} driven "
-                f"joints ({', '.join(joint.name for joint in robot.driven)}), one angle each"
-            )
+        if refused := robot.count_refusal(len(angles)):
+            raise StudyError(f"configuration {name}: {refused}")
         for joint, angle in zip(robot.driven, angles, strict=True):
             low, high = joint.limits.angle
             if not low <= angle <= high:

@@ -8,7 +8,6 @@ the same at all lines, motor by motor. P: torque to angle, U: acting torque. The
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
@@ -16,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
-from elastid.excitation.grids import line_frequencies
+from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, shape
 from elastid.excitation.spec import MultisineSpec, Signal
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -65,7 +64,8 @@ def torque_spectra(
     realisations would all be the same, or closed_loop is missing.
     """
     inputs = robot.motor_locations
-    check_excited_lines(excitation, lines, len(inputs))
+    if refused := line_count_refusal(len(lines), len(inputs), "motors"):
+        raise StudyError(f"excitation: {refused}")
     if len(draws) > 1 and not excitation.is_new_in_every_realisation:
         raise StudyError(
             f"excitation.phases: {excitation.phases} gives the same signal in every realisation, which does not show "
@@ -94,30 +94,16 @@ def torque_spectra(
     return np.array([experiments(*how, np.random.default_rng(d), responses, excitation.effort) for d in draws])
 
 
-def check_excited_lines(excitation: MultisineSpec, lines: IntArray, n_u: int) -> None:
-    """StudyError where fewer lines (F,) are excited than there are inputs."""
-    if len(lines) < n_u:
-        low, high = excitation.band_hz
-        raise StudyError(
-            f"excitation: the grid {excitation.grid} has {len(lines)} lines from {low:g} to {high:g} Hz, an orthogonal "
-            f"set of {n_u} experiments needs at least {n_u}; widen band_hz, or take a period of "
-            f"{math.ceil(n_u / len(lines)) * excitation.period:g} s"
-        )
-
-
 def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
     """RMS (n_u,) of the injected torques in Nm; with `limits` shares of the torque limits, in the right proportion."""
-    rms, inputs = excitation.torque_rms, robot.motor_locations
+    rms = excitation.torque_rms
     if rms == "limits":
         limits = np.array([joint.limits.torque for joint in robot.driven])
         return np.where(np.isfinite(limits), limits, np.min(limits[np.isfinite(limits)], initial=1e3)) / 100
     if not isinstance(rms, tuple):
-        return np.full(len(inputs), rms)
-    if len(rms) != len(inputs):
-        raise StudyError(
-            f"excitation.torque_rms has {len(rms)} numbers for {len(inputs)} motors ({', '.join(inputs)}); "
-            "give one for each, or a single one for all"
-        )
+        return np.full(len(robot.driven), rms)
+    if refused := robot.count_refusal(len(rms), "torques"):
+        raise StudyError(f"excitation.torque_rms: {refused}, or one for all")
     return np.array(rms)
 
 

@@ -94,14 +94,8 @@ def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:
 
 def _check_robot(response: FrequencyResponse, robot: Robot) -> None:
     where, angles = f"configuration {response.configuration.name}", response.configuration.angles
-    if angles.size != len(robot.driven):
-        joints = ", ".join(joint.name for joint in robot.driven)
-        if not angles.size:
-            raise DataError(f"{where}: its angles are missing; give one for each of the driven joints {joints}")
-        raise DataError(
-            f"{where}: {angles.size} angles for the {len(robot.driven)} driven joints ({joints}) of robot "
-            f"{robot.name}; is this response from another robot?"
-        )
+    if refused := robot.count_refusal(angles.size):
+        raise DataError(f"{where}: {refused}" + ("; is this response from another robot?" if angles.size else ""))
     if not np.all(np.isfinite(angles)):
         raise DataError(f"{where}: an angle is not a finite number")
     motors = robot.motor_locations

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.errors import StudyError, did_you_mean
+from elastid.excitation.grids import line_count_refusal
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.phases import hadamard
 from elastid.excitation.spec import MultisineSpec
@@ -61,14 +62,9 @@ def line_problems(study: Study) -> Iterator[Problem]:
     except StudyError as error:
         yield Problem(path, str(error))
         return
-    needed, what = max((len(study.robot.driven), "motors"), (unknowns, "unknowns"))
-    if len(lines) < needed:
-        period = math.ceil(excitation.period * needed / len(lines))
-        yield Problem(
-            path,
-            f"the grid {excitation.grid} has {len(lines)} lines there for {needed} {what}; it needs as many at least: "
-            f"take a period of about {period} s, a wider band or a denser grid",
-        )
+    needed, noun = max((len(study.robot.driven), "motors"), (unknowns, "unknowns"))
+    if refused := line_count_refusal(len(lines), needed, noun):
+        yield Problem(path, refused)
     freq_hz = lines / excitation.period
     for key, band in (("estimator", study.estimator.band_hz), ("fit", study.fit.band_hz)):
         if band is not None and not any(band[0] <= f <= band[1] for f in freq_hz):
@@ -106,19 +102,16 @@ def _formulation(study: Study) -> Iterator[Problem]:
 
 
 def _excitation(study: Study) -> Iterator[Problem]:
-    excitation, driven = study.excitation, study.robot.driven
+    excitation = study.excitation
     if excitation is None:
         if study.experiment.simulated is not None:
             yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
         return
     yield from _realisations(study, excitation)
     torque_rms = excitation.torque_rms
-    if isinstance(torque_rms, tuple) and len(torque_rms) != len(driven):
-        names = ", ".join(joint.name for joint in driven)
-        yield Problem(
-            ("excitation", "torque_rms"),
-            f"{len(torque_rms)} torques for {len(driven)} motors; give one for all or one for each of joints {names}",
-        )
+    refused = study.robot.count_refusal(len(torque_rms), "torques") if isinstance(torque_rms, tuple) else ""
+    if refused:
+        yield Problem(("excitation", "torque_rms"), f"{refused}, or one for all")
 
 
 def _hardware(study: Study) -> Iterator[Problem]:
@@ -165,7 +158,7 @@ def _geometry(study: Study) -> Iterator[Problem]:
     from elastid.fit.setup.geometry import refusals  # brings CasADi, which few checks need
 
     configurations = study.experiment.configurations
-    if any(len(angles) != len(study.robot.driven) for angles in configurations.values()):
+    if any(study.robot.count_refusal(len(angles)) for angles in configurations.values()):
         return  # said elsewhere
     try:
         parameters = choose(study.fit, study.robot, tuple(configurations))
@@ -241,9 +234,8 @@ def _configurations(study: Study) -> Iterator[Problem]:
             check_file_name(name)
         except ValueError as error:
             yield Problem(path, str(error), at_key=True)
-        if len(angles) != len(driven):
-            joints = ", ".join(joint.name for joint in driven)
-            yield Problem(path, f"{len(angles)} angles for {len(driven)} driven joints ({joints})")
+        if refused := study.robot.count_refusal(len(angles)):
+            yield Problem(path, refused)
             continue
         for i, (angle, joint, swing) in enumerate(zip(angles, driven, swings, strict=True)):
             wrong = joint.refusal_of(angle)

@@ -70,18 +70,18 @@ def _parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
 
 
 def _candidates(study: Study, design: DesignSpec) -> Iterator[Problem]:
-    spec, driven = design.candidates, study.robot.driven
-    joints = ", ".join(joint.name for joint in driven)
-    if isinstance(spec.grid, tuple) and len(spec.grid) != len(driven):
-        yield Problem((*_CANDIDATES, "grid"), f"{len(spec.grid)} numbers for {len(driven)} driven joints ({joints})")
+    spec, robot = design.candidates, study.robot
+    refused = robot.count_refusal(len(spec.grid), "numbers") if isinstance(spec.grid, tuple) else ""
+    if refused:
+        yield Problem((*_CANDIDATES, "grid"), refused)
     for name, angles in spec.given.items():
         path: KeyPath = (*_CANDIDATES, "given", name)
         try:
             check_file_name(name)
         except ValueError as error:
             yield Problem(path, str(error), at_key=True)
-        if len(angles) != len(driven):
-            yield Problem(path, f"{len(angles)} angles for {len(driven)} driven joints ({joints})")
+        if refused := robot.count_refusal(len(angles)):
+            yield Problem(path, refused)
         if name in study.experiment.configurations:
             yield Problem(path, f"{name} is the name of a configuration under experiment.configurations already", True)
     bodies = [body.name for body in study.robot.bodies]
