@@ -1,0 +1,146 @@
+"""Keys that no other test gives have the effect that their text promises."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.linkages import LEVER, LOWER, linkage
+from plants.two_axes import ROBOT, STUDY, measured
+
+from elastid.app import cli
+from elastid.app.compare import variants
+from elastid.base.errors import DataError
+from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
+from elastid.fit.result import FitResult
+from elastid.frf.local.response import local_response
+from elastid.frf.spec import EstimatorSpec
+from elastid.linear.linearise import linearise
+from elastid.linear.measurement_chain import elements
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration, Record
+from elastid.recorded.files.text import open_text
+from elastid.recorded.responses.reading import read_table
+from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
+from elastid.store import read_fit
+from elastid.study import load
+
+
+def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
+    """A bar whose frame is turned by 90 deg about x closes the same loop; its y axis is the other body's z axis."""
+    inertia = (0.64, 0.0, 0.64)
+    bar = Body(
+        "bar",
+        "crank",
+        Placement((-LEVER, -0.069, 0.0)),
+        (Joint("bar", "y"),),
+        6.2,
+        (0.0, 0.52 * LOWER, 0.0),
+        inertia,
+        Placement(rpy=(np.pi / 2, 0.0, 0.0)),
+    )
+    ends = (Anchor("bar", (0.0, LOWER, 0.0)), Anchor("upper", (-LEVER, 0.0, 0.0)))
+    rod = Rod(LOWER, 6.2, 0.52, 0.64)
+    at, freq_hz = Configuration("c", (0.4, 0.1)), np.array([5.0, 20.0, 60.0])
+    pinned = linkage(loop=Loop("top", ends, Pin((0.0, 0.0, -1.0), other_axis="y")), further=(bar,))
+    G = []
+    for robot in (pinned, linkage(rod)):
+        model = formulate(robot, ModelSpec("constrained"))
+        linear = linearise(model, at, model.theta, model.inputs, "acceleration")
+        G.append(frequency_response(linear, np.append(model.theta, 0.0), freq_hz))
+    np.testing.assert_allclose(G[0], G[1], atol=1e-9 * np.abs(G[1]).max())
+
+
+def test_torque_damping_is_the_damping_ratio_of_a_second_order_torque_loop() -> None:
+    """1 / (1 + 2 zeta s T + (s T)^2)."""
+    T, zeta, s = 2e-3, 0.3, 2j * np.pi * np.array([1.0, 50.0, 80.0, 400.0])
+    (element,) = elements(Chain(torque_lag=T, torque_order=2, torque_damping=zeta))
+    np.testing.assert_allclose(element.response(s, T), 1 / (1 + 2 * zeta * s * T + (s * T) ** 2), rtol=1e-12)
+
+
+def test_comments_of_a_log_are_skipped(tmp_path: Path) -> None:
+    """Whole lines and ends of lines."""
+    (tmp_path / "log.csv").write_text("% measured on a Monday\na,b\n1,2\n% the motor was warm\n3,4 % here, too\n")
+    log = open_text(tmp_path / "log.csv", TextFormatSpec(comment="%"))
+    assert log.headings == ("a", "b")
+    np.testing.assert_array_equal(log.columns([0, 1]), [[1, 2], [3, 4]])
+
+
+def test_units_of_a_response_in_csv_are_those_of_the_study(tmp_path: Path) -> None:
+    """Frequencies in rad/s and phases in rad."""
+    freq_hz, G = np.array([2.0, 5.0]), np.array([1 + 2j, -3 + 0.5j])
+    rows = [f"{2 * np.pi * f},{abs(g)},{np.angle(g)}" for f, g in zip(freq_hz, G, strict=True)]
+    (tmp_path / "frf.csv").write_text("\n".join(["freq_hz,mag,phase", *rows]) + "\n")
+    spec = ResponsesSpec(
+        (ResponseFileSpec("frf.csv", "c"),),
+        (ChannelSpec("u", "motor 1", "u"), ChannelSpec("y", "motor 1", "y", quantity="acceleration")),
+        frequency_unit="rad/s",
+        columns=ResponseColumnsSpec(magnitude="mag", phase="phase", phase_unit="rad"),
+    )
+    table = read_table(tmp_path / "frf.csv", spec, "")
+    np.testing.assert_allclose(table.freq_hz(spec.frequency_unit), freq_hz, rtol=1e-12)
+    np.testing.assert_allclose(table.G[:, 0, 0], G, rtol=1e-12)
+
+
+def test_a_larger_local_margin_takes_as_many_lines_more() -> None:
+    """One degree of freedom a line, in a single experiment."""
+    rng = np.random.default_rng(0)
+    u, y = np.tile(rng.standard_normal((2, 200, 1)), (1, 2, 1))
+    at = Configuration("c", np.zeros(1))
+    record = Record("c", at, 0, 0, 200.0, 200, ("motor 1",), ("joint 1",), ("velocity",), u, y)
+    needed = []
+    for margin in (500, 507):
+        spec = EstimatorSpec(method="local_polynomial", quantity="velocity", local_order=2, local_margin=margin)
+        with pytest.raises(DataError, match="lines in a window") as caught:
+            local_response([record], spec, np.arange(1, 90))
+        needed += [int(n) for n in re.findall(r"needs (\d+) lines", str(caught.value))]
+    assert needed[1] - needed[0] == 7
+
+
+def test_motor_coupling_of_a_variant_lets_rotors_turn_about_their_own_axes_only(tmp_path: Path) -> None:
+    """The robot of the variant has no motor that rides on a body."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    override = "compare.variants=[{name: uncoupled, motor_coupling: false}]"
+    own, uncoupled = variants(load(tmp_path / "study.yml", [override]))
+    assert [bool(joint.motor and joint.motor.on) for joint in own.robot.driven] == [False, True]
+    assert [bool(joint.motor and joint.motor.on) for joint in uncoupled.robot.driven] == [False, False]
+
+
+@pytest.fixture
+def fitted(tiny: Path):
+    """A function from overrides of the section `fit` to the result on one set of responses."""
+    run = measured(tiny, load(tiny).study.robot)
+
+    def fit(*overrides: str) -> FitResult:
+        options = [word for override in overrides for word in ("--set", f"fit.{override}")]
+        assert cli.run_command(["fit", str(tiny), "--run", str(run.folder), "-q", "--jobs", "1", *options]) == 0
+        return read_fit(run.folder / "fit.h5")
+
+    return fit
+
+
+def test_log_first_is_the_way_and_not_the_end(fitted) -> None:
+    """Without the stage in the logarithm the same optimum is found from a good start."""
+    with_stage, without = fitted(), fitted("log_first=false")
+    np.testing.assert_allclose(with_stage.x, without.x, atol=1e-4)
+
+
+def test_the_kind_of_the_bootstrap_is_that_of_the_study(fitted) -> None:
+    """Draws from the covariance and from the residuals: other numbers, of one width."""
+    kinds = [fitted("bootstrap=40", f"bootstrap_kind={kind}").bootstrap95 for kind in ("parametric", "residual")]
+    widths = [np.log(ends[:, 1] / ends[:, 0]) for ends in kinds]
+    assert not np.allclose(*widths)
+    assert np.all(np.abs(np.log(widths[0] / widths[1])) < np.log(3))
+
+
+def test_a_loss_scale_beyond_all_elements_leaves_least_squares(fitted) -> None:
+    """And a small one moves the optimum."""
+    square, wide, tight = (
+        fitted(*words) for words in ((), *(("weights.loss=huber", f"weights.loss_scale={s}") for s in (1e6, 0.5)))
+    )
+    np.testing.assert_allclose(wide.x, square.x, atol=1e-7)
+    assert np.abs(tight.x - square.x).max() > 1e-5
