@@ -67,7 +67,7 @@ def finish(run: Run, comparison: Comparison) -> None:
 def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[Variant]:
     """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
     study = loaded.study
-    yield Variant(study.name, study.robot, study.fit, study.model)
+    yield Variant(study.name, study.robot, study.seeded_fit, study.model)
     for spec in study.compare.variants or _default(study, bool(others)):
         try:
             yield variant(loaded, spec)
@@ -154,9 +154,14 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
 
 def _weighed_as(own: Study, other: Study) -> FitSpec:
     """What another study fits, counted as the own one counts: else their costs could not be compared."""
-    counted = own.fit
+    counted = own.seeded_fit
     return replace(
-        other.fit, criterion=counted.criterion, weights=counted.weights, mask=counted.mask, band_hz=counted.band_hz
+        other.fit,
+        criterion=counted.criterion,
+        weights=counted.weights,
+        mask=counted.mask,
+        band_hz=counted.band_hz,
+        seed=counted.seed,
     )
 
 
@@ -164,7 +169,7 @@ def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyR
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     names = [response.configuration.name for response in responses]
     parts = ((), *folds(names, run.study.compare.folds))
-    tasks = [RefitTask(variant, part, run.study.seed) for variant in models for part in parts]
+    tasks = [RefitTask(variant, part) for variant in models for part in parts]
     finished, keys = Finished(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
     there = sum(key in finished for key in keys)
     if there:

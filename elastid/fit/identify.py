@@ -8,15 +8,14 @@ and solved again until nothing moves. Where springs are nonlinear the search its
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
-from elastid.base.execution import Progress, silent
+from elastid.base.execution import Execution
 from elastid.fit.diagnosis.diagnosis import diagnosed, with_status
 from elastid.fit.diagnosis.findings import at_bound
 from elastid.fit.problem.elastic import ElasticFit
@@ -47,37 +46,33 @@ def identify(
     spec: FitSpec,
     *,
     model: ModelSpec = EXACT,
-    seed: int = 0,
-    jobs: int = 1,
-    progress: Progress = silent,
-    finished: MutableMapping[str, Any] | None = None,
+    execution: Execution | None = None,
 ) -> FitResult:
     """The parameters of `robot` that explain the responses of all configurations.
 
-    model: the formulation of the equations.  seed: of the starts; the result does not depend on `jobs`, the number of
-    processes.  progress(done, starts).  finished: where each start, profile and repetition is kept as soon as it is
-    done, and taken from where it was done before, of the same arguments; a dict, or one that outlives the process.
+    model: the formulation of the equations.  execution: how the starts, profiles and repetitions are computed; the
+    result does not depend on it.
     Raises StudyError for parameters, masks or places that do not exist; DataError where nothing is left to fit;
     FitError for a parameter that reaches no response and where no start leads anywhere; Interrupted, with the starts
     that were done, on Ctrl-C once the search has begun.
     """
-    finished = {} if finished is None else finished
-    assembly, ranked, hits = _searched(responses, robot, spec, model, seed, jobs, progress, finished)
+    execution = execution or Execution()
+    assembly, ranked, hits = _searched(responses, robot, spec, model, execution)
     try:
         settled, sure, result = _settled(assembly, ranked, hits)
         result = diagnosed(result, settled, sure, _notes(assembly, settled), spec.robots)
-        return further_intervals(result, settled, spec, seed, jobs, progress, finished)
+        return further_intervals(result, settled, spec, execution)
     except KeyboardInterrupt:
         raise Interrupted(ranked) from None
 
 
-def estimated(
-    responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT, seed: int = 0
+def fit_parameters(
+    responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT
 ) -> FitResult:
     """The same estimate and status, for fits that are many and compared: no look at what may be wrong with the
     responses, no interval beyond the covariance.  Arguments and errors as `identify`.
     """
-    assembly, ranked, hits = _searched(responses, robot, spec, model, seed, 1, silent, {})
+    assembly, ranked, hits = _searched(responses, robot, spec, model, Execution())
     settled, sure, result = _settled(assembly, ranked, hits)
     return with_status(result, settled, sure)
 
@@ -87,10 +82,7 @@ def _searched(
     robot: Robot,
     spec: FitSpec,
     model: ModelSpec,
-    seed: int,
-    jobs: int,
-    progress: Progress,
-    finished: MutableMapping[str, Any],
+    execution: Execution,
 ) -> tuple[Assembly, tuple[LocalOptimum, ...], int]:
     """What is fitted, where all starts ended, and how many of them at the best."""
     check_responses(responses, robot)
@@ -112,8 +104,8 @@ def _searched(
     criterion = "log" if first is not fit else spec.criterion
     stages = [assembly.searched(stage, criterion) for stage in (*widening(first, spec.continuation), first)]
     stages += [assembly.searched(fit, spec.criterion)] if first is not fit else []
-    starts = possible(spread(parameters, spec.starts, spec.start_factor, seed), fit.shapes, parameters)
-    ranked, hits = multistart(stages, starts, jobs, progress, spec.solver, finished)
+    starts = possible(spread(parameters, spec.starts, spec.start_factor, spec.seed or 0), fit.shapes, parameters)
+    ranked, hits = multistart(stages, starts, spec.solver, execution)
     return assembly, ranked, hits
 
 

@@ -200,6 +200,7 @@ class FitSpec:
     profile: names or patterns of parameters whose interval is found by profile likelihood; `auto`: of those whose
     standard deviation is too large for a symmetric one, [] of none.  bootstrap: repetitions of the fit on data drawn
     anew, commonly 200.  bootstrap_kind: `parametric`, from the measured covariance, or `residual`.
+    seed: of the starts and of the bootstrap; default that of the study.
     """
 
     criterion: Literal["complex", "log"] = "complex"
@@ -217,6 +218,7 @@ class FitSpec:
     profile: Literal["auto"] | tuple[str, ...] = "auto"
     bootstrap: int = 0
     bootstrap_kind: Literal["parametric", "residual"] = "parametric"
+    seed: int | None = None
 
     def __post_init__(self) -> None:
         """Refuse a multistart without starts or without end, a band upside down, a configuration of two robots."""
@@ -238,3 +240,5 @@ class FitSpec:
                 f"continuation is {self.continuation} bands; it must be 1 to {MOST_BANDS}, commonly 1 to 4"
             )
         _check_band(self.band_hz)
+        if self.seed is not None and self.seed < 0:
+            raise ValueError(f"seed is {self.seed}; it must not be negative")

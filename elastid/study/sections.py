@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from elastid.base.section import section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
@@ -47,6 +49,11 @@ class Study:
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")
         check_file_name(self.name)
+
+    @property
+    def seeded_fit(self) -> FitSpec:
+        """`fit` with the seed of the study unless it has its own."""
+        return replace(self.fit, seed=self.seed) if self.fit.seed is None else self.fit
 
 
 def check_file_name(name: str) -> None:

@@ -28,7 +28,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import ElastidError, StudyError
 from elastid.fit.fitted_model import FittedModel
-from elastid.fit.identify import estimated
+from elastid.fit.identify import fit_parameters
 from elastid.fit.setup.groups import OF, is_of_one
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
@@ -61,7 +61,6 @@ class RefitTask:
 
     variant: Variant
     left_out: tuple[str, ...]
-    seed: int
 
 
 @dataclass(frozen=True)
@@ -144,7 +143,7 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     masks = _masks(variant.fit.mask, [r.configuration.name for r in kept])
     spec = replace(variant.fit, mask=masks)
     try:
-        result = estimated(kept, variant.robot, spec, model=variant.model, seed=task.seed)
+        result = fit_parameters(kept, variant.robot, spec, model=variant.model)
         modelled = FittedModel.of(result, variant.robot, out, variant.model).responses
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})

@@ -28,7 +28,7 @@ rig = SimulatedRig(robot, experiment, plan, seed=1)
 response = estimate([rig.measure(e) for e in rig.experiments], EstimatorSpec(), plan.lines)
 
 free = {name: ParameterSpec() for name in ("k_1", "d_1", "fm_1")}
-result = identify([response], robot, FitSpec(parameters=free, starts=4), seed=1)
+result = identify([response], robot, FitSpec(parameters=free, starts=4, seed=1))
 low, high = result.interval("k_1")
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ import numpy as np
 from study_plants import NOISE, Plant, Rig, demo, of_study, responses, three_mass
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.execution import ordered, silent
+from elastid.base.execution import ordered
 from elastid.fit.result import QUANTILE, LocalOptimum
 from elastid.fit.setup.assembly import RelinearisedOptimum, settle
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
@@ -95,7 +95,7 @@ def _holds(settled: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> Bo
     """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
     problem, there, variance = settled.fit.problem, settled.end.x, np.diag(sure.covariance)
     names, _ = bent_names(problem, there, variance)
-    low, high = profile_ends(problem, there, variance, names, 1, silent).T
+    low, high = profile_ends(problem, there, variance, names).T
     reach = QUANTILE * np.sqrt(variance)
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))
 

@@ -72,7 +72,7 @@ class Runs:
         spec = replace(self.plant.spec, starts=self.starts, profile=())  # no interval is asked for
         begin = time.perf_counter()
         try:
-            result = identify(data, robot, spec, model=self.plant.model, seed=number)
+            result = identify(data, robot, replace(spec, seed=number), model=self.plant.model)
         except ElastidError:
             return 0.0, 0.0, time.perf_counter() - begin
         hit = result.cost <= best.cost + HIT * max(1.0, best.cost / result.dof)

@@ -187,7 +187,7 @@ def effect(complete: Robot, without: Robot, configurations: list[Configuration])
 def fitted(robot: Robot, measured: list[FrequencyResponse], seed: int) -> FitResult:
     """Every stiffness and damping, from the true ones: where the optimum lies, not whether it is found."""
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec()}, starts=1, weights=WeightSpec(floor=0.0))
-    return identify(measured, robot, spec, seed=seed)
+    return identify(measured, robot, replace(spec, seed=seed))
 
 
 def bias(complete: Robot, without: Robot, configurations: list[Configuration], seed: int) -> dict[str, float]:

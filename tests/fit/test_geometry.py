@@ -123,7 +123,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
     """Both to a few millimetres, with all stiffnesses, from starts 50 to 100 mm away, within the claimed intervals."""
     truth = bending_arm()
     start = truth.with_parameters({"k_1": 2e4, "k_1b": 9e4, "k_2": 3e4})
-    result = identify(measure(truth, POSTURES, seed), start, FitSpec(starts=2, parameters=OF_ARM), seed=seed)
+    result = identify(measure(truth, POSTURES, seed), start, FitSpec(starts=2, parameters=OF_ARM, seed=seed))
     assert result.status == "converged"
     assert deviations(result, truth).max() < 3.5
     assert result.model_error < 1.1
@@ -143,7 +143,7 @@ def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> Non
     wanted = {name: ParameterSpec() for name in ("k_*", "d_*")}
     wanted["p1_rod_x"] = ParameterSpec(start=-0.30, bounds=(-0.4, -0.2))
     responses = measure(truth, APART, seed, GYROSCOPES, spec)
-    result = identify(responses, truth, FitSpec(starts=1, parameters=wanted), model=spec, seed=seed)
+    result = identify(responses, truth, FitSpec(starts=1, parameters=wanted, seed=seed), model=spec)
     assert result.status == "converged"
     assert deviations(result, truth).max() < 3.5
     low, high = result.interval("p1_rod_x")

@@ -226,7 +226,7 @@ def test_a_bound_that_holds_most_starts_is_named(data):
 def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
     """Asked for by pattern; the intervals are about those of the covariance, NaN where not asked for."""
     spec = FitSpec(starts=2, profile=("k_*",), bootstrap=40, weights=WeightSpec(floor=0.0))
-    result = identify(data[:1], bench(), spec, seed=1)
+    result = identify(data[:1], bench(), replace(spec, seed=1))
     for i, name in enumerate(result.parameters.free_names):
         low, high = result.interval(name)
         drawn = np.log(result.bootstrap95[i, 1] / result.bootstrap95[i, 0])
@@ -244,14 +244,14 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     rng = np.random.default_rng(0)
     noisy = [measure(bench(), name, rng, relative=0.4) for name in ("c1", "c2")]
     spec = FitSpec(starts=2, weights=WeightSpec(floor=0.0))
-    result = identify(noisy, bench(), spec, seed=1)
+    result = identify(noisy, bench(), replace(spec, seed=1))
     names = result.parameters.free_names
     profiled = [name for name, row in zip(names, result.profile95, strict=True) if not np.isnan(row).any()]
     assert {name for name in names if result.std[name] > 0.15 * result.values[name]} <= set(profiled)
     assert {"fm_1", "fm_2"} <= set(profiled)
     assert any(f"{', '.join(profiled)}: known too roughly" in warning for warning in result.warnings)
-    assert not len(identify(noisy, bench(), replace(spec, profile=()), seed=1).profile95)
-    well = identify(data, bench(), spec, seed=1)
+    assert not len(identify(noisy, bench(), replace(spec, profile=(), seed=1)).profile95)
+    well = identify(data, bench(), replace(spec, seed=1))
     springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]
     assert not len(well.profile95) or np.isnan(well.profile95[springs]).all()
 
@@ -339,7 +339,7 @@ def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
     start = replace(truth, bodies=(replace(truth.bodies[0], mass=3.0, center_of_mass=(0.09, 0.03, 0.02)),))
     spec = FitSpec(parameters={name: ParameterSpec() for name in free}, starts=4, weights=WeightSpec(floor=0.0))
     for seed in range(2):
-        result = identify([of_body(truth, np.random.default_rng(seed))], start, spec, seed=seed)
+        result = identify([of_body(truth, np.random.default_rng(seed))], start, replace(spec, seed=seed))
         x = np.array([p.to_x(truth.parameters()[p.name][0]) for p in result.parameters.free])
         assert result.status == "converged"
         assert result.hits >= 3

@@ -8,6 +8,7 @@ import pytest
 
 from elastid.app.stages.stages import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
+from elastid.base.execution import Execution
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
@@ -98,7 +99,7 @@ def noisy() -> list[FrequencyResponse]:
 
 @pytest.fixture(scope="module")
 def identified(noisy) -> FitResult:
-    return identify(noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6), seed=1)
+    return identify(noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6, seed=1))
 
 
 def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
@@ -120,9 +121,8 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
 def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified):
     """Two processes give the starts, estimate and intervals of one."""
     seen: list[tuple[int, int]] = []
-    again = identify(
-        noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6), seed=1, jobs=2, progress=lambda *at: seen.append(at)
-    )
+    execution = Execution(2, lambda *at: seen.append(at))
+    again = identify(noisy, started_elsewhere(arm(), 2.0), FitSpec(starts=6, seed=1), execution=execution)
     np.testing.assert_allclose(again.x, identified.x, rtol=0, atol=1e-9)
     np.testing.assert_allclose(again.covariance, identified.covariance, rtol=1e-6)
     np.testing.assert_array_equal([s.x_start for s in again.starts], [s.x_start for s in identified.starts])
@@ -159,7 +159,7 @@ def test_inertia_friction_and_delay_of_a_bench_are_recovered():
     (response,) = measure(robot, [(0.0,)], np.random.default_rng(5), 2e-4, ("motor 1", "joint 1"))
     free = {name: ParameterSpec() for name in ("Jm_1", "I_load", "k_1", "d_1", "fm_1", "delay")}
     spec = FitSpec(parameters=free | {"f_1": ParameterSpec(tie=TieSpec("fm_1"))}, starts=8)
-    result = identify([response], started_elsewhere(robot, 2.0), spec, seed=3)
+    result = identify([response], started_elsewhere(robot, 2.0), replace(spec, seed=3))
     low, high = result.interval("delay")
     assert low < 2e-4 < high
     assert high - low < 1e-4
@@ -282,7 +282,7 @@ def fitted(output: str = "", source: str = "", times: float = 1.0) -> FitResult:
     """The arm, from a factor two off, one of its channels with the other sign, all of them too large by `times`."""
     responses = measure(arm(), rng=np.random.default_rng(5), outputs=OUTPUTS)
     responses = [turned(replace(r, G=times * r.G), output, source) for r in responses]
-    return identify(responses, started_elsewhere(arm(), 2.0), FitSpec(starts=3), seed=3)
+    return identify(responses, started_elsewhere(arm(), 2.0), FitSpec(starts=3, seed=3))
 
 
 @pytest.mark.parametrize(("output", "source"), [("joint 2", ""), ("motor 1", ""), ("", "motor 2")])
@@ -335,7 +335,7 @@ def test_what_was_written_otherwise_is_named(
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(6), outputs=("motor 1", "joint 1"))
     response = read_as(response, conjugate, factor, power)
     response = response if noise == "known" else replace(response, total=None)
-    result = identify([response], started_elsewhere(pendulum(), 2.0), FitSpec(starts=3), seed=3)
+    result = identify([response], started_elsewhere(pendulum(), 2.0), FitSpec(starts=3, seed=3))
     assert result.status == "model_error"
     assert result.warnings[0].startswith(f"the responses fit far better {says} (V = ")
     assert "another reading of them far more" in result.message
@@ -344,7 +344,7 @@ def test_what_was_written_otherwise_is_named(
 def test_a_robot_that_is_known_only_roughly_is_no_misreading(noisy) -> None:
     """The inertia of a motor 40 % off: told as what the model lacks, not as a mistake of the file."""
     robot = arm().with_parameters({"Jm_1": 1.4 * 2.5e-3})
-    result = identify(noisy, robot, FitSpec(starts=3, weights=WeightSpec(floor=0.0)), seed=2)
+    result = identify(noisy, robot, FitSpec(starts=3, weights=WeightSpec(floor=0.0), seed=2))
     assert result.model_error > 5
     assert not any("fit far better" in word or "fits far better" in word for word in result.warnings)
 
@@ -354,26 +354,26 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
     """No residual shows it: the springs alone come out (2 pi)^2 too stiff, or too soft."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(7), outputs=("motor 1", "joint 1"))
     response = replace(response, freq_hz=factor * response.freq_hz)
-    result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0), seed=1)
+    result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0, seed=1))
     assert result.model_error < 2
     assert f"are the frequencies of the responses in {unit}" in result.warnings[0]
 
 
 def test_springs_that_start_far_off_are_no_wrong_unit(noisy) -> None:
     far = arm().with_parameters({"k_1": 3e5 / 40, "k_2": 1.8e5 / 2, "k_1x": 4e5 * 3, "k_2z": 1e5})
-    result = identify(noisy, far, FitSpec(starts=6), seed=1)
+    result = identify(noisy, far, FitSpec(starts=6, seed=1))
     assert not any("are the frequencies" in word for word in result.warnings)
 
 
 def test_one_measurement_under_two_names_is_named(noisy) -> None:
     """A file given for another posture, too; two measurements of one posture differ by their noise."""
     again = replace(noisy[0], configuration=Configuration("again", noisy[1].configuration.angles))
-    result = identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
+    result = identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2, seed=1))
     said = "configurations c1 and again hold the very same numbers at 60 of 60 lines"
     assert any(word.startswith(said) for word in result.warnings)
     apart = measure(arm(), rng=np.random.default_rng(12))[1]
     repeated = replace(apart, configuration=again.configuration)
-    result = identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2), seed=1)
+    result = identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2, seed=1))
     assert not any("the very same numbers" in word for word in result.warnings)
 
 
@@ -405,7 +405,7 @@ def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_o
     responses = measure(arm(), rng=np.random.default_rng(3))
     hits, ends = 0, []
     for seed in range(3):
-        result = identify(responses, started_elsewhere(arm(), 3.0, seed), FitSpec(starts=5, solver=solver), seed=seed)
+        result = identify(responses, started_elsewhere(arm(), 3.0, seed), FitSpec(starts=5, solver=solver, seed=seed))
         hits += result.hits
         ends.append(result.cost)
     assert hits >= 9

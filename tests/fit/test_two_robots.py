@@ -86,7 +86,7 @@ def off(result: FitResult, name: str, truth: float) -> float:
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     """Each robot's stiffness and friction by its name, what they share once, all within the claimed intervals."""
-    result = identify(both(seed), arm(k_1=2.5e4, k_2=2.5e4), SPEC, seed=seed)
+    result = identify(both(seed), arm(k_1=2.5e4, k_2=2.5e4), replace(SPEC, seed=seed))
     assert result.status == "converged"
     assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
     assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
@@ -104,16 +104,16 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     (predicted,) = FittedModel.of(result, arm(), data[-1:]).responses
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = Variant("own", arm(), SPEC, EXACT)
-    fold = refit(data, RefitTask(own, ("b3",), 0))
+    fold = refit(data, RefitTask(own, ("b3",)))
     assert fold.left_out["b3"].misfit < 1.2
-    without = refit(data, RefitTask(own, ROBOTS["B"], 0))
+    without = refit(data, RefitTask(own, ROBOTS["B"]))
     assert without.left_out["b1"].misfit > 10
 
 
 def test_one_stiffness_for_both_is_worse_on_what_was_left_out() -> None:
     shared = replace(SPEC, parameters=SPEC.parameters | {"k_1": ParameterSpec()})
     data = both(1)
-    own, one = (refit(data, RefitTask(Variant("v", arm(), spec, EXACT), ("a2", "b2"), 0)) for spec in (SPEC, shared))
+    own, one = (refit(data, RefitTask(Variant("v", arm(), spec, EXACT), ("a2", "b2"))) for spec in (SPEC, shared))
     assert one.left_out["a2"].misfit > 5 * own.left_out["a2"].misfit
 
 
@@ -163,7 +163,7 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
     """From stiffnesses 5 % to a factor of 2 apart: who disagrees with whom, about what, and what to do."""
     other = arm(k_1=k_1 * 3e4, k_2=k_2 * 2e4)
     plain = replace(SPEC, robots={}, parameters={})
-    result = identify(both(seed, A, other), arm(k_1=2.5e4), plain, seed=seed)
+    result = identify(both(seed, A, other), arm(k_1=2.5e4), replace(plain, seed=seed))
     (word,) = (word for word in result.warnings if "disagree" in word)
     assert word.startswith("configurations a1, a2, a3 on the one side and b1, b2, b3 on the other disagree")
     assert "k_1 " in word
@@ -171,7 +171,7 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
     (same,) = (word for word in result.warnings if "same posture" in word)
     assert same.startswith("the same posture under two names: a1 and b1, a2 and b2, a3 and b3; both count")
     named = replace(plain, robots=ROBOTS)
-    told = identify(both(seed, A, other), arm(k_1=2.5e4), named, seed=seed)
+    told = identify(both(seed, A, other), arm(k_1=2.5e4), replace(named, seed=seed))
     (word,) = (word for word in told.warnings if "disagree" in word)
     assert word.endswith("these are the robots A and B: give what differs `per: robot`")
 
@@ -180,7 +180,7 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
 def test_one_robot_with_wrong_masses_is_not_taken_for_two(seed: int) -> None:
     """A model error that all configurations have is not removed by two sets of parameters."""
     data = measure(arm(mass=30.0), "a", seed, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
-    result = identify(data, arm(), replace(SPEC, robots={}, parameters={}), seed=seed)
+    result = identify(data, arm(), replace(SPEC, robots={}, parameters={}, seed=seed))
     assert result.model_error > 1.5
     assert not [word for word in result.warnings if "disagree" in word]
 

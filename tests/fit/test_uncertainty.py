@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured, noise_of, parameters, plant
 
+from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.uncertainty.bootstrap import bootstrap
 from elastid.fit.uncertainty.intervals import bent
@@ -108,7 +109,7 @@ def test_a_bootstrap_does_not_depend_on_the_number_of_processes():
     """Each repetition has random numbers of its own."""
     response = noisy(2)
     fit, weights = fit_of(response, plant()), [weigh(response, NO_FLOOR)]
-    one, two = (bootstrap(fit, weights, X, 6, "residual", seed=5, jobs=jobs) for jobs in (1, 2))
+    one, two = (bootstrap(fit, weights, X, 6, "residual", seed=5, execution=Execution(jobs)) for jobs in (1, 2))
     np.testing.assert_array_equal(one, two)
     assert not np.array_equal(one, bootstrap(fit, weights, X, 6, "residual", seed=6))
 

@@ -21,7 +21,7 @@ from elastid.app.summaries import failure, interrupted, modes_of, summary, truth
 from elastid.app.tables import forecast_table, parameter_table
 from elastid.base.arrays import IntArray
 from elastid.base.errors import FitError, StudyError
-from elastid.base.execution import unordered
+from elastid.base.execution import Execution, unordered
 from elastid.design.design import designed
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.references import references
@@ -188,16 +188,8 @@ def fit(run: Run) -> None:
     finished = _taken_up(run, "fit")
     try:
         with run.console.progress("fit") as progress:
-            result = identify(
-                fitted,
-                study.robot,
-                study.fit,
-                model=study.model,
-                seed=study.seed,
-                jobs=run.jobs,
-                progress=progress,
-                finished=finished,
-            )
+            execution = Execution(run.jobs, progress, finished)
+            result = identify(fitted, study.robot, study.seeded_fit, model=study.model, execution=execution)
     except FitError as error:
         _write_summary(run, "fit", failure(study, str(error)))
         finished.clear()

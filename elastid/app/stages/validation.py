@@ -55,8 +55,8 @@ def _folds(
     parts = folds([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
     if not parts:
         return ()
-    own = Variant(study.name, study.robot, study.fit, study.model)
-    tasks = [RefitTask(own, part, study.seed) for part in parts]
+    own = Variant(study.name, study.robot, study.seeded_fit, study.model)
+    tasks = [RefitTask(own, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
     return folded(parts, in_order(resumed(partial(refit, responses), tasks, names, finished, run.jobs, progress)))
 

@@ -6,7 +6,7 @@ It knows no robot: problems are solved one after the other, each from where the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, MutableMapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.execution import Progress, resumed, silent
+from elastid.base.execution import Execution, silent
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.solvers import FINE, ROUGH, Method, solve
@@ -65,21 +65,18 @@ class Interrupted(KeyboardInterrupt):
 def multistart(
     problems: Sequence[LeastSquares],
     starts: FloatArray,
-    jobs: int = 1,
-    progress: Progress = silent,
     method: Method = "ipopt",
-    finished: MutableMapping[str, Any] | None = None,
+    execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
 
     Every start is solved roughly; then those go on that can still reach the best one, and the others end where they
-    are, with a word. The same for any number of jobs; with several, the problems must pickle.
-    finished: where each solve is kept as soon as it is done, and taken from where it was done before.
+    are, with a word. The same under any execution; for several processes the problems must pickle.
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
-    finished = {} if finished is None else finished
+    execution = execution or Execution()
     begin = _Begin(tuple(problems), method)
-    rough = _kept(begin, {f"start-{i}": x for i, x in enumerate(starts)}, finished, jobs, progress)
+    rough = _kept(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
         raise FitError(f"none of the {len(rough)} starts led anywhere; the first one ended so: {rough[0].message}")
@@ -87,7 +84,7 @@ def multistart(
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
     polish = _Polish(problems[-1], method)
     try:
-        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, finished, jobs, silent)
+        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, replace(execution, progress=silent))
     except Interrupted:
         raise Interrupted(rough) from None
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
@@ -114,16 +111,12 @@ def _stopped(end: LocalOptimum) -> LocalOptimum:
 
 
 def _kept(
-    function: Callable[[Any], LocalOptimum],
-    items: Mapping[str, Any],
-    finished: MutableMapping[str, Any],
-    jobs: int,
-    progress: Progress,
+    function: Callable[[Any], LocalOptimum], items: Mapping[str, Any], execution: Execution
 ) -> list[LocalOptimum]:
     """function of each item in order; on Ctrl-C what is done is kept in the exception."""
     ends: dict[int, LocalOptimum] = {}
     try:
-        for index, end in resumed(function, list(items.values()), list(items), finished, jobs, progress):
+        for index, end in execution.resumed(function, list(items.values()), list(items)):
             ends[index] = end
     except KeyboardInterrupt:
         raise Interrupted(tuple(ends.values())) from None

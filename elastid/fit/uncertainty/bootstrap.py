@@ -10,15 +10,15 @@ a random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 19
 from __future__ import annotations
 
 import math
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import FitError
-from elastid.base.execution import Progress, in_order, resumed, silent
+from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.residuals import RESIDUALS
 from elastid.fit.result import LocalOptimum
@@ -36,21 +36,17 @@ def bootstrap(
     repetitions: int,
     kind: Kind = "parametric",
     seed: int = 0,
-    jobs: int = 1,
-    progress: Progress = silent,
-    finished: MutableMapping[str, Any] | None = None,
+    execution: Execution | None = None,
 ) -> FloatArray:
     """Estimates (repetitions, n_x) from data drawn anew about the optimum x (n_x,); NaN rows where a fit failed.
 
-    Each repetition has its own random numbers, so that the result does not depend on `jobs`.  finished: where each is
-    kept as soon as it is done, and taken from where it was done before.
+    Each repetition has its own random numbers, so that the result does not depend on the execution.
     """
     draws = np.random.SeedSequence(seed).spawn(repetitions)
     source = _parametric if kind == "parametric" else _residual
     sources = tuple(source(part, weight, fit.theta(part, x)) for part, weight in zip(fit.parts, weights, strict=True))
     names = [f"bootstrap-{i}" for i in range(repetitions)]
-    work, finished = _Repetition(fit, sources, x), {} if finished is None else finished
-    ends = in_order(resumed(work, draws, names, finished, jobs, progress))
+    ends = in_order((execution or Execution()).resumed(_Repetition(fit, sources, x), draws, names))
     return np.array([end.x if end.converged else np.full(len(x), np.nan) for end in ends])
 
 

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.base.execution import Progress
+from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.result import QUANTILE, FitResult
 from elastid.fit.setup.assembly import RelinearisedOptimum
@@ -59,10 +58,7 @@ def further_intervals(
     result: FitResult,
     settled: RelinearisedOptimum,
     spec: FitSpec,
-    seed: int,
-    jobs: int,
-    progress: Progress,
-    finished: MutableMapping[str, Any],
+    execution: Execution,
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
     x, words = settled.end.x, list(result.warnings)
@@ -73,11 +69,11 @@ def further_intervals(
     else:
         names = profiled_names(spec.profile, result.parameters)
     if names:
-        ends = profile_ends(problem, x, variance, names, jobs, progress, finished)
+        ends = profile_ends(problem, x, variance, names, execution)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
         kind, weights = spec.bootstrap_kind, settled.weights
-        draws = bootstrap(settled.fit, weights, x, spec.bootstrap, kind, seed, jobs, progress, finished)
+        draws = bootstrap(settled.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > FAILED:
             words.append(f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out")
@@ -91,12 +87,10 @@ def profile_ends(
     x: FloatArray,
     variance: FloatArray,
     names: Sequence[str],
-    jobs: int,
-    progress: Progress,
-    finished: MutableMapping[str, Any] | None = None,
+    execution: Execution | None = None,
 ) -> FloatArray:
     """Ends (n_x, 2) in x of the intervals of some parameters, NaN of the others; arguments as `profiles`."""
-    found = profiles(problem, x, variance, names, jobs, progress, finished)
+    found = profiles(problem, x, variance, names, execution)
     rows = {profile.name: profile.interval for profile in found}
     return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 

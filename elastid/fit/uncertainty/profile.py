@@ -11,15 +11,14 @@ over what the stated variance knows beyond the curvature of V: correlated elemen
 from __future__ import annotations
 
 import math
-from collections.abc import MutableMapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.execution import Progress, in_order, resumed, silent
+from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.result import QUANTILE
 from elastid.fit.solve.solvers import FINE, solve
@@ -48,19 +47,15 @@ def profiles(
     x: FloatArray,
     variance: FloatArray,
     names: Sequence[str],
-    jobs: int = 1,
-    progress: Progress = silent,
-    finished: MutableMapping[str, Any] | None = None,
+    execution: Execution | None = None,
 ) -> tuple[Profile, ...]:
-    """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it.
-
-    finished: where each is kept as soon as it is done, and taken from where it was done before.
-    """
+    """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it."""
     curvature = np.diag(np.linalg.pinv(problem.evaluate(x).hessian / 2, hermitian=True))
     free = problem.parameters.free_names
     work = _Work(problem, x, np.where(np.isfinite(variance), variance, curvature), curvature)
-    finished, places = {} if finished is None else finished, [free.index(name) for name in names]
-    return tuple(in_order(resumed(work, places, [f"profile-{name}" for name in names], finished, jobs, progress)))
+    places = [free.index(name) for name in names]
+    found = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
+    return tuple(in_order(found))
 
 
 @dataclass(frozen=True)
