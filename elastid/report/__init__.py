@@ -1,1 +1,1 @@
-"""Figures and the page that answer the user's questions."""
+"""The report of a study: figures, the page, the booklet."""

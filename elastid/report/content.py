@@ -1,4 +1,4 @@
-"""All that a report shows, as values; what comes from which stage is the caller's affair."""
+"""The content of a report as one value, independent of the stages that it comes from."""
 
 from __future__ import annotations
 
@@ -20,14 +20,13 @@ from elastid.validation.compare import Comparison
 
 @dataclass(frozen=True)
 class ReportContent:
-    """One identification: what was found, how far it can be trusted, and what it came from.
+    """One identification: its result, the evidence for it, and its provenance.
 
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
-    here.  forecast: what that plan was expected to tell.  robot: drawn in the plan's configurations.  peaks: of its
-    rehearsal; nearest: the run that came closest to a limit.  comparison: of models.  model_std: for each of frf the
-    standard deviation (F, n_y, n_u) of the model, by what is not known of its parameters.  provenance: name to text
-    (version, seed, ...), shown as it is, so without a date the page is reproducible.
+    here; forecast, limit_use and nearest_run (to a limit) belong to it, and robot is drawn in its configurations.
+    model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
+    provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
     """
 
     title: str
@@ -43,14 +42,14 @@ class ReportContent:
     plan: Plan | None = None
     forecast: Forecast | None = None
     robot: Robot | None = None
-    peaks: LimitUse | None = None
-    nearest: Rehearsal | None = None
+    limit_use: LimitUse | None = None
+    nearest_run: Rehearsal | None = None
     comparison: Comparison | None = None
     model_std: tuple[FloatArray, ...] = ()
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:
-        """Configuration to what was mended or noticed in its records, and how often; those with anything."""
+        """Configuration to repairs of its records and findings in them, with their counts; those that have any."""
         return {measured.configuration.name: dict(measured.repairs) for measured, _ in self.frf if measured.repairs}
 
     @property

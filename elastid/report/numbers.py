@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 
-# An interval whose ends are farther apart than this factor says nothing.
-HOPELESS = 1e12
+# Ratio of the ends of an interval that is written as 0 to infinity.
+MAX_INTERVAL_RATIO = 1e12
 
 
 def number(value: float | None, digits: int = 4) -> str:
-    """So many significant digits, without an exponent where it can be avoided; a dash for what is not known.
+    """So many significant digits, without an exponent from 1e-4 to 1e8; a dash for None and NaN.
 
     >>> number(301234.5), number(0.00012345, 2), number(float("nan")), number(3e-9)
     ('301200', '0.00012', '–', '3.000e-09')
@@ -27,7 +27,7 @@ def number(value: float | None, digits: int = 4) -> str:
 
 
 def digits(value: float, std: float) -> int:
-    """How many digits of a value its standard deviation leaves: down to the second of std, but two to eight.
+    """Significant digits of a value with a standard deviation: down to the second digit of std, but two to eight.
 
     >>> digits(301234.5, 1234.0), digits(0.8, 0.1), digits(5.0, 80.0), digits(5.0, float("inf"))
     (4, 2, 2, 4)
@@ -38,13 +38,13 @@ def digits(value: float, std: float) -> int:
 
 
 def interval_of(ends: tuple[float, float], digits: int = 4) -> tuple[str, str]:
-    """Both ends; of a positive number that the data hardly speak of, zero and infinity rather than astronomy.
+    """Both ends of an interval; zero and infinity for a positive number that the data do not constrain.
 
     >>> interval_of((0.8, 1.2), 2), interval_of((1e-128, 1e142)), interval_of((-3.0, 2e9), 2)
     (('0.80', '1.2'), ('0', '∞'), ('-3.0', '2.0e+09'))
     """
     low, high = ends
-    if low > 0 and high > HOPELESS * low:
+    if low > 0 and high > MAX_INTERVAL_RATIO * low:
         return "0", "∞"
     return number(low, digits), number(high, digits)
 
@@ -55,9 +55,7 @@ def percent(value: float | None, digits: int = 2) -> str:
     >>> percent(0.9312, 3)
     '93.1 %'
     """
-    return number(None if value is None else 100 * value, digits) + (
-        " %" if value is not None and value == value else ""
-    )
+    return "–" if value is None or math.isnan(value) else f"{number(100 * value, digits)} %"
 
 
 def _exponent(value: float) -> int:

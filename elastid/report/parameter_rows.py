@@ -1,4 +1,4 @@
-"""What a report says about each estimated parameter, one row each."""
+"""The table of estimated parameters, a row each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class ParameterRow:
 
     @property
     def reference(self) -> float:
-        """What to plot it against: the truth, the estimate where none is known, the start where that is zero."""
+        """The value it is compared with: the truth, the estimate where none is known, the start where that is zero."""
         candidates = (self.truth, self.estimate, self.start)
         return next((value for value in candidates if value is not None and value != 0), 1.0)
 

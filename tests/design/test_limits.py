@@ -29,7 +29,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.serial import serial
-from elastid.report.figures.limits import peaks_against_limits, time_signals
+from elastid.report.figures.limits import limit_use, nearest_run_signals
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store import read_peaks, read_plan, read_rehearsal, write_plan
 
@@ -315,14 +315,14 @@ def test_the_run_nearest_to_a_limit_is_drawn_between_the_limits() -> None:
     run = nearest_run(plan, peaks, experiment(CARRIERS[0]), arm(), 1)
     used = np.abs(run.signals).max(axis=1) / peaks.limit[0, :4]
     assert used.max() == pytest.approx(peaks.used.max(), rel=1e-9)
-    panels = np.reshape(time_signals(run, peaks, plan).axes, (2, 4))
+    panels = np.reshape(nearest_run_signals(run, peaks, plan).axes, (2, 4))
     for (i, kind), axes in np.ndenumerate(panels):
         signal, *limits = axes.get_lines()
         drawn = np.asarray(signal.get_ydata())
         assert np.abs(drawn).max() == pytest.approx(used[kind, i] * peaks.limit[0, kind, i])
         assert [abs(line.get_ydata()[0]) for line in limits] in ([], [peaks.limit[0, kind, i]] * 2)
         assert bool(limits) == (used[kind, i] > 0.2)
-    texts = [text.get_text() for axes in peaks_against_limits(peaks).axes for text in axes.texts]
+    texts = [text.get_text() for axes in limit_use(peaks).axes for text in axes.texts]
     assert texts == [f"{100 * value:.0f}" for kind in peaks.used[0, :4] for value in kind]
 
 

@@ -479,4 +479,4 @@ def test_what_a_robot_is_called_cannot_run(browser, tmp_path) -> None:  # type: 
     assert page.locator("#mode-viewer img").count() == 0
     viewer = mode_viewer([row], True)
     assert viewer is not None
-    assert json.loads(viewer.data)["rows"][0]["modes"][0]["words"].startswith(name)
+    assert json.loads(viewer.data)["rows"][0]["modes"][0]["title"].startswith(name)

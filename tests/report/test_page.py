@@ -14,17 +14,24 @@ from plants.report_values import FREQ_HZ, PARAMETERS, TRUTH, fit_result, pair, p
 
 from elastid.parameters import ParameterSet
 from elastid.report.content import ModeRow
+from elastid.report.figures.design import excitation
 from elastid.report.figures.drawings import drawings
 from elastid.report.figures.fit import identifiability, multistart
-from elastid.report.figures.limits import excitation
 from elastid.report.figures.mode_shapes import mode_shapes
 from elastid.report.figures.parameters import forest
-from elastid.report.figures.responses import frf_magnitude, frf_phase
-from elastid.report.figures.singular_values import singular_values
-from elastid.report.figures.validation import errors, replay_title, replayed
+from elastid.report.figures.responses import frf_magnitude, frf_phase, singular_values
+from elastid.report.figures.validation import model_errors, replay_signals
 from elastid.report.numbers import number
 from elastid.report.page.explorer import explorer
-from elastid.report.page.page import ROOM, EmbeddedFigure, fewer_colors, html, rendered, within, write_report
+from elastid.report.page.page import (
+    MAX_FIGURE_BYTES,
+    EmbeddedFigure,
+    fewer_colors,
+    html,
+    rendered,
+    within,
+    write_report,
+)
 from elastid.report.parameter_rows import parameter_rows
 from elastid.validation.agreement import validate
 from elastid.validation.cross_validation import Fold
@@ -211,11 +218,13 @@ def test_the_page_counts_what_was_mended_in_the_records():
     first = replace(first, repairs={"missing samples filled": 21})
     second = replace(second, repairs={"spikes replaced": 3, "missing samples filled": 4})
     shown = html(report_content(frf=((first, model), (second, other))), [])
-    table = shown[shown.index("What was mended") : shown.index("</table>", shown.index("What was mended"))]
+    table = shown[
+        shown.index("Repairs of the records") : shown.index("</table>", shown.index("Repairs of the records"))
+    ]
     assert "<th>missing samples filled</th><th>spikes replaced</th>" in table
     assert "<td>c1</td><td>21</td><td>0</td>" in table
     assert "<td>c2</td><td>4</td><td>3</td>" in table
-    assert "What was mended" not in html(report_content(), [])
+    assert "Repairs of the records" not in html(report_content(), [])
 
 
 def test_the_page_needs_nothing_from_outside(tmp_path):
@@ -354,7 +363,7 @@ def full_content():
 def test_the_heat_maps_show_every_error_where_it_belongs():
     """Configurations down, elements across, in the order of the validation, left-out ones marked."""
     validation = report_content().validation
-    figure = errors(validation)
+    figure = model_errors(validation)
     maps = [axes for axes in figure.axes if axes.images and axes.get_title()]
     for axes, name in zip(maps, ("rms_log_db", "phase_rms_deg", "rms_sigma"), strict=True):
         given = np.stack([getattr(a, name).ravel() for a in validation.configurations])
@@ -367,7 +376,7 @@ def test_the_heat_maps_show_every_error_where_it_belongs():
 def test_configurations_with_other_outputs_have_their_own_columns():
     """Two outputs here, three there: what was not measured stays empty."""
     pairs = [pair(2, 2, name="c1"), pair(2, 3, name="c2")]
-    axes = errors(validate(*zip(*pairs, strict=True), left_out=[])).axes[0]
+    axes = model_errors(validate(*zip(*pairs, strict=True), left_out=[])).axes[0]
     shown = np.ma.filled(axes.images[0].get_array(), np.nan)
     assert shown.shape == (2, 6)
     np.testing.assert_array_equal(np.isnan(shown), [[False] * 4 + [True] * 2, [False] * 6])
@@ -377,7 +386,7 @@ def test_configurations_with_other_outputs_have_their_own_columns():
 def test_the_heat_maps_fit_a_page_whatever_their_size(n_u, n_configurations):
     """One element of one configuration, and 36 of twenty."""
     pairs = [pair(n_u, name=f"c{i}") for i in range(n_configurations)]
-    figure = errors(validate(*zip(*pairs, strict=True), left_out=[]))
+    figure = model_errors(validate(*zip(*pairs, strict=True), left_out=[]))
     assert figure.get_figwidth() < 12
     rendered(figure, "png")
 
@@ -394,7 +403,7 @@ def test_the_singular_values_are_those_of_both_matrices():
 def test_the_replay_shows_measured_model_and_difference():
     """Close up at the sample where the difference is largest, with the fits of the record that is shown."""
     given = replays()
-    figure = replayed(given, replay_title(given))
+    figure = replay_signals(given)
     whole, close = figure.axes[0], figure.axes[1]
     drawn = lines_of(close)
     t = drawn["measured"].get_xdata()
@@ -404,8 +413,8 @@ def test_the_replay_shows_measured_model_and_difference():
     worst = np.abs(given.measured).max(axis=1).argmax() / given.rate_hz
     assert t[0] <= worst <= t[-1]
     np.testing.assert_allclose(lines_of(whole)["measured − model"].get_ydata(), 0.1 * given.measured[:, 0])
-    assert "88.0 % explained (99.5 %" in close.get_title(loc="left")
-    assert "2 to 60 Hz" in replay_title(given)
+    assert "88.0 % explained (a true model: 99.5 %)" in close.get_title(loc="left")
+    assert "2 to 60 Hz" in figure.texts[-1].get_text()
 
 
 def test_the_bars_of_a_mode_are_its_shape():
@@ -448,7 +457,7 @@ def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
     text = html(report_content(result=result), [])
     assert "by profile" in text
     assert "291000 … 317000" in text
-    table = text[text.index("What is known of each parameter") :]
+    table = text[text.index("Information on each parameter") :]
     table = table[: table.index("</table>")]
     assert table.count("<tr><td>") == 2
     assert '<td>k_1</td><td class="text">c2</td><td>70 %</td><td>12.0 … 25.0</td>' in table
@@ -482,7 +491,7 @@ def test_the_page_of_twenty_configurations_of_six_axes_stays_below_ten_megabytes
     monkeypatch.setitem(globals(), "FREQ_HZ", np.arange(2.0, 102.0, 0.5))
     frf = [pair(6, name=f"c{i}", seed=i) for i in range(20)]
     data = explorer(frf, [], [0.01 * np.abs(G.G) for _, G in frf])
-    assert len(data.data) + sum(map(len, data.scripts)) + ROOM < 9.9e6
+    assert len(data.data) + sum(map(len, data.scripts)) + MAX_FIGURE_BYTES < 9.9e6
 
 
 def test_fewer_colors_are_the_same_picture():

@@ -1,4 +1,4 @@
-"""Every mode of the identified model as the robot would show it: at rest, and at both ends of its swing.
+"""Every mode of the identified model as a sketch of the robot: at rest, and at both ends of its swing.
 
 All panels are on one canvas in inches, to one scale: axes of their own would take most of the time of a report.
 """
@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,27 +14,32 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.stick_figure import Kind
 from elastid.report.figures import style
 from elastid.report.modes.mode_drawing import ModeDrawing
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.numbers import number
 
-# Panels side by side: at most, at least; in inches: their width, and the room beside, above and below each.
-ACROSS, LEAST, WIDE, BESIDE, ABOVE, BELOW = 6, 4, 1.4, 0.45, 0.6, 0.42
-# A panel is at least and at most so much higher than wide, whatever the robot.
-FLAT, TALL = 0.5, 1.3
-# Letters of an inch of a line of small print, and lines above a panel; parts of an axis between numbers.
-LETTERS, LINES, PARTS = 15, 3, 4
+# Panels side by side.
+MAX_COLUMNS, MIN_COLUMNS = 6, 4
+# Inches: the width of a panel, and the room on its left, above it, below it, and above all.
+PANEL_WIDTH, LEFT, ABOVE, BELOW, TITLE = 1.4, 0.45, 0.6, 0.42, 0.35
+# Height of a panel over its width, whatever the robot.
+MIN_ASPECT, MAX_ASPECT = 0.5, 1.3
+# Part of a panel that the motion may fill.
+MAX_FILLED = 1 / 1.08
+# Small print: letters to an inch, lines above a panel; numbers on an axis.
+LETTERS_PER_INCH, MAX_LINES, MAX_TICKS = 15, 3, 4
 WIDTHS: dict[Kind, float] = {"arm": 2.4, "strut": 1.3, "mass": 0.8}
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Panel:
-    """A view of a mode: its lower left corner and its size in inches, and where the base frame's axes run on it.
+    """A view of a mode on the canvas, in inches.
 
-    low, high (3,): what it shows, m.  inches: to a metre.  hanging: the numbers grow downwards.
+    plane: axes of the base frame to the right and upwards.  corner: lower left.  low (2,): the coordinates at the
+    corner, m.  inches: to a metre.  hanging: coordinates increase downwards.
     """
 
     mode: int
@@ -54,8 +58,8 @@ class Panel:
 
 
 def mode_sketches(row: ModeRow, drawing: ModeDrawing, title: str, rate_is_known: bool) -> Figure:
-    """The sticks of each mode in its one or two best views; above them what stores the energy."""
-    size, panels = _laid_out(drawing)
+    """The sticks of each mode in its one or two best views, the energy of its springs above them."""
+    size, panels = _lay_out(drawing)
     figure = Figure(figsize=size)
     axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
     axes.set(xlim=(0, size[0]), ylim=(0, size[1]))
@@ -66,53 +70,54 @@ def mode_sketches(row: ModeRow, drawing: ModeDrawing, title: str, rate_is_known:
     columns = max(len(drawing.views(mode)) for mode in range(len(row.frequency_hz)))
     for mode in range(len(row.frequency_hz)):
         first = next(panel for panel in panels if panel.mode == mode)
-        lines = _words(row, mode, rate_is_known, columns * (WIDE + BESIDE) - 0.1)
+        lines = _caption(row, mode, rate_is_known, columns * (PANEL_WIDTH + LEFT) - 0.1)
         x, y = first.corner[0], first.corner[1] + first.size[1] + 0.07
         axes.text(x, y, style.plain("\n".join(lines)), fontsize=style.SMALL, va="bottom", linespacing=1.3)
-    style.titled(figure, f"Modes, {title}: frequency, damping ratio, where the energy is")
+    style.add_title(figure, f"Modes, {title}: frequency, damping ratio, energy by spring")
     return figure
 
 
-def _words(row: ModeRow, mode: int, rate_is_known: bool, room: float) -> list[str]:
-    unit = "Hz" if rate_is_known else "× the rate"
-    first = f"mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, {number(100 * row.damping_ratio[mode], 2)} %"
-    # A share is not broken.
-    shares = row.carried[mode].replace(" ", "\u00a0").replace(",\u00a0", ", ")
-    return [first, *textwrap.wrap(shares, int(LETTERS * room))][:LINES]
+def _caption(row: ModeRow, mode: int, rate_is_known: bool, width: float) -> list[str]:
+    """Frequency, damping ratio and energies of a mode, in lines of so many inches."""
+    frequency = f"{number(row.frequency_hz[mode])} {style.frequency_unit(rate_is_known)}"
+    first = f"mode {mode + 1}: {frequency}, {number(100 * row.damping_ratio[mode], 2)} %"
+    # No line break within a share.
+    shares = row.energy_text[mode].replace(" ", "\u00a0").replace(",\u00a0", ", ")
+    return [first, *textwrap.wrap(shares, int(LETTERS_PER_INCH * width))][:MAX_LINES]
 
 
-def _laid_out(drawing: ModeDrawing) -> tuple[tuple[float, float], list[Panel]]:
+def _lay_out(drawing: ModeDrawing) -> tuple[tuple[float, float], list[Panel]]:
     """The size of the canvas in inches, and the panels mode by mode."""
     views = [drawing.views(mode) for mode in range(drawing.moved.shape[2])]
     columns = max(map(len, views))
-    modes_a_row = min(ACROSS // columns, max(len(views), LEAST // columns))
+    modes_a_row = min(MAX_COLUMNS // columns, max(len(views), MIN_COLUMNS // columns))
     middle, half = _middle(drawing, views)
-    inches = WIDE / (2 * half[0])
-    panel = WIDE, 2 * half[1] * inches
-    each = panel[1] + ABOVE + BELOW
-    size = modes_a_row * columns * (WIDE + BESIDE) + 0.1, -(-len(views) // modes_a_row) * each + 0.35
+    inches = PANEL_WIDTH / (2 * half[0])
+    panel = PANEL_WIDTH, 2 * half[1] * inches
+    pitch_x, pitch_y = PANEL_WIDTH + LEFT, panel[1] + ABOVE + BELOW
+    size = modes_a_row * columns * pitch_x + 0.1, -(-len(views) // modes_a_row) * pitch_y + TITLE
     panels = []
     for mode, planes in enumerate(views):
         down, right = divmod(mode, modes_a_row)
         for column, plane in enumerate(planes):
-            corner = BESIDE + (right * columns + column) * (WIDE + BESIDE), size[1] - 0.35 - (down + 1) * each + BELOW
+            corner = LEFT + (right * columns + column) * pitch_x, size[1] - TITLE - (down + 1) * pitch_y + BELOW
             hanging = drawing.hanging and plane[1] == drawing.up
             panels.append(Panel(mode, plane, corner, panel, middle[list(plane)] - half, inches, hanging))
     return size, panels
 
 
 def _middle(drawing: ModeDrawing, views: Sequence[tuple[tuple[int, int], ...]]) -> tuple[FloatArray, FloatArray]:
-    """The middle (3,) of what is drawn, and half the width and height (2,) that any panel needs."""
+    """The middle (3,) of the motion, and half the width and height (2,) of a panel that holds any view of it."""
     reach = np.abs(drawing.moved.real).max(axis=2)
     low, high = (drawing.points - reach).min(axis=0), (drawing.points + reach).max(axis=0)
     planes = [plane for pair in views for plane in pair]
-    wide, tall = (max(0.54 * float((high - low)[plane[i]]) for plane in planes) for i in (0, 1))
-    wide = max(wide, tall / TALL)
-    return (low + high) / 2, np.array([wide, max(tall, FLAT * wide)])
+    wide, tall = (max(float((high - low)[plane[i]]) for plane in planes) / (2 * MAX_FILLED) for i in (0, 1))
+    wide = max(wide, tall / MAX_ASPECT)
+    return (low + high) / 2, np.array([wide, max(tall, MIN_ASPECT * wide)])
 
 
 def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> None:
-    """Grey at rest, below orange and blue at the ends of the swing; joints as dots, the base as a square."""
+    """Grey at rest, below orange and blue at the ends of the swing; joints are dots, the base is a square."""
     pairs = np.array([link[:2] for link in drawing.links])
     widths = [WIDTHS[kind] for _, _, kind in drawing.links] * len(panels)
     for sign, color in ((0, style.WEAK), (-1, style.FITTED), (1, style.MEASURED)):
@@ -126,7 +131,7 @@ def _draw_sticks(axes: Axes, drawing: ModeDrawing, panels: Sequence[Panel]) -> N
 
 
 def _draw_axes(axes: Axes, panel: Panel) -> None:
-    """A thin grid with numbers, and what runs where."""
+    """A thin grid with numbers, and the names of the axes."""
     (left, bottom), (wide, high) = panel.corner, panel.size
     grid = []
 
@@ -147,11 +152,11 @@ def _draw_axes(axes: Axes, panel: Panel) -> None:
             write(left + wide / 2, bottom - 0.27, name, "center", "center")
         else:
             write(left - 0.36, bottom + high / 2, name, "center", "center", 90.0)
-    axes.add_collection(LineCollection(grid, colors="#DDDDDD", linewidths=0.4))
+    axes.add_collection(LineCollection(grid, colors=style.GRID, linewidths=0.4))
     corner = [(left, bottom + high), (left, bottom), (left + wide, bottom)]
     axes.add_collection(LineCollection([corner], colors=style.TRUTH, linewidths=0.6))
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    values = MaxNLocator(PARTS, steps=[1, 2, 5, 10]).tick_values(low, high)
+    values = MaxNLocator(MAX_TICKS, steps=[1, 2, 5, 10]).tick_values(low, high)
     return [round(float(value), 12) + 0.0 for value in values if low <= value <= high]

@@ -1,21 +1,23 @@
-"""Every parameter on its own row: where it started, where it ended, how sure that is, and the truth if it is known."""
+"""Every parameter in a row of its own: start, estimate, 95 % interval, bounds, and the truth where it is known."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.report.figures import style
 from elastid.report.parameter_rows import ParameterRow
 
+# The percent axis ends there at most, and has so many steps to a side before it has decades only.
+MAX_PERCENT, MAX_STEPS = 300.0, 4
 
-@dataclass(frozen=True)
+
+@frozen_value
 class Scaled:
     """The rows as columns on a common scale: y (n,), estimate (n,), interval (n, 2), truth (n,) NaN where unknown."""
 
@@ -32,7 +34,7 @@ class Scaled:
 
 
 def forest(rows: Sequence[ParameterRow]) -> Figure:
-    """On the left the ratio of start and estimate to a reference, on the right the deviation from it in percent.
+    """Left: ratio of start and estimate to a reference; right: deviation from it in percent.
 
     The reference is the truth, or the estimate where no truth is known. Bars are 95 % intervals.
     """
@@ -57,25 +59,22 @@ def forest(rows: Sequence[ParameterRow]) -> Figure:
     deviations = ratios.percent(np.sign(reference))
     _draw(percent, deviations)
     _percent_axis(percent, deviations)
-    style.legend_above(figure, (ratio, percent))
+    style.add_legend(figure, (ratio, percent))
     return figure
 
 
 def _panels(rows: Sequence[ParameterRow]) -> tuple[Figure, Axes, Axes]:
     """Two axes with one row for each parameter, the first on top."""
-    height = 0.26 * len(rows) + 1.7
-    figure = Figure(figsize=(9.0, height))
-    longest = max(len(row.name) for row in rows)
-    left = min(0.35, (0.35 + 0.075 * longest) / 9.0)
-    grid = {"left": left, "right": 0.975, "top": 1 - 0.85 / height, "bottom": 0.6 / height, "wspace": 0.06}
-    ratio, percent = figure.subplots(1, 2, sharey=True, gridspec_kw=grid)
-    ratio.set_yticks(np.arange(len(rows)), [style.plain(row.name) for row in rows])
+    size = 9.0, 0.26 * len(rows) + 1.7
+    left = min(3.15, 0.35 + 0.075 * max(len(row.name) for row in rows))
+    figure, ((ratio, percent),) = style.panels(1, 2, size, (left, 0.22, 0.85, 0.6), (0.06, 0.0), sharey=True)
+    style.set_names(ratio.yaxis, [row.name for row in rows])
     ratio.set_ylim(len(rows) - 0.4, -0.6)
     known = [row.truth is not None for row in rows]
     to = "truth" if all(known) else "truth (estimate where none is known)" if any(known) else "estimate"
-    ratio.set_xlabel(f"ratio to the {to}", fontsize=style.NORMAL)
-    percent.set_xlabel(f"deviation from the {to} in %", fontsize=style.NORMAL)
-    style.titled(figure, "Parameters")
+    style.label(ratio, x=f"ratio to the {to}")
+    style.label(percent, x=f"deviation from the {to} in %")
+    style.add_title(figure, "Parameters")
     return figure, ratio, percent
 
 
@@ -90,7 +89,7 @@ def _draw(axes: Axes, rows: Scaled) -> None:
             axes.plot(rows.estimate[keep], y[keep], ls="none", marker=marker, ms=size, color=color, label=label)
     if np.isfinite(rows.truth).any():
         axes.plot(rows.truth, y, ls="none", marker="|", ms=11, mew=1.4, color=style.TRUTH, label="truth")
-    style.light(axes)
+    style.lighten(axes)
     axes.grid(axis="y", visible=False)
 
 
@@ -100,30 +99,28 @@ def _ratio_axis(axes: Axes, shown: FloatArray) -> tuple[float, float]:
     low, high = min(0.5, *shown) / 1.15, max(2.0, *shown) * 1.15
     axes.set_xscale("log")
     axes.set_xlim(low, high)
-    style.plain_ticks(axes.xaxis, style.round_ticks(low, high, 7))
+    style.set_plain_ticks(axes.xaxis, style.round_ticks(low, high, 7))
     return low, high
 
 
 def _percent_axis(axes: Axes, rows: Scaled) -> None:
-    """Linear near zero, logarithmic beyond, so that 0.1 % and 100 % can be read in one picture, up to 300 %."""
+    """Linear near zero, logarithmic beyond, so that 0.1 % and 100 % can be read in one figure, up to 300 %."""
     half = (rows.interval[:, 1] - rows.interval[:, 0]) / 2
     half = half[np.isfinite(half) & (half > 0)]
     typical = float(np.percentile(half, 25)) if half.size else 1.0
     reach = np.abs(np.column_stack([rows.interval, rows.estimate]))
-    largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, 300))
+    largest = float(np.clip(reach[np.isfinite(reach)].max(initial=typical), 1.5 * typical, MAX_PERCENT))
     smallest = 10.0 ** round(math.log10(typical))
     decades = [smallest * 10.0**decade for decade in range(7)]
     steps = [step for step in sorted([*decades, *(3 * decade for decade in decades)]) if step <= 1.2 * largest]
-    steps = steps if len(steps) <= 4 else [step for step in decades if step <= 1.2 * largest]
+    steps = steps if len(steps) <= MAX_STEPS else [step for step in decades if step <= 1.2 * largest]
     axes.set_xscale("symlog", linthresh=smallest)
     axes.set_xlim(-1.3 * largest, 1.3 * largest)
-    style.plain_ticks(axes.xaxis, [*(-step for step in reversed(steps)), 0.0, *steps])
+    style.set_plain_ticks(axes.xaxis, [*(-step for step in reversed(steps)), 0.0, *steps])
     axes.tick_params(axis="y", length=0)
     axes.axvline(0, color="#999999", lw=0.6, zorder=0)
     for side, marker in ((1, ">"), (-1, "<")):
         beyond = side * rows.estimate > 1.3 * largest
         if beyond.any():
             edge = np.full(int(beyond.sum()), side * 1.2 * largest)
-            axes.plot(
-                edge, rows.y[beyond], ls="none", marker=marker, ms=6, color=style.FITTED, label="estimate off the scale"
-            )
+            axes.plot(edge, rows.y[beyond], marker, ms=6, color=style.FITTED, label="estimate off the scale")

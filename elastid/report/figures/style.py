@@ -1,19 +1,23 @@
-"""One look for all figures: colours that the colour-blind can tell apart, axes in Hz, text that is never a formula."""
+"""One look for all figures: colour-blind safe colours, panels, labels, legends, heat maps; text is never a formula."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.ticker import FixedLocator, MaxNLocator, MultipleLocator, NullLocator, StrMethodFormatter
+from numpy.typing import NDArray
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 
-# Okabe and Ito (2008), by the part they play.
+# Okabe and Ito (2008), by role.
 MEASURED = "#0072B2"
 FITTED = "#D55E00"
 NOISE = "#009E73"
@@ -23,8 +27,16 @@ START = "#E69F00"
 TRUTH = "#000000"
 WEAK = "#B8B8B8"
 SERIES = (MEASURED, FITTED, NOISE, TOTAL, START, RESIDUAL)
+GRID, SHADE = "#DDDDDD", "#EEEEEE"
 
-SMALL, NORMAL, LARGE = 7.5, 8.5, 10.0
+# Font sizes in points.
+TINY, SMALL, NORMAL, LARGE = 5.5, 7.5, 8.5, 10.0
+# Width in inches of figures with many panels.
+WIDE = 9.5
+# A heat map of more cells has no numbers in them; above this part of its scale a cell is dark.
+MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
+# A response of more lines has smaller points.
+MAX_LARGE_POINTS = 300
 
 
 def plain(text: str) -> str:
@@ -46,20 +58,44 @@ def frequency_label(rate_is_known: bool) -> str:
     return "frequency in Hz" if rate_is_known else "frequency / sampling rate"
 
 
+def frequency_unit(rate_is_known: bool) -> str:
+    """The unit behind the number of a natural frequency in a figure or on paper."""
+    return "Hz" if rate_is_known else "× the rate"
+
+
 def in_db(values: ComplexArray | FloatArray) -> FloatArray:
     """20 log10 |values|, NaN for zero so that it is not drawn."""
     magnitude = np.abs(values)
-    db: FloatArray = 20 * np.log10(np.where(magnitude > 0, magnitude, np.nan))
-    return db
+    return np.asarray(20 * np.log10(np.where(magnitude > 0, magnitude, np.nan)))
 
 
-def titled(figure: Figure, title: str) -> None:
+def panels(
+    rows: int,
+    columns: int,
+    size: tuple[float, float],
+    margins: tuple[float, float, float, float] = (0.8, 0.25, 0.75, 0.5),
+    spaces: tuple[float, float] = (0.2, 0.2),
+    **options: Any,
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure and its axes (rows, columns).
+
+    size, margins (left, right, top, bottom): inches.  spaces: between columns and between rows, in panels.
+    options: of Figure.subplots, such as sharex.
+    """
+    (width, height), (left, right, top, bottom) = size, margins
+    box = {"left": left / width, "right": 1 - right / width, "top": 1 - top / height, "bottom": bottom / height}
+    figure = Figure(figsize=size)
+    grid = box | {"wspace": spaces[0], "hspace": spaces[1]}
+    return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **options)
+
+
+def add_title(figure: Figure, title: str) -> None:
     """The title at the top left, an eighth of an inch below the edge."""
     width, height = figure.get_size_inches()
     figure.text(0.125 / width, 1 - 0.125 / height, plain(title), fontsize=LARGE, fontweight="bold", va="top")
 
 
-def legend_above(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -> None:
+def add_legend(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0) -> None:
     """One legend for all axes, each label once, below the title."""
     entries: dict[str, Artist] = {}
     for one in axes:
@@ -78,24 +114,78 @@ def legend_above(figure: Figure, axes: Iterable[Axes], markerscale: float = 1.0)
     )
 
 
-def light(axes: Axes) -> None:
+def label(axes: Axes, x: str = "", y: str = "", title: str = "") -> None:
+    """Labels of the axes and the title of the panel, those that are not empty."""
+    for text, write in ((x, axes.set_xlabel), (y, axes.set_ylabel), (title, axes.set_title)):
+        if text:
+            write(plain(text), fontsize=NORMAL)
+
+
+def label_row(axes: Axes, text: str) -> None:
+    """A name for a row of panels, on the right of its last one, read downwards."""
+    axes.annotate(plain(text), (1.02, 0.5), xycoords="axes fraction", rotation=270, va="center", fontsize=NORMAL)
+
+
+def label_figure(figure: Figure, x: str = "", y: str = "") -> None:
+    """Labels that all panels share."""
+    figure.supxlabel(plain(x), fontsize=NORMAL, y=0.09 / figure.get_figheight())
+    figure.supylabel(plain(y), fontsize=NORMAL, x=0.015)
+
+
+def set_names(axis: Axis, names: Sequence[str], **options: Any) -> None:
+    """A name at 0, 1, 2 ...; options: of the text, such as rotation."""
+    axis.set_ticks(range(len(names)), [plain(name) for name in names], **options)
+
+
+def lighten(axes: Axes) -> None:
     """Thin grid, no box on the right and at the top, small labels."""
-    axes.grid(True, linewidth=0.4, color="#DDDDDD")
+    axes.grid(True, linewidth=0.4, color=GRID)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
 
 
-def log_frequency(axes: Axes, freq_hz: FloatArray, most: int = 6) -> None:
+def plot_points(axes: Axes, freq_hz: FloatArray, values: FloatArray, above: BoolArray) -> None:
+    """Measured values (F,) as points, grey where they are not above 2 sigma."""
+    size = 2.4 if len(freq_hz) <= MAX_LARGE_POINTS else 1.6
+    looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": size, "mew": 0, "zorder": 2}
+    axes.plot(freq_hz[above], values[above], **looks, color=MEASURED, label="measured")
+    if not above.all():
+        axes.plot(freq_hz[~above], values[~above], **looks, color=WEAK, label="measured, below 2 sigma")
+
+
+def heat_map(
+    axes: Axes, values: FloatArray, norm: Normalize, text: Callable[[float], str], size: float = SMALL
+) -> AxesImage:
+    """Cells (rows, columns) from light to dark, grey where NaN, each with its number where they are few."""
+    axes.set_facecolor(SHADE)
+    image = axes.imshow(values, cmap="Blues", norm=norm, interpolation="nearest", aspect="auto")
+    axes.tick_params(labelsize=SMALL, length=0)
+    if values.size <= MAX_NUMBERED_CELLS:
+        for (row, column), value in np.ndenumerate(values):
+            if np.isfinite(value):
+                color = "white" if norm(value) > MIN_DARK else "black"
+                axes.text(column, row, text(value), ha="center", va="center", fontsize=size, color=color)
+    return image
+
+
+def set_log_frequency(axes: Axes, freq_hz: FloatArray, most: int = 6) -> None:
     """Logarithmic frequency axis over freq_hz with at most so many plain numbers on it."""
     low, high = float(freq_hz[0]), float(freq_hz[-1])
     axes.set_xscale("log")
     axes.set_xlim(low / 1.05, high * 1.05)
-    plain_ticks(axes.xaxis, round_ticks(low, high, most))
+    set_plain_ticks(axes.xaxis, round_ticks(low, high, most))
 
 
-def plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:
-    """Plain numbers where ticks are asked for and none elsewhere, on whatever scale."""
+def set_log_values(axes: Axes, low: float, high: float) -> None:
+    """Logarithmic y axis with a few plain numbers, a little wider than low to high."""
+    axes.set_yscale("log")
+    axes.set_ylim(low / 1.3, high * 1.3)
+    set_plain_ticks(axes.yaxis, round_ticks(low / 1.3, high * 1.3, 8))
+
+
+def set_plain_ticks(axis: Axis, ticks: Sequence[float]) -> None:
+    """Plain numbers at the ticks and none elsewhere, on any scale."""
     axis.set_major_locator(FixedLocator(ticks))
     axis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axis.set_minor_locator(NullLocator())
@@ -119,7 +209,7 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
     return [round(float(tick), 12) for tick in even if low <= tick <= high]
 
 
-def db_ticks(axes: Axes, low: float, high: float, most: int) -> None:
+def set_db_ticks(axes: Axes, low: float, high: float, most: int) -> None:
     """Steps of 5, 10, 20, 40 dB, at most so many."""
     step = next((step for step in (5, 10, 20, 40) if (high - low) / step <= most), 80)
     axes.set_ylim(low, high)

@@ -1,1 +1,1 @@
-"""Modes of the identified model as values: a table row, names of springs, the robot drawn in motion."""
+"""Modes of the identified model: rows of a table, and the robot drawn in motion."""

@@ -1,1 +1,1 @@
-"""The page and the booklet: HTML, the interactive explorer and mode viewer, PDF."""
+"""The page with its explorer of responses and its mode viewer, and the booklet for paper."""

@@ -1,4 +1,4 @@
-"""The report on paper: one PDF with verdict, warnings, parameters and modes in front of all figures."""
+"""The report on paper: one PDF with notes, verdict, parameters and modes in front of all figures."""
 
 from __future__ import annotations
 
@@ -17,32 +17,38 @@ from elastid.report.modes.mode_row import ModeRow
 from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
 
-# A4 in inches; letters a line and lines a page of a fixed-width font of style.NORMAL points.
+# A4 in inches; letters in a line and lines on a page, in a fixed-width font of style.NORMAL points.
 PAPER = (8.27, 11.69)
-LETTERS, LINES = 96, 68
+MAX_LETTERS, MAX_LINES = 96, 68
+# Without names and dates of the writing program the same pages give the same bytes.
+PDF_METADATA = {"Creator": None, "Producer": None, "CreationDate": None}
+
+
+@contextmanager
+def missing_glyphs_allowed() -> Iterator[None]:
+    """Inside, a letter that the font lacks is drawn as a box, without a warning."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        yield
 
 
 def front_pages(content: ReportContent) -> Iterator[Figure]:
-    """Title, verdict, warnings and the tables of parameters and modes, as many pages as they take."""
+    """Title, notes, verdict and the tables of parameters and modes, on as many pages as they take."""
     lines = list(_text(content))
-    for start in range(0, len(lines), LINES):
+    for start in range(0, len(lines), MAX_LINES):
         figure = Figure(figsize=PAPER)
-        text = style.plain("\n".join(lines[start : start + LINES]))
+        text = style.plain("\n".join(lines[start : start + MAX_LINES]))
         figure.text(0.08, 0.95, text, va="top", family="monospace", fontsize=style.NORMAL, linespacing=1.25)
         yield figure
 
 
 @contextmanager
 def booklet(file: io.BytesIO, content: ReportContent) -> Iterator[Callable[[Figure], None]]:
-    """A PDF that begins with the front pages; what is yielded adds a page to it, so that no figure need be kept.
-
-    Without names and dates of the writing program the same pages give the same bytes.
-    """
-    with PdfPages(file, metadata={"Creator": None, "Producer": None, "CreationDate": None}) as pdf:
+    """A PDF that begins with the front pages; the yielded function adds a page, so that no figure need be kept."""
+    with PdfPages(file, metadata=PDF_METADATA) as pdf:
 
         def add(page: Figure) -> None:
-            with warnings.catch_warnings():
-                warnings.filterwarnings("ignore", message="Glyph .* missing from")
+            with missing_glyphs_allowed():
                 pdf.savefig(page)
 
         for page in front_pages(content):
@@ -69,14 +75,14 @@ def _text(content: ReportContent) -> Iterator[str]:
     modes = [line for row in content.modes for line in _modes(row)]
     if modes:
         yield ""
-        unit = "Hz" if rate_is_known else "× the rate"
+        unit = style.frequency_unit(rate_is_known)
         yield from _columns([("configuration", "mode", unit, "damping", "energy in"), *modes])
 
 
 def _modes(row: ModeRow) -> Iterator[tuple[str, ...]]:
-    for i, (f, f_std, zeta, zeta_std, carried, _) in enumerate(row.modes):
+    for i, (f, f_std, zeta, zeta_std, energy, _) in enumerate(row.modes):
         name = row.configuration if i == 0 else ""
-        yield name, str(i + 1), number(f, digits(f, f_std)), percent(zeta, digits(zeta, zeta_std)), carried
+        yield name, str(i + 1), number(f, digits(f, f_std)), percent(zeta, digits(zeta, zeta_std)), energy
 
 
 def _row(row: ParameterRow) -> tuple[str, ...]:
@@ -88,10 +94,10 @@ def _row(row: ParameterRow) -> tuple[str, ...]:
 
 def _columns(table: list[tuple[str, ...]]) -> Iterator[str]:
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    last = " " * min(sum(widths[:-1]) + 2 * len(widths[:-1]), LETTERS // 2)
+    last = " " * min(sum(widths[:-1]) + 2 * len(widths[:-1]), MAX_LETTERS // 2)
     for row in table:
         yield from _wrapped("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)), last)
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, LETTERS, subsequent_indent=indent) or [""]
+    return textwrap.wrap(text, MAX_LETTERS, subsequent_indent=indent) or [""]

@@ -1,4 +1,4 @@
-"""What a page carries within itself: data in script elements, and the policy that lets only its own scripts run."""
+"""Data and scripts in a page: JSON in script elements, and the policy that lets only the page's own scripts run."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def embedded(content: Any) -> str:
-    """JSON that may stand in a script element, which a `<` could end."""
+    """JSON for a script element, its `<` escaped so that no text can end the element."""
     return json.dumps(content, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
@@ -21,6 +21,6 @@ def asset(*path: str) -> str:
 
 
 def script_policy(scripts: Iterable[str]) -> str:
-    """The hashes of the scripts, as a content security policy names them in script-src."""
+    """The hashes of the scripts, as script-src of a content security policy lists them."""
     digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     return " ".join(f"'sha256-{digest}'" for digest in digests)

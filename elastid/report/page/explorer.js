@@ -1,7 +1,7 @@
-// The FRF matrix to look into: choose a configuration, hover for numbers, drag to zoom, double-click to see all again.
+// The FRF matrix: choose a configuration, hover for numbers, drag to zoom, double-click to zoom out.
 "use strict";
 (() => {
-  const NOTHING = -32768; // a value that is not finite
+  const NOT_FINITE = -32768;
   const data = JSON.parse(document.getElementById("frf-data").textContent);
   const root = document.getElementById("explorer");
   const [configuration, quantity, element] = root.querySelectorAll("select");
@@ -14,7 +14,7 @@
     const view = new DataView(bytes.buffer);
     return Array.from({ length: bytes.length / 2 }, (_, i) => {
       const value = view.getInt16(2 * i, true);
-      return value === NOTHING ? null : value * step;
+      return value === NOT_FINITE ? null : value * step;
     });
   };
 
@@ -38,7 +38,7 @@
 
   const number = (value) => (value === null || value === undefined ? "–" : value.toFixed(data.quantities[quantity.value].digits));
 
-  const say = (plot, name) => {
+  const read = (plot, name) => {
     const at = plot.cursor.idx;
     if (at === null || at === undefined) return;
     const values = plot.series.slice(1).map((one, i) => `${one.label} ${number(plot.data[i + 1][at])}`);
@@ -46,7 +46,7 @@
     readout.textContent = `${name}, ${plot.data[0][at]} ${data.frequency_unit}: ${values.join(", ")} ${unit}`;
   };
 
-  // 1, 2 and 5 of each decade have a number.
+  // Numbers at 1, 2 and 5 of each decade.
   const labelled = (f) => ([1, 2, 5].includes(Math.round(f / 10 ** Math.floor(Math.log10(f) + 1e-9))) ? f : null);
 
   const panel = (response, drawn, y, row, column, width, height) => {
@@ -65,7 +65,7 @@
         scales: { x: { time: false, distr: 3, range: (_, low, high) => [low, high] }, y: { range: () => y } },
         axes: [{ size: 28, font: "11px sans-serif", filter: (_, values) => values.map(labelled) }, { size: 44, font: "11px sans-serif" }],
         series: [{ label: "frequency" }, ...drawn.map(series)],
-        hooks: { setCursor: [(self) => self.cursor.event && say(self, name)] },
+        hooks: { setCursor: [(self) => self.cursor.event && read(self, name)] },
       },
       [response.freq, ...drawn.map((curve) => curve.values.slice(start, start + F))],
       place,
@@ -77,7 +77,7 @@
     panels.forEach((plot) => plot.destroy());
     panels = [];
     grid.replaceChildren();
-    readout.textContent = "Hover for numbers, drag to zoom, double-click to see all again.";
+    readout.textContent = "Hover for numbers, drag to zoom, double-click to zoom out.";
     const response = data.responses[Number(configuration.value)];
     const step = data.quantities[quantity.value].step;
     const drawn = curves(response).map((curve) => ({ ...curve, values: decoded(response.curves[curve.key], step) }));

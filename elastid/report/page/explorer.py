@@ -1,7 +1,7 @@
 """The interactive FRF matrix of the page: its data as JSON, and its scripts.
 
-Values are whole hundredths of a dB and tenths of a degree in 16 bits, so that 20 configurations of six axes stay a few
-megabytes; -32768 is what is not finite.
+Values are whole hundredths of a dB and tenths of a degree in 16 bits, so that 20 configurations of six axes take a few
+megabytes; -32768 stands for values that are not finite.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import smoothed_std
 
 DB_STEP, DEGREE_STEP = 0.01, 0.1
-_NOTHING = -32768
+_NOT_FINITE = -32768
 
 
 @dataclass(frozen=True)
 class Explorer:
-    """data: JSON that may stand in a script element.  scripts: texts, in order.  style: CSS."""
+    """data: JSON for a script element.  scripts: texts, in order.  style: CSS."""
 
     data: str
     scripts: tuple[str, ...]
@@ -38,7 +38,7 @@ def explorer(
     left_out: Sequence[str],
     model_std: Sequence[FloatArray] = (),
 ) -> Explorer:
-    """What the page needs to show the measured and modelled response of every configuration, and the model's std."""
+    """Measured and modelled response of every configuration, with the standard deviation (F, n_y, n_u) of the model."""
     first = pairs[0][0]
     content = {
         "frequency_unit": "Hz" if first.rate_is_known else "of the sampling rate",
@@ -53,7 +53,7 @@ def explorer(
 
 
 def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
-    """What can be looked at, and how its curves are drawn."""
+    """The quantities to choose from, and the look of their curves."""
     measured = {"key": "measured", "label": "measured", "color": style.MEASURED, "points": True, "ranged": True}
     fitted = {"key": "fitted", "label": "model", "color": style.FITTED, "points": False, "width": 1.5, "ranged": True}
     levels = [
@@ -112,5 +112,5 @@ def _packed(values: FloatArray, step: float) -> str:
     """(F, n_y, n_u) as 16-bit whole steps, element by element, little end first, in base64."""
     with np.errstate(invalid="ignore"):
         steps = np.clip(np.round(values / step), -32767, 32767)
-    whole = np.where(np.isfinite(values), steps, _NOTHING).astype("<i2")
+    whole = np.where(np.isfinite(values), steps, _NOT_FINITE).astype("<i2")
     return base64.b64encode(np.ascontiguousarray(whole.transpose(1, 2, 0)).tobytes()).decode("ascii")

@@ -1,20 +1,21 @@
-// The modes in motion: choose one in the table; its sticks swing about the robot at rest.
+// The modes in motion: a button of the table shows a mode, its sticks swinging about the robot at rest.
 "use strict";
 (() => {
   const PERIOD = 1600; // ms of a swing, whatever the frequency
-  const WIDTH = 330; // px of a view; and the most that it may be high
-  const HEIGHT = 340;
+  const MAX_WIDTH = 330; // px of a view
+  const MAX_HEIGHT = 340;
+  const MIN_ASPECT = 0.3; // shorter over longer span of a view
   const WIDTHS = { arm: 4, strut: 2.2, mass: 1.3 };
   const data = JSON.parse(document.getElementById("mode-data").textContent);
   const root = document.getElementById("mode-viewer");
-  const [words, carried] = root.querySelectorAll("p");
+  const [title, energy] = root.querySelectorAll("p");
   const views = root.querySelector(".views");
   const button = root.querySelector("button");
   const place = document.createElement("tr");
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
   let shown = null; // the button in the table
-  let moving = []; // what draws the swinging sticks of each view, for a phase
-  let phase = 0;
+  let moving = []; // functions that draw the sticks of each view at an angle of the swing
+  let phase = 0; // in periods
   let playing = false;
 
   const svg = (parent, name, attributes, text) => {
@@ -24,7 +25,7 @@
     return element;
   };
 
-  // Where points are, in m, at an angle of the swing; no angle: at rest.
+  // Coordinates of the points in m at an angle of the swing; null: at rest.
   const positions = (row, mode, angle) => {
     const c = angle === null ? 0 : Math.cos(angle);
     const s = angle === null ? 0 : Math.sin(angle);
@@ -37,10 +38,10 @@
     return [Math.min(...ends), Math.max(...ends)];
   };
 
-  // What a view spans to the right and upwards; what hardly extends one way gets some room there.
+  // Spans of a view to the right and upwards; a flat one is widened.
   const spans = (row, mode, axes) => {
     const ranges = axes.map((axis) => range(row, mode, axis));
-    const least = 0.3 * Math.max(...ranges.map(([low, high]) => high - low));
+    const least = MIN_ASPECT * Math.max(...ranges.map(([low, high]) => high - low));
     return ranges.map(([low, high]) => {
       const more = Math.max(0, least - (high - low)) / 2;
       return [low - more, high + more];
@@ -48,19 +49,19 @@
   };
 
   // 1, 2 or 5 of a decade, for about so many ticks.
-  const tick = (length, count) => {
+  const spacing = (length, count) => {
     const rough = length / count;
     const decade = 10 ** Math.floor(Math.log10(rough));
     return decade * ([1, 2, 5].find((digit) => digit * decade >= rough) ?? 10);
   };
 
   const ticks = ([low, high], count) => {
-    const step = tick(high - low, count);
+    const step = spacing(high - low, count);
     const first = Math.ceil(low / step - 1e-9);
     return Array.from({ length: Math.floor(high / step + 1e-9) - first + 1 }, (_, i) => Number(((first + i) * step).toPrecision(6)));
   };
 
-  // Paths for one set of sticks: a function that draws them where the points are.
+  // Paths for one set of sticks; returns a function that draws them at given points.
   const sticks = (parent, row, at, look) => {
     const group = svg(parent, "g", { fill: "none", "stroke-linecap": "round", ...look });
     const paths = Object.entries(WIDTHS).map(([kind, width]) => {
@@ -131,12 +132,12 @@
     shown = chosen;
     chosen.setAttribute("aria-expanded", "true");
     tr.after(place);
-    words.textContent = mode.words;
-    carried.textContent = mode.carried && `Energy: ${mode.carried}.`;
+    title.textContent = mode.title;
+    energy.textContent = mode.energy && `Energy: ${mode.energy}.`;
     views.replaceChildren();
     moving = [];
     const sizes = mode.views.map((axes) => spans(row, mode, axes).map(([low, high]) => high - low));
-    const scale = Math.min(...sizes.map(([wide, high]) => Math.min(WIDTH / wide, HEIGHT / high)));
+    const scale = Math.min(...sizes.map(([wide, high]) => Math.min(MAX_WIDTH / wide, MAX_HEIGHT / high)));
     mode.views.forEach((axes) => view(row, mode, axes, scale));
     phase = 0;
     moving.forEach((draw) => draw(0));
@@ -157,7 +158,7 @@
     const number = tr.cells[1];
     const chooser = document.createElement("button");
     chooser.textContent = number.textContent;
-    chooser.title = `Show ${mode.words}`;
+    chooser.title = `Show ${mode.title}`;
     chooser.setAttribute("aria-expanded", "false");
     number.replaceChildren(chooser);
     cell.colSpan = tr.cells.length;

@@ -1,4 +1,4 @@
-"""The modes that the page shows in motion: the sticks of every configuration as JSON, and the script that moves them.
+"""The modes in motion on the page: the sticks of every configuration as JSON, and the script that moves them.
 
 Lengths are whole steps of a 5000th of the robot's size, so that 20 configurations of a six-axis robot with 18 modes are
 a third of a megabyte.
@@ -19,19 +19,20 @@ from elastid.report.modes.mode_row import ModeRow
 from elastid.report.numbers import number, percent
 from elastid.report.page.embedding import asset, embedded
 
+# To the size of the robot.
 STEPS = 5000
 
 
 @dataclass(frozen=True)
 class ModeViewer:
-    """data: JSON that may stand in a script element.  script: text."""
+    """data: JSON for a script element.  script: text."""
 
     data: str
     script: str
 
 
 def mode_viewer(rows: Sequence[ModeRow], rate_is_known: bool) -> ModeViewer | None:
-    """What the page needs to draw each mode of the rows of its table; None where none can be drawn."""
+    """Every mode of the rows of the page's table, ready to be drawn; None where no row has a drawing."""
     if all(row.drawing is None for row in rows):
         return None
     content = {
@@ -57,12 +58,12 @@ def _row(row: ModeRow, unit: str) -> Mapping[str, Any] | None:
 
 
 def _mode(row: ModeRow, drawing: ModeDrawing, mode: int, step: float, unit: str) -> Mapping[str, Any]:
-    words = f"{row.configuration}, mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, "
-    words += f"{percent(row.damping_ratio[mode])} damping"
+    title = f"{row.configuration}, mode {mode + 1}: {number(row.frequency_hz[mode])} {unit}, "
+    title += f"{percent(row.damping_ratio[mode])} damping"
     moved = drawing.moved[:, :, mode]
     return {
-        "words": words,
-        "carried": row.carried[mode],
+        "title": title,
+        "energy": row.energy_text[mode],
         "views": drawing.views(mode),
         "re": _whole(moved.real, step),
         "im": _whole(moved.imag, step),

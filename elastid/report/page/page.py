@@ -1,11 +1,10 @@
-"""One self-contained HTML page per study: it opens from a mail attachment, offline, on a phone and on paper."""
+"""One self-contained HTML page per study, for a mail attachment, a phone or paper; no network needed."""
 
 from __future__ import annotations
 
 import base64
 import io
 import os
-import warnings
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from PIL import Image
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, drawings
 from elastid.report.numbers import digits, interval_of, number, percent
-from elastid.report.page.booklet import booklet
+from elastid.report.page.booklet import PDF_METADATA, booklet, missing_glyphs_allowed
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer
 from elastid.report.page.mode_viewer import mode_viewer
@@ -27,21 +26,17 @@ from elastid.report.parameter_rows import parameter_rows
 Format: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
-# A figure on the page has so many colors: less than half of the bytes, and no eye sees it.
-COLORS = 256
-# Bytes for figures on the page; what does not fit is linked to, the largest first. With the data of 20 configurations
-# of a six-axis robot the page then stays below 10 MB.
-ROOM = 6_000_000
-# Without names and dates of the writing program the same content gives the same bytes.
-_METADATA: dict[Format, dict[str, None]] = {
-    "png": {"Software": None},
-    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
-}
+# A figure on the page has so many colors: less than half of the bytes, without a visible difference.
+MAX_COLORS = 256
+# Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
+# then stays below 10 MB.
+MAX_FIGURE_BYTES = 6_000_000
+METADATA: dict[Format, dict[str, None]] = {"png": {"Software": None}, "pdf": PDF_METADATA}
 
 
 @dataclass(frozen=True)
 class EmbeddedFigure:
-    """A figure as the page holds it: PNG in base64, or empty where there is but a file (or none) beside the page."""
+    """A figure of the page: PNG in base64, empty where it is only in a file beside the page, or in none."""
 
     name: str
     section: str
@@ -51,10 +46,9 @@ class EmbeddedFigure:
 
 
 def write_report(content: ReportContent, folder: Path, formats: Collection[Format]) -> Path:
-    """folder/report.html, and folder/figures/*.png and *.pdf as formats say; returns the page's path.
+    """Write folder/report.html, and folder/figures/* in the given formats; returns the path of the page.
 
-    With pdf among the formats also folder/report.pdf, for paper: verdict, warnings, parameters, and all figures.
-
+    With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes.
     """
     figures = folder / "figures"
@@ -73,32 +67,32 @@ def write_report(content: ReportContent, folder: Path, formats: Collection[Forma
     if "pdf" in formats:
         _write(folder / "report.pdf", paper.getvalue())
     page = folder / "report.html"
-    _write(page, html(content, within(embedded, ROOM)).encode("utf-8"))
+    _write(page, html(content, within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
     return page
 
 
 def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]:
-    """The figures with the largest of single configurations taken off the page until the rest has room (bytes)."""
-    too_much = sum(len(figure.png) for figure in figures) - room
+    """The figures, without the largest of single configurations as far as all take more than `room` bytes."""
+    excess = sum(len(figure.png) for figure in figures) - room
     dropped = set()
     for figure in sorted(figures, key=lambda figure: -len(figure.png)):
-        if too_much > 0 and figure.section.startswith(CONFIGURATION):
+        if excess > 0 and figure.section.startswith(CONFIGURATION):
             dropped.add(figure.name)
-            too_much -= len(figure.png)
+            excess -= len(figure.png)
     return [replace(figure, png="") if figure.name in dropped else figure for figure in figures]
 
 
 def fewer_colors(png: bytes) -> bytes:
-    """The same picture with a palette."""
+    """The same PNG with a palette."""
     buffer = io.BytesIO()
     with Image.open(io.BytesIO(png)) as image:
-        few = image.convert("RGB").quantize(COLORS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        few = image.convert("RGB").quantize(MAX_COLORS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     few.save(buffer, "png", optimize=True)
     return buffer.getvalue()
 
 
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
-    """The page; everything that a study or a file could have named is escaped."""
+    """The page; every text from a study or a file is escaped."""
     environment = Environment(
         loader=PackageLoader("elastid.report", "page"),
         autoescape=True,
@@ -129,11 +123,10 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
 
 
 def rendered(figure: Figure, kind: Format) -> bytes:
-    """The figure as a file; a letter that the font lacks is drawn as a box without a word."""
+    """The figure as the bytes of a file."""
     buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from")
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata=_METADATA[kind])
+    with missing_glyphs_allowed():
+        figure.savefig(buffer, format=kind, dpi=DPI, metadata=METADATA[kind])
     return buffer.getvalue()
 
 
