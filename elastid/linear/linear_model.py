@@ -100,6 +100,10 @@ class LinearModel:
         """The parameters that move C or T."""
         return tuple(name for name, slope in self.slopes.items() if slope.C is not None or slope.T is not None)
 
+    def number(self, theta: FloatArray, name: str) -> float:
+        """The value of one parameter in theta (n_theta,)."""
+        return float(theta[self.parameters.index(name)])
+
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """C and T (n_y, n) at theta (n_theta,) in SI."""
         if not self.moved_outputs:

@@ -26,7 +26,6 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import OperatingPoint, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.model.elastic import ElasticModel
-from elastid.model.outputs import readout
 from elastid.model.parallel_linkage.null_space import RANK, null_space
 
 # What is left of a loop that opens, beside how far a coordinate would open it if nothing followed.
@@ -169,6 +168,32 @@ def _by_name(model: ElasticModel, slopes: FloatArray, n_y: int) -> Iterator[tupl
 def _readout_slopes(model: ElasticModel, outputs: tuple[str, ...]) -> ca.Function:
     """(q, theta) -> d vec C / dq_f, d vec C / d theta, and of T."""
     q, theta, free = ca.SX.sym("q", model.n_q), ca.SX.sym("theta", len(model.parameters)), free_coordinates(model)
-    parts = [ca.vec(ca.densify(part)) for part in readout(model, q, theta, outputs)]
+    parts = [ca.vec(ca.densify(part)) for part in _readout(model, q, theta, outputs)]
     slopes = [s for part in parts for s in (ca.jacobian(part, q)[:, free.tolist()], ca.jacobian(part, theta))]
     return ca.Function("readout_slopes", [q, theta], slopes)
+
+
+def _readout(model: ElasticModel, q: ca.SX, theta: ca.SX, locations: tuple[str, ...]) -> tuple[ca.SX, ca.SX]:
+    """C and T (n_y, n_q) of `ElasticModel.output_jacobian` and `gravity_jacobian` at q (n_q,), as expressions."""
+    rows = ca.vertsplit(ca.vertcat(model.angular_velocity(q), model.frame_velocity(q, theta)))
+    rates = dict(zip(model.rates, rows, strict=True))
+    names = [frame.name for frame in model.robot.frames]
+    gravity = model.frame_gravity(q)
+    C, T = [], []
+    for place in locations:
+        kind, _, rest = place.partition(" ")
+        still = ca.SX(1, model.n_q)
+        if kind in ("motor", "joint"):
+            still[model.index(place)] = 1
+            C.append(still)
+            T.append(ca.SX(1, model.n_q))
+            continue
+        name, axis = rest.rsplit(" ", 1)
+        C.append(rates["frame" if kind == "accelerometer" else kind, name, axis])
+        if kind != "accelerometer":
+            T.append(still)
+            continue
+        turning = ca.vertcat(*(rates["frame", name, f"r{letter}"] for letter in "xyz"))
+        g = gravity[3 * names.index(name) : 3 * names.index(name) + 3]
+        T.append(-(ca.skew(g) @ turning)["xyz".index(axis), :])
+    return ca.vertcat(*C), ca.vertcat(*T)

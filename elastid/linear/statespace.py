@@ -76,9 +76,9 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
                 f"chain.{element.name}: a state space cannot hold the difference of a motion over a time; leave it out "
                 "of the robot's chain, and estimate and export another quantity"
             )
-        T = float(theta[model.parameters.index(element.name)])
+        T = model.number(theta, element.name)
         A, B, C, D_y = _behind_a_lag(A, B, C, D_y, element.coefficients, T)
-    delay = float(theta[model.parameters.index(DELAY)]) if DELAY in model.parameters else 0.0
+    delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
     return StateSpace(model.configuration, A, B, C, D_y, delay, model.inputs, model.outputs, model.quantity)
 
 

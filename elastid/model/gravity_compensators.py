@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import casadi as ca
 import numpy as np
 
-from elastid.model.multibody import Tree, Turn, located
+from elastid.model.frame_tree import Tree, Turn, located
 from elastid.model.points import between, seat
 from elastid.robot import Compensator, Robot
 

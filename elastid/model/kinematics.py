@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.model.multibody import Attachment, Tree, tree
+from elastid.model.frame_tree import Attachment, Tree, tree
 from elastid.model.parallel_linkage.closed_posture import followed, rates
 from elastid.model.skeleton import Knot, knots
 from elastid.robot import TOOL, Robot

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import casadi as ca
 import numpy as np
 
-from elastid.model.multibody import Attachment, Point, Tree, Turn
+from elastid.model.frame_tree import Attachment, Point, Tree, Turn
 from elastid.robot import BASE, Robot
 
 

@@ -14,7 +14,9 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.model.multibody import bias, frame_velocities, inertias, rates, tree, turns
+from elastid.model.frame_tree import tree, turns
+from elastid.model.multibody import bias, inertias
+from elastid.model.velocities import frame_velocities, rates
 from elastid.robot import Robot
 
 

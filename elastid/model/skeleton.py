@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.model.multibody import Attachment, Tree
+from elastid.model.frame_tree import Attachment, Tree
 from elastid.robot import BASE, Robot
 
 

@@ -12,8 +12,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.model.frame_tree import tree
 from elastid.model.kinematics import frames, placed, point_jacobians
-from elastid.model.multibody import tree
 from elastid.model.skeleton import knots
 from elastid.robot import Robot
 

@@ -12,10 +12,11 @@ and, where it is installed, JAX (jacfwd, compiled) work out residuals, Jacobian 
 weights. The last line is one JSON object with the numbers of the table.
 
 Measured (CPU time, medians in turn, a quiet machine of two cores): with compiled loops (the extra fast) one evaluation
-takes 1.8 times the bare solves and 4.6 times the floor, with NumPy alone 2.5 and 6.4 times; CasADi takes 58 and JAX 45
-times as long for one. A whole fit is 15 times faster than least_squares with the same Jacobian, 28 times faster than
-with finite differences and 54 times faster than with CasADi's derivatives, all at the same cost within 3e-14. Twice the
-lines take 0.95 and twice the configurations 1.00 of twice the time; 500 configurations work in 5 MB.
+takes 1.8 times the bare solves and 4.6 times the floor, with NumPy alone 2.5 and 6.4 times, 10 % more where the leaves
+of `condensation` stay in the matrix; CasADi takes 58 and JAX 45 times as long for one. A whole fit is 15 times faster
+than least_squares with the same Jacobian, 28 times faster than with finite differences and 54 times faster than with
+CasADi's derivatives, all at the same cost within 3e-14. Twice the lines take 0.95 and twice the configurations 1.00 of
+twice the time; 500 configurations work in 5 MB.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -48,6 +49,7 @@ from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.weights.weights import vec
 from elastid.linear.linearise import Linearisation
+from elastid.linear.response.condensation import Leaves
 from elastid.linear.response.ldl import is_worth_it
 from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
@@ -57,7 +59,8 @@ from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 NOISE = 0.02
 BARE, FLOOR = "numpy.linalg.solve alone", "96 kflop a line by zgemm (floor)"
-EVALUATION, PLAIN = "cost, gradient, normal matrix", "the same, NumPy alone"
+EVALUATION = "cost, gradient, normal matrix"
+PLAIN, WHOLE = "the same, NumPy alone", "the same, NumPy, leaves not condensed"
 IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
 
 
@@ -285,8 +288,8 @@ def in_turn(functions: Mapping[str, Callable[[], object]], repeats: int) -> dict
     return {name: statistics.median(each) for name, each in times.items()}
 
 
-def kernel_times(fit: ElasticFit, plain: ElasticFit, repeats: int) -> dict[str, float]:
-    """Seconds for one pass over all configurations; plain: the same fit without compiled loops."""
+def kernel_times(fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, repeats: int) -> dict[str, float]:
+    """Seconds for one pass over all configurations; plain: without compiled loops; whole: nor condensed leaves."""
     theta, x = fit.parameters.theta, fit.parameters.x
     points = sum(len(part.measured) for part in fit.parts)
     return in_turn(
@@ -297,6 +300,7 @@ def kernel_times(fit: ElasticFit, plain: ElasticFit, repeats: int) -> dict[str, 
             "responses and derivatives": lambda: [part.kernel.evaluate(theta) for part in fit.parts],
             EVALUATION: lambda: fit.rough(x),
             PLAIN: lambda: plain.rough(x),
+            WHOLE: lambda: whole.rough(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
             "stacked residual and Jacobian": lambda: fit.residual(x),
         },
@@ -342,10 +346,14 @@ def main() -> None:
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread\n")
 
     compiled = is_worth_it(F, n)
-    with patch("elastid.linear.response.transfer.is_worth_it", return_value=False):
+    with patch("elastid.linear.response.kernel.is_worth_it", return_value=False):
         plain, _ = assemble(Q, F)
         plain.rough(x0)
-    kernel = kernel_times(fit, plain, 3 if quick else 15)
+        none = np.zeros(0, np.int64)
+        with patch.object(Leaves, "of", lambda coupled: Leaves(none, np.arange(len(coupled)), none)):
+            whole, _ = assemble(Q, F)
+            whole.rough(x0)
+    kernel = kernel_times(fit, plain, whole, 3 if quick else 15)
     print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; the extra fast compiles them'}\n")
     print(f"{'one pass over all configurations':<38}{'ms':>10}{'x solve':>10}{'x floor':>10}")
     for name, value in kernel.items():

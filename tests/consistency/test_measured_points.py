@@ -15,7 +15,8 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
-from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.kinematics import frame_poses
 from elastid.model.serial import serial
 from elastid.record import Configuration, Record

@@ -34,7 +34,8 @@ from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import linearise
 from elastid.linear.measurement_chain import DifferenceElement, elements
-from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
 from elastid.linear.statespace import state_space
 from elastid.model.serial import serial
 from elastid.record import Configuration

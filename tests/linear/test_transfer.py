@@ -13,8 +13,9 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
+from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.ldl import is_compiled
-from elastid.linear.response.transfer import Kernel, frequency_response, to_response
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
@@ -26,7 +27,7 @@ needs_numba = pytest.mark.skipif(not is_compiled(), reason="numba is not install
 @pytest.fixture(params=[False, pytest.param(True, marks=needs_numba)], ids=["NumPy", "compiled"])
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels whose loops are compiled, however few lines they have, and kernels without."""
-    monkeypatch.setattr("elastid.linear.response.transfer.is_worth_it", lambda n_lines, n: request.param)
+    monkeypatch.setattr("elastid.linear.response.kernel.is_worth_it", lambda n_lines, n: request.param)
 
 
 angles = st.tuples(*[st.floats(-2, 2)] * 3)

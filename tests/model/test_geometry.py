@@ -13,7 +13,8 @@ from elastid.export.mujoco import mjcf
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec, ParameterSpec, TieSpec
 from elastid.linear.linearise import Linearisation, linearise
-from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.kinematics import skeleton
 from elastid.model.serial import serial

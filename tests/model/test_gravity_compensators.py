@@ -17,7 +17,7 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.response.transfer import to_response
-from elastid.model.multibody import tree, turns
+from elastid.model.frame_tree import tree, turns
 from elastid.model.points import between, seat
 from elastid.model.serial import serial
 from elastid.record import Configuration

@@ -13,7 +13,8 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import equilibrium, rigid_posture
 from elastid.linear.linearise import linearise
 from elastid.linear.modes import modes, shapes_of_all
-from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import formulate
 from elastid.model.parallel_linkage.closed_posture import rates

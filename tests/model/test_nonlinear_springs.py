@@ -19,7 +19,8 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
-from elastid.linear.response.transfer import Kernel, frequency_response
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
 from elastid.linear.spring_preload import preloads, spring_words
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from elastid.model.frame_tree import tree, turns
 from elastid.model.kinematics import skeleton
-from elastid.model.multibody import tree, turns
 from elastid.model.points import between, last_common, position, seat
 from elastid.robot import Body, Joint, Motor, Payload, Placement, Robot
 

@@ -27,7 +27,7 @@ from elastid.fit.weights.weights import Weights
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.derivatives import Columns
-from elastid.linear.response.transfer import Kernel
+from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 

@@ -16,7 +16,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes
-from elastid.linear.response.transfer import Kernel
+from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
-from elastid.linear.response.transfer import Kernel
+from elastid.linear.response.kernel import Kernel
 
 # Matrices of length one that differ by less than this are the same.
 SAME = 1e-12

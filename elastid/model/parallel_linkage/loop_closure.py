@@ -17,7 +17,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.model.multibody import NUMBERS, Tree, Turn, located, tree, turns
+from elastid.model.frame_tree import NUMBERS, Tree, Turn, located, tree, turns
 from elastid.model.points import between, last_common, position, seat
 from elastid.robot import Axis, Loop, Pin, Robot, unit_axis
 

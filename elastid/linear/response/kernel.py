@@ -1,0 +1,216 @@
+r"""Frequency response of a LinearModel and its exact derivatives, all lines at once, at many theta.
+
+Z = -omega^2 M + j omega D + K is symmetric, so the solutions X = Z^-1 B and W = Z^-1 C^T give every derivative without
+another solve (plain transposes):
+
+.. math:: dG = -c\, W^T dZ\, X = -c \sum_t (j\omega)^{k_t} \sigma_t\, (W^T y_t)(y_t^T X), \qquad
+          dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
+
+Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves what
+is measured adds c dC X. Letters as in `transfer`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.linear.linear_model import DELAY, LinearModel, Slope
+from elastid.linear.response.condensation import Leaves
+from elastid.linear.response.ldl import Elimination, is_worth_it
+from elastid.linear.response.rank_one_terms import RankOneTerms, rank_one_terms
+from elastid.linear.response.transfer import factor
+
+# Lines worked on at a time: their matrices stay in the cache.
+BLOCK = 200
+
+
+class Products(NamedTuple):
+    """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
+
+    YX (F, m, n_d), right sides b: the columns of B first, then others, of which `Kernel.output_columns` tells the one
+    of each output.  moved (n_m, F, n_y, n_u): c (dC + dT / s^2) Z^-1 B of each of `Kernel.moved_outputs`.
+    """
+
+    block: slice
+    s: ComplexArray
+    gain: ComplexArray
+    G: ComplexArray
+    YX: ComplexArray
+    moved: ComplexArray
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Which right sides Z is solved for: B, the rows `extra` of C that are none of B's columns, the rows `tilted` of T.
+
+    columns (n_y,): of each output the one that holds its direction.  tilts: of each tilted one that of its row of T.
+    """
+
+    extra: IntArray
+    columns: IntArray
+    tilted: IntArray
+    tilts: IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Kernel:
+    """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
+
+    Prepared once, evaluated at many theta; it pickles. KeyError for a name that the model does not have.
+    """
+
+    model: LinearModel
+    freq_hz: FloatArray
+    wanted: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        """Freeze the lines and check the names."""
+        object.__setattr__(self, "freq_hz", frozen(self.freq_hz))
+        for name in self.wanted:
+            if name not in self.model.parameters:
+                raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
+
+    def response(self, theta: FloatArray) -> ComplexArray:
+        """G (F, n_y, n_u) at theta (n_theta,)."""
+        return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
+
+    def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
+        n_y, n_u = self.model.C.shape[0], self.model.B.shape[1]
+        G = np.empty((self.freq_hz.size, n_y, n_u), complex)
+        dG = np.zeros((len(self.wanted), *G.shape), complex)
+        Y, groups = self._directions_and_terms
+        moving = [self.wanted.index(name) for name in self.moved_outputs]
+        for block, s, gain, G_block, YX, moved in self.products(theta, Y):
+            G[block] = G_block
+            for place, slope in self.factor_slopes(theta, s):
+                dG[place, block] = slope[:, None, None] * G_block
+            by_direction = np.ascontiguousarray(YX.transpose(2, 0, 1))
+            left, right = by_direction[:, :, self.output_columns], by_direction[:, :, :n_u]
+            powers = -np.stack([gain, gain * s, gain * s**2])
+            for terms in groups:
+                weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
+                dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
+            dG[moving, block] += moved
+        return G, dG
+
+    @cached_property
+    def places(self) -> IntArray:
+        """Where in theta the wanted parameters are (P,)."""
+        return np.array([self.model.parameters.index(name) for name in self.wanted], np.int64)
+
+    @cached_property
+    def factors(self) -> tuple[str, ...]:
+        """The wanted parameters that do not move Z but multiply the response: the delay, elements of the chain."""
+        known = (DELAY, *(element.name for element in self.model.chain))
+        return tuple(name for name in self.wanted if name in known)
+
+    def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray]]:
+        """d ln G / d theta_p (F,) of each of the factors, with its place among the wanted parameters."""
+        elements = {element.name: element for element in self.model.chain}
+        for name in self.factors:
+            slope = -s if name == DELAY else elements[name].log_slope(s, self.model.number(theta, name))
+            yield self.wanted.index(name), slope
+
+    @cached_property
+    def output_columns(self) -> IntArray:
+        """For each output the right side in `Products.YX` that belongs to its direction, tilt included."""
+        sides = self._sides
+        places = sides.columns.copy()
+        places[sides.tilted] = sides.tilts + len(sides.tilts)
+        return places
+
+    @cached_property
+    def moved_outputs(self) -> tuple[str, ...]:
+        """The wanted parameters that move what is measured: geometry, between the springs and a sensor."""
+        moved = self.model.moved_outputs
+        return tuple(name for name in self.wanted if name in moved)
+
+    def products(self, theta: FloatArray, Y: FloatArray) -> Iterator[Products]:
+        """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
+        M, D, K = self._matrices(theta)
+        (C, T), tilted = self.model.readout(theta), self._sides.tilted
+        right = self._right(C, T) if self.model.moved_outputs else self._right_sides
+        n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
+        asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
+        for start in range(0, self.freq_hz.size, BLOCK):
+            block = slice(start, start + BLOCK)
+            omega = 2 * np.pi * self.freq_hz[block]
+            s: ComplexArray = (1j * omega).astype(complex)
+            found = self._solver.products(M, D, K, omega, right, asked)
+            gain = factor(self.model, theta, s)
+            moved, YX = found[:, :n_u, n_d:], found[:, :, :n_d]
+            G = gain[:, None, None] * moved[:, :, :n_y]
+            if tilted.size:
+                over = 1 / s[:, None, None] ** 2
+                G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:n_t]
+                YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
+            dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, len(self.moved_outputs), 2, n_y).transpose(3, 2, 0, 4, 1)
+            readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
+            yield Products(block, s, gain, G.swapaxes(1, 2), YX, readings)
+
+    @cached_property
+    def _moved_rows(self) -> tuple[FloatArray, ...]:
+        """dC^T and dT^T (n, n_y) of each of `moved_outputs`."""
+        zero, slopes = np.zeros(self.model.C.shape), [self.model.slopes[name] for name in self.moved_outputs]
+        return tuple((zero if part is None else part).T for slope in slopes for part in (slope.C, slope.T))
+
+    @cached_property
+    def _solver(self) -> Leaves | Elimination:
+        """Of Z X = B at any theta: what of Z is never zero is known."""
+        n = self.model.n
+        matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
+        coupled = np.any(matrices != 0, axis=0)
+        return Elimination.of(coupled) if is_worth_it(self.freq_hz.size, n) else Leaves.of(coupled)
+
+    def _matrices(self, theta: FloatArray) -> FloatArray:
+        """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
+        change = (theta - self.model.theta_ref)[self._slopes[0]]
+        moved: FloatArray = (change @ self._slopes[1]).reshape(3, self.model.n, self.model.n)
+        return moved + np.stack([self.model.M, self.model.D, self.model.K])
+
+    @cached_property
+    def _slopes(self) -> tuple[IntArray, FloatArray]:
+        """Places in theta of the parameters that move M, D, K, and how (n_slopes, 3 n n)."""
+        n, slopes = self.model.n, self.model.slopes
+        places = [self.model.parameters.index(name) for name in slopes]
+        zero = np.zeros((n, n))
+        stacked = [[zero if part is None else part for part in (s.M, s.D, s.K)] for s in slopes.values()]
+        return np.array(places, np.int64), np.array(stacked).reshape(len(places), 3 * n * n)
+
+    @cached_property
+    def _right_sides(self) -> FloatArray:
+        """[B, extra rows of C, tilted rows of T] where no parameter moves C and T."""
+        return self._right(self.model.C, self.model.tilt)
+
+    def _right(self, C: FloatArray, T: FloatArray) -> FloatArray:
+        return np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[self._sides.tilted]])
+
+    @cached_property
+    def _sides(self) -> Sides:
+        """Which outputs are in the direction of an input or of another output, at any theta, and need no solution."""
+        model = self.model
+        moved = [model.slopes[name] for name in model.moved_outputs]
+        C = np.array([model.C, *(slope.C for slope in moved if slope.C is not None)]).transpose(1, 0, 2)
+        T = np.array([model.tilt, *(slope.T for slope in moved if slope.T is not None)])
+        still = np.zeros((C.shape[1] - 1, model.n))
+        directions, extra, columns = [np.vstack([side[None], still]) for side in model.B.T], [], []
+        for row, direction in enumerate(C):
+            same = [i for i, side in enumerate(directions) if np.array_equal(side, direction)]
+            if not same:
+                directions.append(direction)
+                extra.append(row)
+            columns.append(same[0] if same else len(directions) - 1)
+        tilted = np.flatnonzero(T.any(axis=(0, 2)))
+        tilts = len(directions) + np.arange(len(tilted))
+        return Sides(np.array(extra, np.int64), np.array(columns, np.int64), tilted, tilts)
+
+    @cached_property
+    def _directions_and_terms(self) -> tuple[FloatArray, tuple[RankOneTerms, ...]]:
+        return rank_one_terms([self.model.slopes.get(name, Slope()) for name in self.wanted], self.model.n)
