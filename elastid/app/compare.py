@@ -27,7 +27,9 @@ from elastid.robot.simplified import further_elastic, stiffened, without_motor_c
 from elastid.store import Finished, read_responses
 from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
-from elastid.validation.compare import Comparison, Refit, RefitTask, Variant, folds, for_robot, held, ranked, refit
+from elastid.validation.compare import RefitTask, Variant, held, rank, refit, restricted
+from elastid.validation.cross_validation import divide
+from elastid.validation.results import Comparison, Refit
 from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"
@@ -50,7 +52,7 @@ def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
             )
         responses = read_responses(run.path("estimate"))
         names = [response.configuration.name for response in responses]
-        finish(run, ranked(names, models, refitted(run, models, responses)))
+        finish(run, rank(names, models, refitted(run, models, responses)))
 
 
 def finish(run: Run, comparison: Comparison) -> None:
@@ -144,7 +146,7 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
     robot = study.robot if spec.motor_coupling else without_motor_coupling(study.robot)
     robot = stiffened(robot, spec.rigid)
-    fit = for_robot(_weighed_as(own, study), robot, study.robot)
+    fit = restricted(_weighed_as(own, study), robot, study.robot)
     if study.model != own.model:
         fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
@@ -168,7 +170,7 @@ def _weighed_as(own: Study, other: Study) -> FitSpec:
 def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     names = [response.configuration.name for response in responses]
-    parts = ((), *folds(names, run.study.compare.folds))
+    parts = ((), *divide(names, run.study.compare.folds))
     tasks = [RefitTask(variant, part) for variant in models for part in parts]
     finished, keys = Finished(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
     there = sum(key in finished for key in keys)

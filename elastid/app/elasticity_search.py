@@ -20,8 +20,9 @@ from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates
 from elastid.store import read_responses
 from elastid.study import LoadedStudy, Study
-from elastid.validation.compare import Refit, Row, Variant, ranked
-from elastid.validation.elasticity_search import Elastic, Trial, found_words, search
+from elastid.validation.compare import Variant, rank
+from elastid.validation.elasticity_search import describe_search, search
+from elastid.validation.results import ComparedModel, Elastic, Refit, Trial
 from elastid.validation.spec import VariantSpec
 
 
@@ -42,11 +43,11 @@ def search_elasticity(run: Run) -> None:
             )
         met: dict[Elastic, tuple[Variant, Sequence[Refit]]] = {}
 
-        def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, Row]:
+        def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
             # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
             new = [model for model in dict.fromkeys((everything, *models)) if model not in met]
             met.update(_fitted(run, coordinates, start, new, responses))
-            rows = ranked(names, *zip(*met.values(), strict=True)).rows
+            rows = rank(names, *zip(*met.values(), strict=True)).rows
             by_name = {row.name: row for row in rows}
             return {model: by_name[of.name] for model, (of, _) in met.items()}
 
@@ -55,8 +56,8 @@ def search_elasticity(run: Run) -> None:
             trials.append(trial)
             if trial.taken:
                 run.console.say(f"search: step {trial.step}: {_move(trial)}: {_errors(trial)}")
-        comparison = ranked(names, *zip(*met.values(), strict=True))
-        verdict = f"{found_words(everything, trials, start)} {comparison.verdict}"
+        comparison = rank(names, *zip(*met.values(), strict=True))
+        verdict = f"{describe_search(everything, trials, start)} {comparison.verdict}"
         run.console.table(trial_table(trials))
         finish(run, replace(comparison, verdict=verdict, trials=tuple(trials)))
 

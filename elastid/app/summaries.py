@@ -23,8 +23,7 @@ from elastid.report.modes.mode_drawing import mode_drawing
 from elastid.report.modes.mode_row import ModeRow, load_name, spring_names
 from elastid.report.parameter_rows import parameter_rows
 from elastid.study import Study
-from elastid.validation.agreement import Agreement, Validation
-from elastid.validation.replay import Replay
+from elastid.validation.results import Agreement, Replay, Validation
 
 CORRELATED = 0.9
 

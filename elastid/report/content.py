@@ -14,8 +14,7 @@ from elastid.fit.result import FitResult
 from elastid.report.modes.mode_row import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.validation.agreement import Validation
-from elastid.validation.compare import Comparison
+from elastid.validation.results import Comparison, Validation
 
 
 @dataclass(frozen=True)

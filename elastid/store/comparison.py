@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from elastid.store.files import Stamp, text_file
-from elastid.validation.compare import Comparison, Row
-from elastid.validation.elasticity_search import Trial
+from elastid.validation.results import ComparedModel, Comparison, Trial
 
 SCHEMA = 1
 
@@ -41,7 +40,7 @@ def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
     rows = [_numbers(row, ("cost", "criterion", "rms_log_db", "phase_rms_deg")) for row in content["models"]]
     return Comparison(
         tuple(content["configurations"]),
-        tuple(Row(**row | {"misfit": np.array([_number(m) for m in row["misfit"]])}) for row in rows),
+        tuple(ComparedModel(**row | {"misfit": np.array([_number(m) for m in row["misfit"]])}) for row in rows),
         content["verdict"],
         tuple(_trial(trial) for trial in content.get("search", [])),
     )

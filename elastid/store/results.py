@@ -11,9 +11,8 @@ import numpy as np
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
-from elastid.validation.agreement import Agreement, Peak, Validation
-from elastid.validation.cross_validation import Fold
-from elastid.validation.replay import Replay
+from elastid.validation.resonances import Peak
+from elastid.validation.results import Agreement, Fold, Replay, Validation
 
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
 

@@ -16,7 +16,7 @@ import numpy as np
 from elastid.fit.result import LocalOptimum
 from elastid.fit.uncertainty.profile import Profile
 from elastid.store.files import text_file
-from elastid.validation.compare import LeftOut, Refit
+from elastid.validation.results import LeftOut, Refit
 
 _READ: dict[str, Callable[[dict[str, Any]], Any]] = {
     "LocalOptimum": lambda document: LocalOptimum(**document),

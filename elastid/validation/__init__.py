@@ -1,1 +1,1 @@
-"""How good the identified model is on what it was not fitted to."""
+"""Validation of the identified model: errors on left-out configurations, residual tests, replays, comparison."""

@@ -1,18 +1,18 @@
-r"""Several models of one robot on the same frequency responses: which of them predicts what it was not fitted to?
+r"""Comparison of several models of one robot on the same frequency responses, by their predictions of left-out ones.
 
-Each model is fitted to all configurations, and again without each fold of them. On a configuration c that was left out
-its misfit, and from the fit to all its information criterion, are
+Each model is fitted to all configurations, and again without each part of them. Its misfit on a left-out configuration
+c, and the information criterion of its fit to all, are
 
 .. math:: m_c = \frac{1}{n_c} \sum_k \frac{|\hat G - G|^2}{\sigma^2}, \qquad
           \mathrm{QAIC} = V / \hat c + 2 n_x
 
-m_c: mean over the elements and lines that count, 1 where only what the weights allow for is left. c: V / dof of the
-model that fits best, so that an error that all models share does not count as evidence; only differences of QAIC mean
-something (Burnham & Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It takes the residuals of
-lines as independent, which a model error is not: where the two disagree, the left-out configurations are right.
+m_c: mean over the elements and lines that count, 1 for the noise of the weights alone. c: V / dof of the model that
+fits best, so that an error common to all models is no evidence; only differences of QAIC are meaningful (Burnham &
+Anderson, Model Selection and Multimodel Inference, 2002, section 2.5). It assumes independent residuals of lines, which
+a model error violates: where the two disagree, trust the left-out configurations.
 
-Two models are told apart where the mean over configurations of m_c - m_c(best) is beyond its standard error, and
-beyond what the ends of two searches differ by.
+Two models are distinguished where the mean over configurations of m_c - m_c(best) exceeds its standard error and
+MISFIT_TOLERANCE, the relative difference between two fits of one model.
 """
 
 from __future__ import annotations
@@ -21,11 +21,9 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import ElastidError, StudyError
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.identify import fit_parameters
@@ -37,17 +35,15 @@ from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.agreement import agreement
+from elastid.validation.results import ComparedModel, Comparison, LeftOut, Refit
 
-if TYPE_CHECKING:
-    from elastid.validation.elasticity_search import Trial
-
-# Part of the misfit by which two fits of one model may differ.
-SAME = 1e-3
+# Relative difference of the misfits of two fits of one model.
+MISFIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Variant:
-    """A model to compare: the robot, the formulation of its equations, and what is fitted of it."""
+    """A model to compare: the robot, its parameters to fit, and the formulation of its equations."""
 
     name: str
     robot: Robot
@@ -63,81 +59,8 @@ class RefitTask:
     left_out: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class LeftOut:
-    """What a model makes of a configuration that it was not fitted to: misfit m_c, magnitude and phase errors."""
-
-    misfit: float
-    rms_log_db: float
-    phase_rms_deg: float
-
-
-@dataclass(frozen=True)
-class Refit:
-    """How a task ended.  cost, n_free and dof: of the fit; status `failed`, with a message, where there is none."""
-
-    status: str
-    message: str
-    n_free: int
-    cost: float
-    dof: int
-    left_out: dict[str, LeftOut]
-
-
-@dataclass(frozen=True)
-class Row:
-    """A model in the ranking.  misfit (n_c,): by configuration, NaN where none was left out or the fit failed.
-
-    criterion: QAIC above the smallest.  rms_log_db, phase_rms_deg: over the left-out configurations.
-    """
-
-    name: str
-    n_free: int
-    cost: float
-    dof: int
-    criterion: float
-    misfit: FloatArray
-    rms_log_db: float
-    phase_rms_deg: float
-    note: str = ""
-
-    def __post_init__(self) -> None:
-        """Freeze the misfits."""
-        object.__setattr__(self, "misfit", frozen(self.misfit))
-
-    @property
-    def mean_misfit(self) -> float:
-        """Over the configurations; infinite where one of them is not known."""
-        return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
-
-    def behind(self, best: Row) -> tuple[float, float]:
-        """Mean difference of the misfits to the best model's, and its standard error."""
-        difference = self.misfit - best.misfit
-        n = difference.size
-        return float(difference.mean()), float(difference.std(ddof=1) / math.sqrt(n)) if n > 1 else math.inf
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict.
-
-    trials: of the search that met these models, in its order; none where they were given.
-    """
-
-    configurations: tuple[str, ...]
-    rows: tuple[Row, ...]
-    verdict: str
-    trials: tuple[Trial, ...] = ()
-
-
-def folds(names: Sequence[str], parts: int) -> tuple[tuple[str, ...], ...]:
-    """The configurations in so many parts, every one in one of them; none where there is but one configuration."""
-    n = min(parts or len(names), len(names))
-    return tuple(tuple(names[i::n]) for i in range(n)) if n > 1 else ()
-
-
 def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
-    """Fit a variant without some configurations and hold it against them."""
+    """Fit a variant without some configurations and compare its prediction with them."""
     kept, out = _divided(responses, task.left_out)
     variant = task.variant
     masks = _masks(variant.fit.mask, [r.configuration.name for r in kept])
@@ -152,8 +75,8 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     return Refit(result.status, result.message, len(result.parameters.free), result.cost, result.dof, scores)
 
 
-def ranked(configurations: Sequence[str], variants: Sequence[Variant], refits: Sequence[Sequence[Refit]]) -> Comparison:
-    """The comparison; refits of each variant: to all configurations, then without each fold."""
+def rank(configurations: Sequence[str], variants: Sequence[Variant], refits: Sequence[Sequence[Refit]]) -> Comparison:
+    """The comparison; refits of each variant: to all configurations, then without each part of them."""
     full = [of[0] for of in refits]
     fitted = [f for f in full if f.status != "failed"]
     best_fit = min(fitted, key=lambda f: f.cost, default=None)
@@ -161,34 +84,34 @@ def ranked(configurations: Sequence[str], variants: Sequence[Variant], refits: S
     aic = np.array([f.cost / scale + 2 * f.n_free if f.status != "failed" else math.inf for f in full])
     aic = aic - (aic.min() if np.isfinite(aic).any() else 0.0)
     rows = [
-        _row(variant.name, of, float(a), configurations) for variant, of, a in zip(variants, refits, aic, strict=True)
+        _compared(each.name, of, float(a), configurations) for each, of, a in zip(variants, refits, aic, strict=True)
     ]
     rows.sort(key=lambda row: (row.mean_misfit, row.criterion))
     return Comparison(tuple(configurations), tuple(rows), _verdict(rows))
 
 
-def for_robot(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
-    """A study's fit without the parameters that its own robot has and a variant has not.
+def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
+    """A study's fit without the parameters that its own robot has and a variant lacks.
 
-    StudyError where it names no others: without any it would be another fit, that of every stiffness.
+    StudyError where none is left: an empty list would mean every stiffness.
     """
     there, known = robot.parameters(robot.geometry), own.parameters(own.geometry)
 
-    def gone(key: str) -> bool:
+    def is_gone(key: str) -> bool:
         key = key.partition(OF)[0]
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
 
-    kept = {key: wish for key, wish in spec.parameters.items() if not gone(key)}
+    kept = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
     if spec.parameters and not kept:
         raise StudyError(
-            f"fit.parameters names only what this model does not have ({', '.join(spec.parameters)}); name further "
-            "ones, such as the stiffnesses of the gears"
+            f"fit.parameters has no parameter of this model ({', '.join(spec.parameters)}); add one, such as the "
+            "stiffnesses of the gears"
         )
     return replace(spec, parameters=kept)
 
 
 def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
-    """A study's fit with these parameters at their starts, for a model that does not have them."""
+    """A study's fit with these parameters fixed at their starts, for a model without them."""
     free = {parameter.name for parameter in choose(spec, robot).free}
     still = {
         name: replace(spec.parameters.get(name, ParameterSpec()), fixed=True, tie=None, prior=None, per=None)
@@ -198,8 +121,8 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     patterns = spec.parameters or {parameter.name: ParameterSpec() for parameter in choose(spec, robot).free}
     left = free - still.keys()
     kept = {
-        key: wish
-        for key, wish in patterns.items()
+        key: each
+        for key, each in patterns.items()
         if not is_of_one(key) or any(fnmatchcase(name, key.partition(OF)[0]) for name in left)
     }
     return replace(spec, parameters={**kept, **still})
@@ -213,7 +136,7 @@ def _divided(
 
 
 def _masks(masks: Sequence[MaskSpec], names: Sequence[str]) -> tuple[MaskSpec, ...]:
-    """The masks as far as they speak of these configurations."""
+    """The masks of these configurations."""
     kept = []
     for mask in masks:
         there = tuple(name for name in mask.configurations if name in names)
@@ -231,7 +154,7 @@ def _score(measured: FrequencyResponse, modelled: FrequencyResponse, spec: FitSp
     return LeftOut(misfit, off.overall_rms_log_db, off.overall_phase_rms_deg)
 
 
-def _row(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> Row:
+def _compared(name: str, refits: Sequence[Refit], criterion: float, configurations: Sequence[str]) -> ComparedModel:
     full, scores = refits[0], {c: score for each in refits[1:] for c, score in each.left_out.items()}
     nothing = LeftOut(math.nan, math.nan, math.nan)
     by_configuration = [scores.get(c, nothing) for c in configurations] if len(refits) > 1 else []
@@ -242,7 +165,7 @@ def _row(name: str, refits: Sequence[Refit], criterion: float, configurations: S
         notes.append(full.status.replace("_", " "))
     squares = np.array([[score.rms_log_db, score.phase_rms_deg] for score in by_configuration]).reshape(-1, 2) ** 2
     db, deg = np.sqrt(squares.mean(axis=0)) if len(squares) else (math.nan, math.nan)
-    return Row(
+    return ComparedModel(
         name=name,
         n_free=full.n_free,
         cost=full.cost,
@@ -255,30 +178,31 @@ def _row(name: str, refits: Sequence[Refit], criterion: float, configurations: S
     )
 
 
-def _verdict(rows: Sequence[Row]) -> str:
+def _verdict(rows: Sequence[ComparedModel]) -> str:
     best = rows[0]
     if not math.isfinite(best.mean_misfit):
         if not math.isfinite(best.criterion):
-            return "No model could be fitted."
+            return "No model could be fitted: see the message beside each."
         return (
-            f"{best.name} has the smallest information criterion; how the models predict is not known, since a single "
-            "configuration leaves none out"
+            f"{best.name} has the smallest information criterion; the predictions of the models are unknown, because "
+            "there is one configuration only and none to leave out"
         )
     others = [row for row in rows[1:] if math.isfinite(row.mean_misfit)]
-    alike = [row for row in others if row.behind(best)[0] <= max(row.behind(best)[1], SAME * best.mean_misfit)]
+    tolerance = MISFIT_TOLERANCE * best.mean_misfit
+    alike = [row for row in others if row.behind(best)[0] <= max(row.behind(best)[1], tolerance)]
     simplest = min([best, *alike], key=lambda row: row.n_free)
     sentence = f"{best.name} predicts left-out configurations best ({math.sqrt(best.mean_misfit):.3g} sigma rms)"
     if alike:
-        sentence += f"; {', '.join(row.name for row in alike)} cannot be told from it by these data"
+        sentence += f"; {', '.join(row.name for row in alike)} cannot be distinguished from it with these data"
     worse = [row for row in others if row not in alike]
     if worse:
         sentence += f"; the others are worse by more than the standard error, by {_worse(worse, best)}"
     if simplest is not best and simplest.n_free < best.n_free:
-        sentence += f". The simplest that is as good is {simplest.name}, with {simplest.n_free} parameters"
+        sentence += f". The simplest model as good as that is {simplest.name}, with {simplest.n_free} parameters"
     return sentence + "."
 
 
-def _worse(rows: Sequence[Row], best: Row) -> str:
+def _worse(rows: Sequence[ComparedModel], best: ComparedModel) -> str:
     factors = [math.sqrt(row.mean_misfit / best.mean_misfit) for row in rows]
     low, high = min(factors), max(factors)
     return f"a factor {low:.3g} of the error" if len(rows) == 1 else f"factors {low:.3g} to {high:.3g} of the error"

@@ -1,38 +1,37 @@
-r"""Why the cost of a fit is what it is: beside what the noise alone would leave, and where the rest of it lies.
+r"""The cost of a fit explained: its excess over the cost that noise alone would leave, and where that excess lies.
 
 .. math:: V - \nu \approx \sum_k (|E_k|^2 / \sigma_k^2 - 1)
 
-over all lines and elements that count, so that the excess can be shared out to configurations, elements and bands.
+over all lines and elements that count: the excess of a configuration, element or band is its part of the sum.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import weigh
 from elastid.response import FrequencyResponse
-from elastid.validation.agreement import Agreement, are_white
+from elastid.validation.results import Agreement, are_white
 
-# A cost this far from the expected one, relative, beyond its own scatter needs a reason.
-TOLERANCE = 0.1
-# A configuration or element is named that holds this part of the excess and twice its part of the lines.
-NAMED = 0.25
-# A band is named that holds half of the excess in at most this part of the lines.
-NARROW = 0.2
-# One line in a hundred that carries this part of the cost is an outlier.
-FEW, OUTLYING = 0.01, 0.3
+# Relative difference of the cost from the expected one, beyond its own scatter, that needs no explanation.
+COST_TOLERANCE = 0.1
+# A configuration or element is named from this share of the excess on, and from twice its share of the lines.
+MIN_EXCESS_SHARE = 0.25
+# A band that holds half of the excess is named if it has at most this share of the lines.
+MAX_BAND_SHARE = 0.2
+# Residuals have outliers where the largest so many of them carry this share of the cost.
+OUTLIER_SHARE, MIN_OUTLIER_COST_SHARE = 0.01, 0.3
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Excess:
-    """|E|^2 / sigma^2 (n,) of every line and element that counts, and where each lies."""
+    """power (n,): |E|^2 / sigma^2 of every line and element that counts, each with its place."""
 
     power: FloatArray
     configuration: tuple[str, ...]
@@ -56,61 +55,61 @@ class Excess:
         return cls(np.square(power), tuple(configuration), tuple(element), np.array(freq_hz))
 
     def largest(self, where: Sequence[str]) -> tuple[str, float] | None:
-        """The configuration or element with the most of the excess and its part of it, if that stands out."""
+        """The configuration or element with the largest share of the excess, and that share; None if none is large."""
         above = np.maximum(self.power - 1, 0.0)
         names = list(dict.fromkeys(where))
         places = np.array([names.index(name) for name in where])
         share = np.bincount(places, above, len(names)) / max(float(above.sum()), 1e-300)
         lines = np.bincount(places, minlength=len(names)) / len(places)
         most = int(np.argmax(share))
-        return (names[most], float(share[most])) if share[most] > max(NAMED, 2 * lines[most]) else None
+        return (names[most], float(share[most])) if share[most] > max(MIN_EXCESS_SHARE, 2 * lines[most]) else None
 
     def band_hz(self) -> tuple[float, float] | None:
-        """The band with half of the excess and the fewest of the lines, if these are few."""
+        """The band with half of the excess and the fewest lines, where these are few enough."""
         order = np.argsort(self.freq_hz, kind="stable")
         f, above = self.freq_hz[order], np.maximum(self.power - 1, 0.0)[order]
         total = np.concatenate([[0.0], np.cumsum(above)])
         last = np.searchsorted(total, total[:-1] + total[-1] / 2)
         count = np.where(last < len(total), last - np.arange(len(f)), len(f))
         start = int(np.argmin(count))
-        if count[start] > NARROW * len(f):
+        if count[start] > MAX_BAND_SHARE * len(f):
             return None
         return float(f[start]), float(f[last[start] - 1])
 
     @property
     def outlying(self) -> float:
-        """What part of the cost the largest one in a hundred carries."""
-        n = max(1, int(FEW * len(self.power)))
+        """The share of the cost that the largest one in a hundred carries."""
+        n = max(1, int(OUTLIER_SHARE * len(self.power)))
         return float(np.sort(self.power)[-n:].sum() / max(float(self.power.sum()), 1e-300))
 
 
-def cost_words(
+def explain_cost(
     result: FitResult,
     measured: Sequence[FrequencyResponse],
     modelled: Sequence[FrequencyResponse],
     agreements: Sequence[Agreement],
     spec: FitSpec,
 ) -> str:
-    """The reason in words; all of the fitted configurations, agreements and masks of others being left aside."""
+    """The explanation in words. measured, modelled: of the fitted configurations; agreements of others are ignored."""
     names = [response.configuration.name for response in measured]
     ratio = result.cost / max(result.cost_expected, 1e-300)
-    beside = f"The cost is {result.cost:.4g}, and {result.cost_expected:.4g} is what the noise alone would leave"
+    beside = f"The cost is {result.cost:.4g}; noise alone would leave {result.cost_expected:.4g}"
     if all(response.uncertainty is None for response in measured):
         return (
             f"The cost is {result.cost:.4g} for {result.dof} degrees of freedom, in units of fit.weights.floor: the "
-            "responses came without an uncertainty, so that there is no noise to compare it with."
+            "responses came without an uncertainty, so it cannot be compared with the noise."
         )
-    margin = TOLERANCE + 3 * math.sqrt(2 / max(result.dof, 1))
+    margin = COST_TOLERANCE + 3 * math.sqrt(2 / max(result.dof, 1))
     if abs(ratio - 1) <= margin:
         fitted = [a for a in agreements if a.configuration in names]
         coloured = [] if are_white(fitted) else [a.configuration for a in fitted if not a.is_white]
-        though = f", though the residuals of {', '.join(coloured)} hang together along frequency" if coloured else ""
-        return f"{beside}: these data show nothing that the model lacks{though}."
+        though = f", though residuals of neighbouring lines are correlated in {', '.join(coloured)}" if coloured else ""
+        return f"{beside}: the data show no error of the model{though}."
     if ratio < 1:
         return (
-            f"{beside}: the residuals are smaller than their uncertainty. It is overestimated, as where realisations "
-            "or periods differ by more than the mean of them errs, or where fit.weights.floor is above the model's "
-            "error; the intervals are then too wide rather than too narrow."
+            f"{beside}: the residuals are smaller than their uncertainty, which is overestimated, for instance by "
+            "realisations or periods that differ by more than their mean is wrong, or by fit.weights.floor above the "
+            "error of the model; the intervals are then too wide rather than too narrow."
         )
     excess = Excess.of(measured, modelled, spec)
     return (
@@ -121,27 +120,31 @@ def cost_words(
 
 
 def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:
-    """What kind of residuals these are, and so what is the matter."""
+    """The kind of the residuals and its likely cause."""
     if not are_white(agreements):
         return (
-            "They hang together along frequency, so the model lacks something that these data show, such as a mode, or "
-            "a number that was taken as known"
+            "Residuals of neighbouring lines are correlated: the model lacks something that the data show, such as a "
+            "mode, or a number that was taken as known is wrong"
         )
-    if excess.outlying > OUTLYING:
+    if excess.outlying > MIN_OUTLIER_COST_SHARE:
         return (
-            f"One line in a hundred carries {100 * excess.outlying:.0f} % of the cost: single lines are far off, as by "
-            "interference or a grid of another rate; leave them out with fit.mask, or give the fit a robust loss"
+            f"One line in a hundred carries {100 * excess.outlying:.0f} % of the cost: single lines are far off, for "
+            "instance by interference or a grid of another rate; mask them with fit.mask, or choose a robust loss"
         )
     return (
-        "They are white along frequency, so it is rather the noise that is larger than its estimate, as where "
-        "friction differs from run to run: more realisations would tell"
+        "Residuals of neighbouring lines are uncorrelated: the noise is probably larger than its estimate, for "
+        "instance where friction differs from run to run; measure more realisations"
     )
 
 
 def _places(excess: Excess, first: FrequencyResponse) -> str:
-    """Where most of the excess lies."""
+    """Where most of the excess lies, as the end of a sentence."""
     found = list(_found(excess, first))
-    return f"; of the excess, {', '.join(found)}." if found else "; it is spread over all configurations and elements."
+    return (
+        f"; of the excess, {', '.join(found)}."
+        if found
+        else "; the excess is spread over all configurations and elements."
+    )
 
 
 def _found(excess: Excess, first: FrequencyResponse) -> Iterator[str]:

@@ -1,96 +1,71 @@
-r"""Where does the elasticity sit? A search backward and forward over the elastic coordinates, with the evidence.
+r"""Search for the elastic coordinates of a robot, stepwise forward and backward, with the evidence of each step.
 
-It begins with the gears of the driven joints elastic and all others rigid. Freeing one, with its parameters, is worth
-it where
+It starts with the gears of the driven joints elastic and all others rigid. Freeing a coordinate, with its parameters,
+is justified where
 
 .. math:: \bar d > \frac{s_d}{\sqrt{n}}, \quad d_c = m_c(\mathrm{rigid}) - m_c(\mathrm{free})
           \qquad\text{and}\qquad \mathrm{QAIC}(\mathrm{free}) < \mathrm{QAIC}(\mathrm{rigid})
 
-d_c: by how much the misfit m_c of configuration c, left out of both fits, falls; mean and standard deviation s_d over
-the n configurations. (m_c and QAIC: `comparison`.) What helps in a single configuration only has a mean of just one
-standard error and is not worth it. A step makes rigid what was freed, is not worth it, and is missed least; where there
-is none, it frees the coordinate that is worth it and predicts best; where there is none of these, all the rest at once,
-since two springs may show only together; and only then it makes rigid the gear that is not worth it: while a spring is
-lacking elsewhere, a gear may look like anything. It ends where no step is left that leads to a model not held before.
+d_c: decrease of the misfit m_c of configuration c, left out of both fits; mean and standard deviation s_d over the n
+configurations. (m_c and QAIC: `compare`.) A gain in a single configuration has a mean of just one standard error and
+does not count. A step makes that freed coordinate rigid which is not justified and contributes least; if there is none,
+it frees the justified one that predicts best; if there is none, all the rest at once, since two springs may show only
+together; and only then it makes an unjustified gear rigid, since the stiffness of a gear is meaningless while a spring
+is lacking elsewhere. It ends where no step leads to a model that was not visited before.
 
-Found step by step, the model need not be the best of all: 2^n of them are not fitted.
+A stepwise search need not find the best of the 2^n models.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
-from elastid.validation.compare import Row
+from elastid.validation.results import ComparedModel, Elastic, Trial
 
-# The coordinates that are elastic in a model, in the order of the robot, by their labels.
-Elastic: TypeAlias = tuple[str, ...]
-Fitted: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, Row]]
+Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]
 
 
-@dataclass(frozen=True)
-class Trial:
-    """A model tried in a step: `coordinates` become free or rigid, which leaves `elastic` ones and n_free parameters.
+def search(coordinates: Sequence[str], fit: Fit, start: Elastic = ()) -> Iterator[Trial]:
+    """Every trial, as soon as its step is decided; `final_model` is where they end.
 
-    before, after: misfit of left-out configurations, mean.  change, standard_error: after - before, paired over the
-    configurations.  criterion: change of QAIC.  NaN where one of both has no fit.  taken: whether the search goes on
-    from there.
+    fit: gives at least the models asked for, under one scale of QAIC.  start: elastic at the start.
     """
-
-    step: int
-    becomes: Literal["free", "rigid"]
-    coordinates: tuple[str, ...]
-    elastic: Elastic
-    n_free: int
-    before: float
-    after: float
-    change: float
-    standard_error: float
-    criterion: float
-    taken: bool
-
-
-def search(coordinates: Sequence[str], fitted: Fitted, start: Elastic = ()) -> Iterator[Trial]:
-    """Every trial, as soon as its step is decided; `found` says where they lead.
-
-    fitted: the rows of at least the models asked for, under one scale of QAIC.  start: what is elastic to begin with.
-    """
-    held: tuple[Elastic, ...] = (start,)
+    visited: tuple[Elastic, ...] = (start,)
     while True:
-        for candidates in _steps(coordinates, held[-1], start):
-            new = [model for model in candidates if model not in held]
-            rows = fitted([held[-1], *new])
-            chosen = _chosen(rows, held[-1], new)
+        for candidates in _steps(coordinates, visited[-1], start):
+            new = [model for model in candidates if model not in visited]
+            rows = fit([visited[-1], *new])
+            chosen = _chosen(rows, visited[-1], new)
             for model in new:
-                yield _trial(len(held), rows, held[-1], model, model == chosen)
+                yield _trial(len(visited), rows, visited[-1], model, model == chosen)
             if chosen is not None:
-                held = (*held, chosen)
+                visited = (*visited, chosen)
                 break
         else:
             return
 
 
-def found(trials: Sequence[Trial], start: Elastic = ()) -> Elastic:
-    """The coordinates that are elastic where the search ends."""
+def final_model(trials: Sequence[Trial], start: Elastic = ()) -> Elastic:
+    """The coordinates that are elastic at the end of the search."""
     return next((trial.elastic for trial in reversed(trials) if trial.taken), start)
 
 
-def found_words(coordinates: Sequence[str], trials: Sequence[Trial], start: Elastic = ()) -> str:
-    """The same as a sentence."""
+def describe_search(coordinates: Sequence[str], trials: Sequence[Trial], start: Elastic = ()) -> str:
+    """The end of the search as a sentence."""
     if not any(math.isfinite(misfit) for trial in trials for misfit in (trial.before, trial.after)):
-        return "The search has nothing to go by: no model could be held against every configuration left out."
-    elastic = found(trials, start)
+        return "The search has no result: no model could be fitted without each configuration; see compare.json."
+    elastic = final_model(trials, start)
     rigid = [name for name in coordinates if name not in elastic]
     if not elastic:
-        return f"These data show no elasticity: {', '.join(rigid)} can be rigid."
-    words = f"The elasticity sits in {', '.join(elastic)}"
-    return words + (f"; {', '.join(rigid)} can be rigid by these data." if rigid else ".")
+        return f"The data show no elasticity: {', '.join(rigid)} can be rigid."
+    words = f"Elastic coordinates are {', '.join(elastic)}"
+    return words + (f"; {', '.join(rigid)} can be rigid with these data." if rigid else ".")
 
 
-def is_worth_it(rigid: Row, free: Row) -> bool:
-    """Whether a model with more free coordinates predicts better by more than its standard error, at a lower QAIC."""
+def is_justified(rigid: ComparedModel, free: ComparedModel) -> bool:
+    """Whether the model with more elastic coordinates predicts better by its standard error, at a lower QAIC."""
     if not math.isfinite(free.mean_misfit):
         return False
     if not math.isfinite(rigid.mean_misfit):
@@ -100,7 +75,7 @@ def is_worth_it(rigid: Row, free: Row) -> bool:
 
 
 def _steps(coordinates: Sequence[str], model: Elastic, start: Elastic) -> Iterator[list[Elastic]]:
-    """The models to try from this one: one more rigid, one more free, all free, one of the start rigid."""
+    """The models to try from this one: a freed coordinate rigid, one more free, all free, one of the start rigid."""
     yield [_without(model, freed) for freed in model if freed not in start]
     yield [tuple(name for name in coordinates if name in model or name == free) for free in _others(coordinates, model)]
     yield [tuple(coordinates)] if len(_others(coordinates, model)) > 1 else []
@@ -115,17 +90,17 @@ def _others(coordinates: Sequence[str], model: Elastic) -> list[str]:
     return [name for name in coordinates if name not in model]
 
 
-def _chosen(rows: Mapping[Elastic, Row], now: Elastic, tried: Sequence[Elastic]) -> Elastic | None:
-    """The one of the models tried that predicts best, of those to which the evidence leads."""
+def _chosen(rows: Mapping[Elastic, ComparedModel], now: Elastic, tried: Sequence[Elastic]) -> Elastic | None:
+    """The model that predicts best of those tried whose step is justified; None without any."""
     good = [
         model
         for model in tried
-        if (is_worth_it(rows[now], rows[model]) if len(model) > len(now) else not is_worth_it(rows[model], rows[now]))
+        if (is_justified(rows[now], rows[model]) if len(model) > len(now) else not is_justified(rows[model], rows[now]))
     ]
     return min(good, key=lambda model: (rows[model].mean_misfit, rows[model].criterion), default=None)
 
 
-def _trial(step: int, rows: Mapping[Elastic, Row], now: Elastic, model: Elastic, taken: bool) -> Trial:
+def _trial(step: int, rows: Mapping[Elastic, ComparedModel], now: Elastic, model: Elastic, taken: bool) -> Trial:
     before, after = rows[now], rows[model]
     freed = len(model) > len(now)
     change, standard_error = after.behind(before)

@@ -1,30 +1,30 @@
-r"""A record replayed: the torque that was measured, through the fitted model, beside the motion that was measured.
+r"""A record replayed: the motion of the fitted model under the measured torque, compared with the measured motion.
 
 .. math:: \hat Y(k) = G(j\omega_k)\, U(k), \qquad
           fit_i = 100\,\% \left(1 - \sqrt{\textstyle\sum_k |Y_i - \hat Y_i|^2 / \sum_k |Y_i|^2}\right)
 
-at every line of the period, excited or not, between the lowest and the highest line of the response: what the robot
-does below (drift, gravity, a slow carrier) no free model can follow, and above there is but noise. Outputs are
-compared in the quantity of the response, accelerations as a rule. Within a period in the steady state this is exact.
+at every line of the period, excited or not, between the lowest and the highest line of the response: motion below it
+(drift, gravity, a slow carrier) is beyond a free model, and above it there is only noise. Outputs are compared in the
+quantity of the response, accelerations as a rule. For a period of the steady state this is exact.
 
-A record of one period, or with one that counts, begins and ends in states of its own, and its samples do not go round.
-To first order in what they leave below and above the band,
+A record with one period that counts begins and ends in different states, so it is not periodic. To first order in the
+leakage below and above the band,
 
 .. math:: \hat Y(k) = G U + (j\omega)^m \left(C Z^{-1} [(j\omega M + D)\, \delta q + M\, \delta v]
           + c_0 + j\omega c_1\right)
 
-with 2 n + 2 n_y real numbers, found by least squares: the states' difference from end to end, and the aliases of the
-outputs' own. (Pintelon and Schoukens, System Identification, 2nd ed., section 6.3; m = 2 for accelerations.)
+with 2 n + 2 n_y real numbers from least squares: the difference of the states between the ends, and the aliases of that
+of the outputs. (Pintelon and Schoukens, System Identification, 2nd ed., section 6.3; m = 2 for accelerations.)
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
@@ -32,61 +32,7 @@ from elastid.frf.spectra import RecordSpectra, period_spectra
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.record import MOTION_ORDER, Motion, Record, motion_unit
-
-
-@dataclass(frozen=True)
-class Replay:
-    """How well the model moves as the robot did under the same torque, in one configuration.
-
-    records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
-    where nothing differs, 0 where no motion at all would be as good.  reachable_percent (n_r, n_y): of a true model, as
-    far as what does not repeat from period to period tells; NaN of records of one period.  error_rms (n_r, n_y): in
-    units.  shown: the record whose signals follow, that of the worst fit; measured, replayed (N, n_y): one period of it
-    within band_hz, sampled at rate_hz.
-    """
-
-    configuration: str
-    records: tuple[str, ...]
-    outputs: tuple[str, ...]
-    quantity: Motion
-    units: tuple[str, ...]
-    band_hz: tuple[float, float]
-    fit_percent: FloatArray
-    reachable_percent: FloatArray
-    error_rms: FloatArray
-    shown: str
-    rate_hz: float
-    rate_is_known: bool
-    measured: FloatArray
-    replayed: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays and check shapes."""
-        for name in ("fit_percent", "reachable_percent", "error_rms", "measured", "replayed"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        table, signals = (len(self.records), len(self.outputs)), (len(self.measured), len(self.outputs))
-        for name in ("fit_percent", "reachable_percent", "error_rms"):
-            if getattr(self, name).shape != table:
-                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {table}")
-        if self.measured.shape != signals or self.replayed.shape != signals:
-            raise ValueError(f"signals have shapes {self.measured.shape} and {self.replayed.shape}")
-
-    @property
-    def worst(self) -> float:
-        """The lowest fit of any record and output, in percent."""
-        return float(self.fit_percent.min())
-
-    @property
-    def mean(self) -> FloatArray:
-        """Fit (n_y,) of each output over the records, in percent."""
-        mean: FloatArray = self.fit_percent.mean(axis=0)
-        return mean
-
-    @property
-    def mean_reachable(self) -> FloatArray:
-        """What a true model would reach (n_y,), in percent."""
-        mean: FloatArray = self.reachable_percent.mean(axis=0)
-        return mean
+from elastid.validation.results import Replay
 
 
 def replay(
@@ -112,19 +58,18 @@ def replay(
     )
 
 
-def replay_words(replays: Sequence[Replay]) -> str:
-    """The worst output of all configurations, as a sentence."""
+def describe_replays(replays: Sequence[Replay]) -> str:
+    """Median and worst output of all configurations, as a sentence."""
     worst = min(replays, key=lambda each: each.worst)
     row, column = np.unravel_index(int(np.argmin(worst.fit_percent)), worst.fit_percent.shape)
     fits = np.concatenate([each.fit_percent.ravel() for each in replays])
     reachable = worst.reachable_percent[row, column]
-    noise = f"; {reachable:.3g} % were it only for noise" if np.isfinite(reachable) else ""
+    noise = f"; {reachable:.3g} % is reachable given the noise" if np.isfinite(reachable) else ""
     return (
-        f"Replayed with the torque that was measured, the model explains {np.median(fits):.3g} % of the "
-        f"{worst.quantity} in the excited band (median of outputs and records; 100 % less the rms error over the rms "
-        f"motion), at worst {worst.fit_percent[row, column]:.3g} % ({worst.outputs[column]}, record "
-        f"{worst.records[row]}{noise}). What repeats and is not explained is friction, other nonlinearity, or an "
-        "error of the model."
+        f"Replayed with the measured torque, the model explains {np.median(fits):.3g} % of the {worst.quantity} in the "
+        "excited band (median of outputs and records; 100 % less the rms error over the rms motion), at worst "
+        f"{worst.fit_percent[row, column]:.3g} % ({worst.outputs[column]}, record {worst.records[row]}{noise}). An "
+        "unexplained part that repeats is friction, other nonlinearity, or an error of the model."
     )
 
 
@@ -167,14 +112,13 @@ def _replayed(
 
 
 def _settled_periods(record: Record, spec: EstimatorSpec) -> int:
-    """How many periods are left without those that the study or the repair of the log does not count."""
+    """Number of periods that count: neither dropped by the study nor left out by the repair of the log."""
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    kept = set(range(dropped, record.n_samples // record.repeat_samples)) - set(record.left_out)
-    return len(kept)
+    return len(set(range(dropped, record.n_samples // record.repeat_samples)) - set(record.left_out))
 
 
 def _single(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
-    """Y (1, F, n_y), U (1, F, n_u) of the last good period of a record, as it is."""
+    """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
     periods = range(record.n_samples // record.repeat_samples)
     last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
@@ -185,7 +129,7 @@ def _single(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexA
 
 
 def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:
-    """What of E (F, n_y) states that differ from end to end explain; nothing where there are too few lines to tell."""
+    """The part of E (F, n_y) that states differing between the ends explain; zero where there are too few lines."""
     M, D, _ = model.matrices(theta)
     F, n_y = E.shape
     s = 2j * np.pi * freq_hz[:, None, None]
@@ -201,28 +145,24 @@ def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz
     size = np.linalg.norm(A, axis=0)
     size[size == 0] = 1.0
     x = np.linalg.lstsq(A / size, np.concatenate([E.real.ravel(), E.imag.ravel()]), rcond=None)[0] / size
-    explained: ComplexArray = terms @ x
-    return explained
+    return np.asarray(terms @ x)
 
 
 def _not_repeating(E: ComplexArray) -> ComplexArray:
-    """The part of E (P, F, n_y) that is another one in every period; NaN where there is but one."""
+    """The part of E (P, F, n_y) that differs from period to period; NaN for one period."""
     P = len(E)
     if P < 2:
         return np.full_like(E, np.nan)
-    scatter: ComplexArray = (E - E.mean(axis=0)) * np.sqrt(P / (P - 1))
-    return scatter
+    return np.asarray((E - E.mean(axis=0)) * np.sqrt(P / (P - 1)))
 
 
 def _rms(X: ComplexArray) -> FloatArray:
     """Root mean square (n_y,) over time of signals with the amplitudes X (P, F, n_y)."""
-    rms: FloatArray = np.sqrt(np.sum(np.abs(X) ** 2, axis=1).mean(axis=0) / 2)
-    return rms
+    return np.asarray(np.sqrt(np.sum(np.abs(X) ** 2, axis=1).mean(axis=0) / 2))
 
 
 def _signals(X: ComplexArray, lines: IntArray, N: int) -> FloatArray:
     """One period (N, n_y) in time of the amplitudes X (F, n_y) at DFT lines (F,)."""
     spectrum = np.zeros((N // 2 + 1, X.shape[1]), dtype=np.complex128)
     spectrum[lines] = X * N / 2
-    signals: FloatArray = np.fft.irfft(spectrum, n=N, axis=0)
-    return signals
+    return np.fft.irfft(spectrum, n=N, axis=0)

@@ -1,4 +1,4 @@
-"""The measured uncertainty, and what noise alone would do to the residual of a true model."""
+"""The measured uncertainty, and tests of whether a residual is no more than noise: share, whiteness, normality."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from elastid.response import Covariance, FrequencyResponse
 
 LAGS = (1, 2, 3)
 # The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
-NORMAL_BELOW = 0.752
-# Random phases drawn for what chance does to the autocorrelations.
-TURNS = 400
-# Fewer numbers tell nothing about the shape of their distribution.
-_ENOUGH = 16
+NORMALITY_95 = 0.752
+# Draws of random phases for the scatter of the autocorrelations of white residuals.
+PHASE_DRAWS = 400
+# Fewer numbers do not show the shape of their distribution.
+MIN_SAMPLES = 16
 
 
 def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
-    """sigma and its degrees of freedom; zeros where the measurement came without an uncertainty."""
+    """sigma (F, n_y, n_u) and its degrees of freedom; zeros where the measurement came without an uncertainty."""
     covariance = measured.uncertainty
     return (np.zeros(measured.G.shape), 0.0) if covariance is None else smoothed_std(measured, covariance)
 
@@ -36,10 +36,9 @@ def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[F
 
 
 def above_2sigma(measured: FrequencyResponse) -> BoolArray:
-    """Which lines (F, n_y, n_u) stand above the measured uncertainty; all that are not zero where there is none."""
+    """Lines (F, n_y, n_u) of at least twice the measured uncertainty; without one, all that are not zero."""
     magnitude = np.abs(measured.G)
-    above: BoolArray = (magnitude >= 2 * sigma_of(measured)[0]) & (magnitude > 0)
-    return above
+    return np.asarray((magnitude >= 2 * sigma_of(measured)[0]) & (magnitude > 0))
 
 
 def inside_expected(dof: float) -> float:
@@ -59,8 +58,8 @@ def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
     .. math:: r_l = \sum_k \bar e_k e_{k+l} / \sum_k |e_k|^2, \qquad
               b_l^2 = -\ln 0.05 \sum_k |e_k|^2 |e_{k+l}|^2 / (\sum_k |e_k|^2)^2
 
-    Given the magnitudes, the sum of a white circular residual is close to complex normal of that variance, so the
-    bound holds even where sigma is uncertain. A line with e = 0 does not take part.
+    Given the magnitudes, the sum is nearly complex normal of that variance for a white circular residual, so the bound
+    holds even where sigma is uncertain. Lines with e = 0 are not counted.
     """
     power = np.abs(e) ** 2
     total = power.sum(axis=0)
@@ -73,17 +72,17 @@ def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
 def coloured_by_chance(e: ComplexArray) -> float:
     """Standard deviation of the share of autocorrelations beyond their bound, of white residuals like e (F, n_y, n_u).
 
-    Elements that err together, as all outputs of one experiment do, are beyond it together. So every line is turned by
-    a random phase, the same for all elements: that leaves magnitudes and correlations between elements as they are,
-    and nothing along frequency.
+    Correlated elements, such as all outputs of one experiment, are beyond it together. So every line is turned by a
+    random phase, the same for all elements: magnitudes and correlations between elements stay, those along frequency
+    vanish.
     """
     power = np.abs(e) ** 2
     some = np.any(power > 0, axis=0)
     if not some.any():
         return math.nan
     rng = np.random.default_rng(0)
-    turns = np.exp(2j * np.pi * rng.random((TURNS, len(e))))
-    beyond = np.zeros(TURNS)
+    turns = np.exp(2j * np.pi * rng.random((PHASE_DRAWS, len(e))))
+    beyond = np.zeros(PHASE_DRAWS)
     for lag in LAGS:
         product = (e[:-lag].conj() * e[lag:])[:, some]
         bound = np.sqrt(-math.log(0.05) * np.sum(np.abs(product) ** 2, axis=0))
@@ -98,9 +97,9 @@ def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:
               \quad A^{*2} = A^2 (1 + 0.75 / n + 2.25 / n^2)
 
     z: the n = 2 F numbers, less their mean, over their standard deviation, in order. Of normal residuals 5 % exceed
-    NORMAL_BELOW, whatever their variance; single lines that are far off, or a few, raise it most. Where sigma has but
-    `dof` degrees of freedom, |e|^2 becomes dof ln(1 + |e|^2 / dof) first, which is exponential as it would be for a
-    known one. NaN where fewer than eight lines have a residual that is not 0.
+    NORMALITY_95, whatever their variance; a few lines that are far off raise it most. Where sigma has `dof` degrees of
+    freedom, |e|^2 becomes dof ln(1 + |e|^2 / dof) first, which is exponential as it is for a known sigma. NaN where
+    fewer than eight lines have a residual that is not 0.
     """
     statistic = np.full(e.shape[1:], np.nan)
     for i, j in np.ndindex(e.shape[1:]):
@@ -110,7 +109,7 @@ def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:
             some = some / np.abs(some) * np.sqrt(dof * np.log1p(power / dof))
         z = np.concatenate([some.real, some.imag])
         n = len(z)
-        if n < _ENOUGH:
+        if n < MIN_SAMPLES:
             continue
         z = np.sort((z - z.mean()) / z.std(ddof=1))
         weight = 2 * np.arange(1, n + 1) - 1

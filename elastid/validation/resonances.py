@@ -9,54 +9,73 @@ Antiresonances are the resonances of 1/G.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 
-# A bump counts as a peak from this prominence on, and from so many standard deviations of it.
-PROMINENCE_DB = 3.0
-SIGMAS = 6.0
-# ... and if the data tell its frequency to this standard deviation, relative.
-LOCATED = 0.01
+# A bump counts as a peak from this prominence on, and from so many standard deviations of it ...
+MIN_PROMINENCE_DB = 3.0
+MIN_PROMINENCE_SIGMAS = 6.0
+# ... and if the standard deviation of its frequency, relative, is below this.
+MAX_FREQUENCY_STD = 0.01
+# Frequencies further apart than this factor are not of the same mode.
+MAX_FREQUENCY_RATIO = 1.25
+
+PeakKind: TypeAlias = Literal["resonance", "antiresonance"]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A resonance or antiresonance of one element as measured and as modelled; modelled_hz is NaN without a partner."""
+
+    output: str
+    input: str
+    kind: PeakKind
+    measured_hz: float
+    modelled_hz: float
+
+    @property
+    def error_percent(self) -> float:
+        """Modelled against measured frequency."""
+        return 100 * (self.modelled_hz / self.measured_hz - 1)
 
 
 def resonances(
-    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = PROMINENCE_DB
+    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = MIN_PROMINENCE_DB
 ) -> FloatArray:
     """Frequencies (n,) of the peaks of |G| (F,), increasing, none at the ends of the band.
 
-    A peak stands out of its surroundings by prominence_db; with std (F,) of G, also by 6 standard deviations, and its
-    frequency has a standard deviation below 1 %.
+    A peak has a prominence of prominence_db; with std (F,) of G, also of 6 standard deviations, and the standard
+    deviation of its frequency is below 1 %.
     """
     return _peaks(freq_hz, G, np.zeros(len(G)) if std is None else std, prominence_db, sign=1)
 
 
 def antiresonances(
-    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = PROMINENCE_DB
+    freq_hz: FloatArray, G: ComplexArray, std: FloatArray | None = None, prominence_db: float = MIN_PROMINENCE_DB
 ) -> FloatArray:
     """Frequencies (n,) of the dips of |G| (F,), increasing, under the same conditions."""
     return _peaks(freq_hz, G, np.zeros(len(G)) if std is None else std, prominence_db, sign=-1)
 
 
-def paired_resonances(measured: FloatArray, modelled: FloatArray, factor: float = 1.25) -> FloatArray:
-    """For each measured frequency (n,) the modelled one that is its nearest and vice versa, NaN where there is none.
-
-    Nearest on a logarithmic axis; two frequencies further apart than `factor` are not the same mode.
-    """
+def paired_resonances(measured: FloatArray, modelled: FloatArray) -> FloatArray:
+    """The modelled partner (n,) of each measured frequency: mutually nearest on a logarithmic axis, NaN without one."""
     partner = np.full(len(measured), np.nan)
     if len(measured) == 0 or len(modelled) == 0:
         return partner
     distance = np.abs(np.log(measured[:, None] / modelled[None, :]))
     nearest = distance.argmin(axis=1)
     rows = np.arange(len(measured))
-    mutual = (distance.argmin(axis=0)[nearest] == rows) & (distance[rows, nearest] < math.log(factor))
+    mutual = (distance.argmin(axis=0)[nearest] == rows) & (distance[rows, nearest] < math.log(MAX_FREQUENCY_RATIO))
     partner[mutual] = modelled[nearest[mutual]]
     return partner
 
 
 def _peaks(freq_hz: FloatArray, G: ComplexArray, std: FloatArray, prominence_db: float, sign: int) -> FloatArray:
-    """Peaks (sign 1) or dips (-1) that stand out and can be located; an element that is zero somewhere has none."""
+    """Peaks (sign 1) or dips (-1) that are prominent and can be located; an element that is zero somewhere has none."""
     magnitude = np.abs(G)
     if len(G) < 3 or not np.all(magnitude > 0):
         return np.array([])
@@ -66,17 +85,17 @@ def _peaks(freq_hz: FloatArray, G: ComplexArray, std: FloatArray, prominence_db:
     for peak in _local_maxima(level):
         base = _base(level, peak)
         prominent = level[peak] - level[base] > prominence_db * math.log(10) / 20
-        if prominent and _stands_out(magnitude[[peak, base]], std[[peak, base]]):
-            f, std_f = _least(freq_hz, p, std_p, peak)
-            if std_f < LOCATED * f:
+        if prominent and _is_significant(magnitude[[peak, base]], std[[peak, base]]):
+            f, std_f = _minimum(freq_hz, p, std_p, peak)
+            if std_f < MAX_FREQUENCY_STD * f:
                 found.append(f)
     return np.array(found)
 
 
-def _stands_out(magnitude: FloatArray, std: FloatArray) -> bool:
-    """Whether two lines differ by 6 standard deviations in |G| or in 1/|G|: one of the two may be mostly noise."""
+def _is_significant(magnitude: FloatArray, std: FloatArray) -> bool:
+    """Whether two lines differ by 6 standard deviations in |G| or in 1/|G|; one of the two may be mostly noise."""
     pairs = ((magnitude, std), (1 / magnitude, std / magnitude**2))
-    return any(abs(m[0] - m[1]) > SIGMAS * math.hypot(*s) / math.sqrt(2) for m, s in pairs)
+    return any(abs(m[0] - m[1]) > MIN_PROMINENCE_SIGMAS * math.hypot(*s) / math.sqrt(2) for m, s in pairs)
 
 
 def _local_maxima(level: FloatArray) -> list[int]:
@@ -85,7 +104,7 @@ def _local_maxima(level: FloatArray) -> list[int]:
 
 
 def _base(level: FloatArray, peak: int) -> int:
-    """The line that a peak must be compared with: the higher of the lowest lines on its way to higher ground."""
+    """The line from which prominence counts: the higher of the two lowest lines between the peak and higher ones."""
     higher = np.flatnonzero(level > level[peak])
     first = int(higher[higher < peak][-1]) if np.any(higher < peak) else 0
     last = int(higher[higher > peak][0]) if np.any(higher > peak) else len(level) - 1
@@ -94,8 +113,8 @@ def _base(level: FloatArray, peak: int) -> int:
     return left if level[left] > level[right] else right
 
 
-def _least(freq_hz: FloatArray, p: ComplexArray, std: FloatArray, line: int) -> tuple[float, float]:
-    """Where |p| is least near a line where it is low, and the standard deviation of that.
+def _minimum(freq_hz: FloatArray, p: ComplexArray, std: FloatArray, line: int) -> tuple[float, float]:
+    """Frequency of the minimum of |p| near a line, and its standard deviation.
 
     p = a + b t + c t^2 is fitted to the lines within 3 dB of the lowest; |p| is least where g = Re(p* p') = 0, a cubic.
     """
@@ -108,7 +127,7 @@ def _least(freq_hz: FloatArray, p: ComplexArray, std: FloatArray, line: int) -> 
     cubic = (2 * abs(c) ** 2, 3 * (b * c.conj()).real, abs(b) ** 2 + 2 * (a * c.conj()).real, (a * b.conj()).real)
     roots = np.roots(cubic)
     roots = roots.real[np.abs(roots.imag) < 1e-9]
-    # The ends of the window stand by for a quadratic that is least outside it.
+    # The ends of the window are candidates too: the minimum of the quadratic may be outside it.
     candidates = np.concatenate([t[[0, -1]], roots[(roots >= t[0]) & (roots <= t[-1])]])
     t_r = candidates[np.abs(a + b * candidates + c * candidates**2).argmin()]
 
@@ -120,7 +139,7 @@ def _least(freq_hz: FloatArray, p: ComplexArray, std: FloatArray, line: int) -> 
 
 
 def _within_3db(magnitude: FloatArray, line: int) -> slice:
-    """As many lines on either side of a low one as lie within 3 dB of it, at least one: beyond may be another mode."""
+    """The lines around a low one within 3 dB of it, as many on either side, at least one; beyond may be other modes."""
     above = np.flatnonzero(magnitude > math.sqrt(2) * magnitude[line])
     left = line - 1 - (int(above[above < line][-1]) if np.any(above < line) else -1)
     right = (int(above[above > line][0]) if np.any(above > line) else len(magnitude)) - 1 - line

@@ -7,30 +7,30 @@ from elastid.base.section import section
 
 @section
 class ValidationSpec:
-    """On what the model is judged.
+    """Configurations by which the model is judged.
 
-    left_out: configurations that the fit does not see.  folds: parts into which the other configurations are divided,
-    each left out of one more fit; 0 for none.
+    left_out: configurations that are not fitted.  folds: parts into which the other configurations are divided, each
+    left out of one more fit; 0 for no cross-validation.
     """
 
     left_out: tuple[str, ...] = ()
     folds: int = 0
 
     def __post_init__(self) -> None:
-        """Refuse a configuration that is named twice, and one part, which leaves nothing to fit."""
+        """Refuse repeated configurations, and one part, which leaves nothing to fit."""
         if self.folds < 0 or self.folds == 1:
             raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 for none")
         if len(set(self.left_out)) < len(self.left_out):
-            raise ValueError(f"left_out names a configuration twice ({', '.join(self.left_out)})")
+            raise ValueError(f"left_out repeats a configuration ({', '.join(self.left_out)})")
 
 
 @section
 class VariantSpec:
-    """Another model for `elastid compare`, as far as it differs from the study's own.
+    """Another model for `elastid compare`: its differences from the study's own.
 
     name: of the model in the comparison.
-    rigid: joints and rods, these by the names of their loops, whose springs are left out; the gear of a driven joint is
-    then rigid, and any other joint is not there.  motor_coupling: false has every rotor turn about its own axis only.
+    rigid: joints, and rods by the names of their loops, whose springs are left out; the gear of a driven joint is then
+    rigid, any other joint is removed.  motor_coupling: false neglects the motion of the rotors with their bodies.
     set: keys of the study and their values as on the command line, such as model.formulation=serial or
     robot.gears.0.springs=before.
     """
@@ -43,22 +43,22 @@ class VariantSpec:
 
 @section
 class CompareSpec:
-    """Which models `elastid compare` holds against each other.
+    """The models that `elastid compare` fits and ranks.
 
     folds: parts into which the configurations are divided, each left out once; 0 leaves each configuration out alone.
     variants: default the robot without motor coupling, with the springs on the other side of coupled gears, and without
     each elastic joint that is not driven; a robot with loops also by its other exact formulation and by the
-    approximations of model.variant, what these do not know held at its start. A rigid loop and one constant stiffness
-    then predict alike where the gear's stiffness is identified: it takes the rod's share.
+    approximations of model.variant, with the parameters that these lack fixed at their starts. A rigid loop and one
+    constant stiffness predict alike where the stiffness of the gear is identified: it includes that of the rod.
     """
 
     folds: int = 0
     variants: tuple[VariantSpec, ...] = ()
 
     def __post_init__(self) -> None:
-        """Refuse one part, which leaves nothing to fit, and names given twice."""
+        """Refuse one part, which leaves nothing to fit, and repeated names."""
         if self.folds < 0 or self.folds == 1:
             raise ValueError(f"folds is {self.folds}; it must be at least 2, or 0 to leave out one at a time")
         names = [variant.name for variant in self.variants]
         if len(set(names)) < len(names):
-            raise ValueError(f"variants names one twice ({', '.join(names)})")
+            raise ValueError(f"variants repeats a name ({', '.join(names)})")

@@ -23,7 +23,7 @@ from elastid.fit.result import LocalOptimum
 from elastid.fit.uncertainty.profile import Profile
 from elastid.store import Finished, read_fit
 from elastid.study import load
-from elastid.validation.compare import LeftOut, Refit
+from elastid.validation.results import LeftOut, Refit
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
 

@@ -203,7 +203,7 @@ def test_comparing_a_linkage_ranks_the_approximations_behind_the_exact_model(tmp
     assert models["rigid loop"]["n_free"] == models["constant stiffness"]["n_free"] == 4
     assert models["series stiffness"]["n_free"] == 6
     assert models["exact, minimal"]["n_free"] == 8
-    assert "cannot be told from it by these data; the others are worse" in found["verdict"]
+    assert "cannot be distinguished from it with these data; the others are worse" in found["verdict"]
 
 
 def run(study: str, folder: Path, *options: str) -> tuple[int, dict[str, Any]]:

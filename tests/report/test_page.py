@@ -34,9 +34,8 @@ from elastid.report.page.page import (
 )
 from elastid.report.parameter_rows import parameter_rows
 from elastid.validation.agreement import validate
-from elastid.validation.cross_validation import Fold
-from elastid.validation.replay import Replay
 from elastid.validation.residual_tests import above_2sigma
+from elastid.validation.results import Fold, Replay
 
 
 class Page(HTMLParser):

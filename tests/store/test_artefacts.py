@@ -33,9 +33,8 @@ from elastid.store import (
     write_responses,
     write_validation,
 )
-from elastid.validation.agreement import Agreement, Peak, Validation
-from elastid.validation.cross_validation import Fold
-from elastid.validation.replay import Replay
+from elastid.validation.resonances import Peak
+from elastid.validation.results import Agreement, Fold, Replay, Validation
 
 STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
 QUICK = settings(deadline=None, max_examples=15)

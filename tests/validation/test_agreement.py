@@ -1,4 +1,4 @@
-"""Validation says what is true of constructed pairs of responses, and raises no false alarm on white residuals."""
+"""Validation reports the truth about constructed pairs of responses, and no false alarm on white residuals."""
 
 import math
 
@@ -6,44 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 
 from elastid.base.errors import StudyError
-from elastid.record import Configuration
-from elastid.response import Covariance, FrequencyResponse
-from elastid.validation.agreement import agreement, are_white, validate
-from elastid.validation.residual_tests import NORMAL_BELOW, above_2sigma, autocorrelation, inside_expected, normality
-from elastid.validation.resonances import antiresonances, paired_resonances, resonances
-
-FREQ_HZ = np.arange(11.0, 251.0)
-J_MOTOR, J_LOAD, STIFFNESS = 8e-4, 6e-4, 95.0
-
-
-def two_mass(freq_hz, stiffness=STIFFNESS, damping=0.002):
-    """Motor and load acceleration per motor torque (F, 2, 1), and the closed-form resonance and antiresonance."""
-    s = 2j * np.pi * freq_hz
-    spring = damping * s + stiffness
-    det = (J_MOTOR * s**2 + spring) * (J_LOAD * s**2 + spring) - spring**2
-    G = s[:, None, None] ** 2 * np.stack([J_LOAD * s**2 + spring, spring], axis=1)[:, :, None] / det[:, None, None]
-    return (
-        G,
-        math.sqrt(stiffness * (1 / J_MOTOR + 1 / J_LOAD)) / (2 * np.pi),
-        math.sqrt(stiffness / J_LOAD) / (2 * np.pi),
-    )
-
-
-def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
-    _, n_y, n_u = G.shape
-    covariance = None if std is None else Covariance(np.broadcast_to(std, G.shape) ** 2, dof)
-    names = [f"motor {i + 1}" for i in range(max(n_y, n_u))]
-    where = Configuration(name, np.zeros(n_u))
-    return FrequencyResponse(
-        freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance
-    )
-
-
-def circular(rng, shape):
-    """Complex noise of unit variance."""
-    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / math.sqrt(2)
+from elastid.validation.agreement import agreement, validate
+from elastid.validation.residual_tests import above_2sigma
+from elastid.validation.results import are_white
 
 
 def random_matrix(seed, shape=(200, 2, 3)):
@@ -96,15 +64,6 @@ def test_the_share_inside_two_sigma_is_counted_over_all_lines():
     assert judged.inside_2sigma[0, 0] == pytest.approx(0.75)
 
 
-@pytest.mark.parametrize("dof", [1, 5, math.inf])
-def test_the_expected_share_inside_two_sigma_is_that_of_a_true_model(dof):
-    """1 - (1 + 4/nu)^-nu equals the share in 200 000 draws of noise over its estimated sigma."""
-    rng = np.random.default_rng(1)
-    variance = np.ones(200_000) if math.isinf(dof) else rng.gamma(dof, 1 / dof, 200_000)
-    share = np.mean(np.abs(circular(rng, 200_000)) ** 2 <= 4 * variance)
-    assert inside_expected(dof) == pytest.approx(share, abs=0.003)
-
-
 def test_a_true_model_is_inside_two_sigma_as_often_as_expected_when_two_realisations_gave_sigma():
     """Variances of one degree of freedom are smoothed enough for the share to be within 2 % of what is said."""
     rng = np.random.default_rng(2)
@@ -115,42 +74,6 @@ def test_a_true_model_is_inside_two_sigma_as_often_as_expected_when_two_realisat
     assert judged.overall_inside_2sigma == pytest.approx(judged.inside_expected, abs=0.02)
 
 
-@given(
-    stiffness=st.floats(60, 140),
-    damping=st.floats(1e-5, 4e-3),
-    first_hz=st.floats(10, 12),
-    step_hz=st.sampled_from([0.5, 1.0, 2.0]),
-)
-@settings(deadline=None, max_examples=40)
-def test_the_resonances_of_two_masses_are_found_between_the_lines(stiffness, damping, first_hz, step_hz):
-    """Within 0.1 % of the closed form, also where the half-power width is far below the spacing of the lines."""
-    f = np.arange(first_hz, 250, step_hz)
-    G, resonance, antiresonance = two_mass(f, stiffness, damping)
-    np.testing.assert_allclose(resonances(f, G[:, 0, 0]), [resonance], rtol=1e-3)
-    np.testing.assert_allclose(antiresonances(f, G[:, 0, 0]), [antiresonance], rtol=1e-3)
-    assert antiresonances(f, G[:, 1, 0]).size == 0
-
-
-def test_noise_makes_no_resonances():
-    """Neither 20 % of noise on a flat response nor noise alone has a peak or a dip, in 100 draws each."""
-    rng = np.random.default_rng(3)
-    for level in (1.0, 0.0):
-        for _ in range(100):
-            G = level + 0.2 * circular(rng, 240)
-            std = np.full(240, 0.2)
-            assert resonances(FREQ_HZ, G, std).size == antiresonances(FREQ_HZ, G, std).size == 0
-
-
-def test_resonances_stay_where_they_are_under_noise():
-    """With 1 % of noise the resonance scatters by less than a tenth of a per cent around the closed form."""
-    rng = np.random.default_rng(4)
-    G, resonance, _ = two_mass(FREQ_HZ)
-    std = 0.01 * np.abs(G[:, 0, 0])
-    found = [resonances(FREQ_HZ, G[:, 0, 0] + std * circular(rng, 240), std) for _ in range(50)]
-    assert all(len(f) == 1 for f in found)
-    np.testing.assert_allclose(np.ravel(found), resonance, rtol=1e-3)
-
-
 def test_a_stiffness_two_percent_too_high_shifts_the_modelled_peaks_by_one_percent():
     """f ~ sqrt(k): the worst resonance and antiresonance are 1 % off, with the element named."""
     judged = agreement(response(two_mass(FREQ_HZ)[0]), response(two_mass(FREQ_HZ, 1.02 * STIFFNESS)[0]))
@@ -158,25 +81,6 @@ def test_a_stiffness_two_percent_too_high_shifts_the_modelled_peaks_by_one_perce
         worst = judged.worst(kind)
         assert worst.error_percent == pytest.approx(100 * (math.sqrt(1.02) - 1), rel=0.02)
         assert worst.input == "motor 1"
-
-
-def test_peaks_are_matched_with_their_mutual_nearest_only():
-    """A modelled peak serves one measured peak; what is more than a quarter away is no partner."""
-    partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
-    np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
-    assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
-
-
-@pytest.mark.parametrize("scatter", [None, 2])
-def test_five_percent_of_the_autocorrelations_of_white_residuals_are_beyond_their_bound(scatter):
-    """For known sigma and for sigma of two degrees of freedom: 5 % of 6000 tests, within 4 standard deviations."""
-    rng = np.random.default_rng(5)
-    e = circular(rng, (150, 2000, 1))
-    if scatter is not None:
-        e = e / np.sqrt(rng.gamma(scatter, 1 / scatter, e.shape))
-    r, bound = autocorrelation(e)
-    assert r.shape == bound.shape == (3, 2000, 1)
-    assert np.mean(r > bound) == pytest.approx(0.05, abs=4 * math.sqrt(0.05 * 0.95 / 6000))
 
 
 def test_a_delay_that_the_model_lacks_colours_the_residual():
@@ -250,14 +154,14 @@ def measured_and_modelled(errors_db):
     )
 
 
-def test_the_verdict_tells_a_model_that_carries_over_from_one_that_does_not():
-    """0.5 dB where fitted: 0.6 dB on the configuration left out carries over, 3 dB does not."""
+def test_the_verdict_tells_a_model_that_generalises_from_one_that_does_not():
+    """0.5 dB where fitted: 0.6 dB on the left-out configuration generalises, 3 dB does not."""
     good = validate(*measured_and_modelled([0.5, 0.5, 0.6]), left_out=["c3"])
     bad = validate(*measured_and_modelled([0.5, 0.5, 3.0]), left_out=["c3"])
     assert [a.configuration for a in good.left_out] == ["c3"]
     assert [a.configuration for a in good.fitted] == ["c1", "c2"]
-    assert "it carries over" in good.verdict
-    assert "it does not carry over" in bad.verdict
+    assert "it generalises to" in good.verdict
+    assert "it does not generalise to" in bad.verdict
     assert "0.5 dB" in bad.verdict
     assert "3 dB" in bad.verdict
 
@@ -270,7 +174,7 @@ def test_without_a_left_out_configuration_the_verdict_says_that_nothing_is_known
 def test_a_measurement_below_the_noise_gets_no_verdict_on_the_model():
     """No line above 2 sigma: neither good nor bad."""
     G = np.full((240, 1, 1), 1e-3 + 0j)
-    assert validate([response(G, std=1.0)], [response(G)], []).verdict.startswith("Nothing can be said")
+    assert validate([response(G, std=1.0)], [response(G)], []).verdict.startswith("The model cannot be judged")
 
 
 @pytest.mark.parametrize(
@@ -289,23 +193,6 @@ def test_responses_of_different_lines_or_elements_are_not_compared():
         agreement(response(G), response(G, freq_hz=FREQ_HZ + 1))
     with pytest.raises(ValueError, match="outputs differ"):
         agreement(response(G), response(G[:, :1]))
-
-
-@pytest.mark.parametrize("lines", [40, 300])
-def test_five_percent_of_normal_residuals_are_called_not_normal(lines):
-    """Whatever their level: 5 % of 3000 residuals, within 4 standard deviations; so the test can be believed."""
-    rng = np.random.default_rng(7)
-    statistic = normality(3.7 * circular(rng, (lines, 3000, 1)))
-    assert np.mean(statistic > NORMAL_BELOW) == pytest.approx(0.05, abs=4 * math.sqrt(0.05 * 0.95 / 3000))
-
-
-def test_a_few_lines_far_off_are_not_normal():
-    """Five per cent of the lines ten times as far off as the rest are found in every of 200 residuals."""
-    rng = np.random.default_rng(8)
-    e = circular(rng, (240, 200, 1))
-    e[::20] *= 10
-    assert np.all(normality(e) > NORMAL_BELOW)
-    assert np.isnan(normality(e[:7])).all()
 
 
 def test_normal_residuals_over_a_sigma_of_two_realisations_pass_for_normal():

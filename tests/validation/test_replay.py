@@ -10,7 +10,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.statespace import state_space
 from elastid.record import Configuration, Record
-from elastid.validation.replay import replay, replay_words
+from elastid.validation.replay import describe_replays, replay
 
 RATE_HZ, N = 500.0, 1000
 BAND_HZ = (2.0, 80.0)
@@ -134,7 +134,7 @@ def test_the_record_that_fits_worst_is_shown_and_named():
     assert found.worst == found.fit_percent[1].min() < 80
     error = found.measured - found.replayed
     np.testing.assert_allclose(found.error_rms[1], np.sqrt(np.mean(error**2, axis=0)), rtol=0.01)
-    assert "record bad" in replay_words([found])
+    assert "record bad" in describe_replays([found])
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])

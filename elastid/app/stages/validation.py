@@ -12,11 +12,12 @@ from elastid.fit.fitted_model import FittedModel
 from elastid.fit.result import FitResult
 from elastid.response import FrequencyResponse
 from elastid.store import read_configurations, read_records, read_stamp
-from elastid.validation.agreement import Validation, validate
-from elastid.validation.compare import Refit, RefitTask, Variant, folds, refit
-from elastid.validation.cost import cost_words
-from elastid.validation.cross_validation import Fold, fold_words, folded
-from elastid.validation.replay import Replay, replay, replay_words
+from elastid.validation.agreement import validate
+from elastid.validation.compare import RefitTask, Variant, refit
+from elastid.validation.cost import explain_cost
+from elastid.validation.cross_validation import describe_folds, divide, gather_folds
+from elastid.validation.replay import describe_replays, replay
+from elastid.validation.results import Fold, Refit, Replay, Validation
 
 
 def validated(
@@ -39,11 +40,11 @@ def validated(
     left_out_in_turn = _folds(run, [Ghat for Ghat, _ in seen], finished, progress)
     return replace(
         judged,
-        cost=cost_words(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
+        cost=explain_cost(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
         replays=replays,
-        replayed=replay_words(replays) if replays else "",
+        replayed=describe_replays(replays) if replays else "",
         folds=left_out_in_turn,
-        folded=fold_words(left_out_in_turn, judged.fitted) if left_out_in_turn else "",
+        folded=describe_folds(left_out_in_turn, judged.fitted) if left_out_in_turn else "",
     )
 
 
@@ -52,13 +53,13 @@ def _folds(
 ) -> tuple[Fold, ...]:
     """The fit again without each part of the configurations; none where the study asks for none."""
     study = run.study
-    parts = folds([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
+    parts = divide([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
     if not parts:
         return ()
     own = Variant(study.name, study.robot, study.seeded_fit, study.model)
     tasks = [RefitTask(own, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
-    return folded(parts, in_order(resumed(partial(refit, responses), tasks, names, finished, run.jobs, progress)))
+    return gather_folds(parts, in_order(resumed(partial(refit, responses), tasks, names, finished, run.jobs, progress)))
 
 
 def _replays(run: Run, fitted: FittedModel, progress: Progress) -> Iterator[Replay]:

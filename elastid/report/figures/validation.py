@@ -11,9 +11,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.report.figures import style
-from elastid.validation.agreement import Agreement, Validation
-from elastid.validation.compare import Comparison
-from elastid.validation.replay import Replay
+from elastid.validation.results import Agreement, Comparison, Replay, Validation
 
 # The quantities that have a map, in the order in which they stand.
 MAPS = (

@@ -1,0 +1,294 @@
+"""The results of validation as values: agreements, replays, folds, refits, the comparison of models and its search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.record import Motion
+from elastid.validation.residual_tests import NORMALITY_95
+from elastid.validation.resonances import Peak, PeakKind
+
+# Quantile of the normal distribution that chance exceeds once in a hundred times.
+QUANTILE_99 = 2.326
+
+# The coordinates that are elastic in a model, in the order of the robot, by their labels.
+Elastic: TypeAlias = tuple[str, ...]
+
+
+@frozen_value
+class Agreement:
+    """How well one configuration's model agrees with its measurement; arrays by element (n_y, n_u).
+
+    lines: judged for magnitude and phase.  rms_log_db: of 20 log10 |Ghat / G|.  phase_rms_deg: of the wrapped phase of
+    Ghat / G.  inside_2sigma: share of all lines with |E| <= 2 sigma; inside_expected: that of a true model, given its
+    degrees of freedom.  autocorrelation, autocorrelation_bound (3, n_y, n_u): of E / sigma at lags of 1 to 3 lines,
+    and the bound that a white residual keeps with 95 % probability.  rms_sigma: of E / sigma, 1 for a true model.
+    normality: Anderson and Darling's statistic of E / sigma, below NORMALITY_95 for 95 % of normal ones.
+    coloured_std: standard deviation of `coloured` for white residuals.  NaN without an uncertainty or without lines.
+    """
+
+    configuration: str
+    left_out: bool
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    lines: IntArray
+    rms_log_db: FloatArray
+    phase_rms_deg: FloatArray
+    inside_2sigma: FloatArray
+    inside_expected: float
+    autocorrelation: FloatArray
+    autocorrelation_bound: FloatArray
+    rms_sigma: FloatArray
+    normality: FloatArray
+    peaks: tuple[Peak, ...]
+    coloured_std: float = math.nan
+
+    @property
+    def overall_rms_log_db(self) -> float:
+        """Magnitude error over all judged lines of all elements, dB."""
+        return pooled_rms(self.rms_log_db, self.lines)
+
+    @property
+    def overall_phase_rms_deg(self) -> float:
+        """Phase error over all judged lines of all elements, degrees."""
+        return pooled_rms(self.phase_rms_deg, self.lines)
+
+    @property
+    def overall_inside_2sigma(self) -> float:
+        """Share of the lines of all elements within 2 sigma."""
+        known = np.isfinite(self.inside_2sigma)
+        return float(self.inside_2sigma[known].mean()) if known.any() else math.nan
+
+    @property
+    def overall_rms_sigma(self) -> float:
+        """Residual over its standard deviation, rms over all elements with one."""
+        known = np.isfinite(self.rms_sigma)
+        return float(np.sqrt(np.mean(self.rms_sigma[known] ** 2))) if known.any() else math.nan
+
+    @property
+    def coloured(self) -> float:
+        """Share of the autocorrelations beyond their bound: 0.05 for a white residual, NaN without an uncertainty."""
+        known = np.isfinite(self.autocorrelation)
+        beyond = self.autocorrelation[known] > self.autocorrelation_bound[known]
+        return float(beyond.mean()) if known.any() else math.nan
+
+    @property
+    def not_normal(self) -> float:
+        """Share of the elements whose residual is not normal: 0.05 where it is, NaN without an uncertainty."""
+        known = np.isfinite(self.normality)
+        return float((self.normality[known] > NORMALITY_95).mean()) if known.any() else math.nan
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the residuals of neighbouring lines are uncorrelated, at a false alarm once in a hundred times."""
+        return are_white([self])
+
+    def worst(self, kind: PeakKind) -> Peak | None:
+        """The resonance or antiresonance whose modelled frequency is furthest off; None where none was matched."""
+        found = [peak for peak in self.peaks if peak.kind == kind and math.isfinite(peak.modelled_hz)]
+        return max(found, key=lambda peak: abs(peak.error_percent), default=None)
+
+
+def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
+    """Root mean square over elements or configurations of so many lines each, NaN without lines."""
+    some = lines > 0
+    return float(np.sqrt(np.average(rms[some] ** 2, weights=lines[some]))) if some.any() else math.nan
+
+
+def are_white(agreements: Sequence[Agreement]) -> bool:
+    """Whether the residuals of all configurations together are white, at a false alarm once in a hundred times."""
+    tests = np.array([np.isfinite(one.autocorrelation).sum() for one in agreements], dtype=float)
+    share = np.array([one.coloured for one in agreements])
+    std = np.array([one.coloured_std for one in agreements])
+    some = tests > 0
+    independent = np.sqrt(0.05 * 0.95 / np.maximum(tests, 1))
+    scatter = tests * np.where(np.isfinite(std), np.maximum(std, independent), independent)
+    beyond = float(np.sum(tests[some] * (share[some] - 0.05)))
+    return beyond <= QUANTILE_99 * float(np.sqrt(np.sum(scatter[some] ** 2)))
+
+
+@frozen_value
+class Replay:
+    """How well the model moves as the robot did under the same torque, in one configuration.
+
+    records: names.  units (n_y): of the outputs in `quantity`.  fit_percent (n_r, n_y): of each record and output; 100
+    for no error, 0 for an error as large as the motion.  reachable_percent (n_r, n_y): of a true model, estimated from
+    the part that does not repeat from period to period; NaN of records of one period.  error_rms (n_r, n_y): in units.
+    shown: the record whose signals follow, that of the worst fit; measured, replayed (N, n_y): one period of it within
+    band_hz, sampled at rate_hz.  ValueError where the shapes differ from these.
+    """
+
+    configuration: str
+    records: tuple[str, ...]
+    outputs: tuple[str, ...]
+    quantity: Motion
+    units: tuple[str, ...]
+    band_hz: tuple[float, float]
+    fit_percent: FloatArray
+    reachable_percent: FloatArray
+    error_rms: FloatArray
+    shown: str
+    rate_hz: float
+    rate_is_known: bool
+    measured: FloatArray
+    replayed: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check shapes."""
+        table, signals = (len(self.records), len(self.outputs)), (len(self.measured), len(self.outputs))
+        for name in ("fit_percent", "reachable_percent", "error_rms"):
+            if getattr(self, name).shape != table:
+                raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {table}")
+        if self.measured.shape != signals or self.replayed.shape != signals:
+            raise ValueError(f"signals have shapes {self.measured.shape} and {self.replayed.shape}")
+
+    @property
+    def worst(self) -> float:
+        """The lowest fit of any record and output, in percent."""
+        return float(self.fit_percent.min())
+
+    @property
+    def mean(self) -> FloatArray:
+        """Fit (n_y,) of each output over the records, in percent."""
+        return np.asarray(self.fit_percent.mean(axis=0))
+
+    @property
+    def mean_reachable(self) -> FloatArray:
+        """Fit of a true model (n_y,), in percent."""
+        return np.asarray(self.reachable_percent.mean(axis=0))
+
+
+@dataclass(frozen=True)
+class Fold:
+    """A configuration predicted by the fit to others: misfit (mean |E|^2 / sigma^2), dB rms, degrees rms.
+
+    NaN where the fit without it failed; message then says why.
+    """
+
+    configuration: str
+    misfit: float
+    rms_log_db: float
+    phase_rms_deg: float
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Validation:
+    """The agreement of every configuration, in the order measured, and the verdict on the model in one sentence.
+
+    cost: why the cost of the fit is as large as it is, in words.  replays: of the records through the model, one for
+    each configuration with records; replayed: their summary.  folds: cross-validation, where asked for; folded: its
+    summary.
+    """
+
+    configurations: tuple[Agreement, ...]
+    verdict: str
+    cost: str = ""
+    replays: tuple[Replay, ...] = ()
+    replayed: str = ""
+    folds: tuple[Fold, ...] = ()
+    folded: str = ""
+
+    @property
+    def fitted(self) -> tuple[Agreement, ...]:
+        """Configurations that were fitted."""
+        return tuple(agreement for agreement in self.configurations if not agreement.left_out)
+
+    @property
+    def left_out(self) -> tuple[Agreement, ...]:
+        """Configurations that were not."""
+        return tuple(agreement for agreement in self.configurations if agreement.left_out)
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Errors of a model on a configuration that it was not fitted to: misfit m_c, magnitude and phase."""
+
+    misfit: float
+    rms_log_db: float
+    phase_rms_deg: float
+
+
+@dataclass(frozen=True)
+class Refit:
+    """How a fit without some configurations ended.  cost, n_free and dof: of the fit; left_out: by configuration.
+
+    status: that of the fit, or `failed`, with the reason as message.
+    """
+
+    status: str
+    message: str
+    n_free: int
+    cost: float
+    dof: int
+    left_out: dict[str, LeftOut]
+
+
+@frozen_value
+class ComparedModel:
+    """A model in the ranking.  misfit (n_c,): by configuration, NaN where none was left out or the fit failed.
+
+    criterion: QAIC above the smallest.  rms_log_db, phase_rms_deg: over the left-out configurations.
+    """
+
+    name: str
+    n_free: int
+    cost: float
+    dof: int
+    criterion: float
+    misfit: FloatArray
+    rms_log_db: float
+    phase_rms_deg: float
+    note: str = ""
+
+    @property
+    def mean_misfit(self) -> float:
+        """Over the configurations; infinite where one of them is not known."""
+        return float(self.misfit.mean()) if self.misfit.size and np.isfinite(self.misfit).all() else math.inf
+
+    def behind(self, best: ComparedModel) -> tuple[float, float]:
+        """Mean difference of the misfits to the best model's, and its standard error."""
+        difference = self.misfit - best.misfit
+        n = difference.size
+        return float(difference.mean()), float(difference.std(ddof=1) / math.sqrt(n)) if n > 1 else math.inf
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A model tried in a step: `coordinates` become free or rigid, which leaves `elastic` ones and n_free parameters.
+
+    before, after: misfit of left-out configurations, mean.  change, standard_error: after - before, paired over the
+    configurations.  criterion: change of QAIC.  NaN where one of both has no fit.  taken: whether the search continues
+    from there.
+    """
+
+    step: int
+    becomes: Literal["free", "rigid"]
+    coordinates: tuple[str, ...]
+    elastic: Elastic
+    n_free: int
+    before: float
+    after: float
+    change: float
+    standard_error: float
+    criterion: float
+    taken: bool
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The models, the one that predicts best first (by the criterion where nothing was left out), and a verdict.
+
+    trials: of the search that tried these models, in its order; none where they were given.
+    """
+
+    configurations: tuple[str, ...]
+    rows: tuple[ComparedModel, ...]
+    verdict: str
+    trials: tuple[Trial, ...] = ()

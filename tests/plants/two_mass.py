@@ -1,0 +1,39 @@
+"""A motor and a load on a spring in closed form, responses that carry given arrays, and circular noise."""
+
+import math
+
+import numpy as np
+
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+
+FREQ_HZ = np.arange(11.0, 251.0)
+J_MOTOR, J_LOAD, STIFFNESS = 8e-4, 6e-4, 95.0
+
+
+def two_mass(freq_hz, stiffness=STIFFNESS, damping=0.002):
+    """Motor and load acceleration per motor torque (F, 2, 1), and the closed-form resonance and antiresonance."""
+    s = 2j * np.pi * freq_hz
+    spring = damping * s + stiffness
+    det = (J_MOTOR * s**2 + spring) * (J_LOAD * s**2 + spring) - spring**2
+    G = s[:, None, None] ** 2 * np.stack([J_LOAD * s**2 + spring, spring], axis=1)[:, :, None] / det[:, None, None]
+    return (
+        G,
+        math.sqrt(stiffness * (1 / J_MOTOR + 1 / J_LOAD)) / (2 * np.pi),
+        math.sqrt(stiffness / J_LOAD) / (2 * np.pi),
+    )
+
+
+def response(G, std=None, dof=math.inf, name="c1", freq_hz=FREQ_HZ):
+    _, n_y, n_u = G.shape
+    covariance = None if std is None else Covariance(np.broadcast_to(std, G.shape) ** 2, dof)
+    names = [f"motor {i + 1}" for i in range(max(n_y, n_u))]
+    where = Configuration(name, np.zeros(n_u))
+    return FrequencyResponse(
+        freq_hz, G, tuple(names[:n_u]), tuple(names[:n_y]), "acceleration", where, total=covariance
+    )
+
+
+def circular(rng, shape):
+    """Complex noise of unit variance."""
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / math.sqrt(2)

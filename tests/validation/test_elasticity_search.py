@@ -1,0 +1,104 @@
+"""The search frees what helps and nothing else, in worlds whose misfits are given."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from elastid.validation.elasticity_search import describe_search, final_model, search
+from elastid.validation.results import ComparedModel
+
+NAMES = ("a", "b", "c", "d", "e")
+ADDED = np.array([0.8, 1.0, 1.1, 1.3])
+
+
+def world(error):
+    """What the search is told where the misfit of a model is error(elastic): rows of all models so far."""
+    known = {}
+
+    def fitted(models):
+        for model in models:
+            misfit = np.asarray(error(model), float)
+            cost = 1000 * float(misfit.mean())
+            known[model] = ComparedModel(
+                " ".join(model), len(model), cost, 1000, cost + 2 * len(model), misfit, 0.0, 0.0
+            )
+        return known
+
+    return fitted
+
+
+@given(useful=st.sets(st.sampled_from(NAMES)), gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5))
+def test_what_helps_by_itself_is_found_whatever_the_rest(useful: set[str], gains: list[float]) -> None:
+    """Springs whose parts of the error add up: those with one are freed, the largest first; none is tried twice."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    fitted = world(lambda model: rest - sum(gain[name] for name in model) * ADDED)
+    trials = list(search(NAMES, fitted))
+    assert set(final_model(trials)) == useful
+    taken = [trial.coordinates[0] for trial in trials if trial.taken]
+    assert [gain[name] for name in taken] == sorted((gain[name] for name in useful), reverse=True)
+    assert len({(trial.step, trial.elastic) for trial in trials}) == len(trials)
+    assert all(name in describe_search(NAMES, trials) for name in NAMES)
+
+
+def test_two_springs_that_show_only_together_are_found() -> None:
+    """No single one helps: all are freed at once, and what is not needed becomes rigid again, step by step."""
+    fitted = world(lambda model: (1 if {"b", "d"} <= set(model) else 5) * ADDED + 1e-3 * len(model))
+    trials = list(search(NAMES, fitted))
+    assert final_model(trials) == ("b", "d")
+    assert [(trial.becomes, len(trial.elastic)) for trial in trials if trial.taken] == [
+        ("free", 5),
+        ("rigid", 4),
+        ("rigid", 3),
+        ("rigid", 2),
+    ]
+
+
+def test_a_spring_that_another_stood_in_for_becomes_rigid_again() -> None:
+    """Alone a is the best, beside b and c it is good for nothing."""
+    errors = {"a": 3, "b": 4, "c": 4, "ab": 2.5, "ac": 2.5, "bc": 1, "abc": 1.001}
+    fitted = world(lambda model: errors.get("".join(model), 6) * ADDED)
+    trials = list(search(("a", "b", "c"), fitted))
+    assert final_model(trials) == ("b", "c")
+    assert ("rigid", ("a",)) in [(trial.becomes, trial.coordinates) for trial in trials if trial.taken]
+
+
+@pytest.mark.parametrize(
+    ("gain", "is_found"), [([8, 0, 0, 0], False), ([8, 1, 1, 1], True), ([1, -1, 1, -0.9], False), ([9e-4] * 4, False)]
+)
+def test_evidence_must_come_from_several_configurations_and_be_worth_the_parameters(gain, is_found) -> None:
+    """A gain in one configuration is its own standard error; one below 2 in QAIC does not pay for a parameter."""
+    fitted = world(lambda model: 10 - np.array(gain) * len(model))
+    trials = list(search(("a",), fitted))
+    assert final_model(trials) == (("a",) if is_found else ())
+
+
+@given(
+    useful=st.sets(st.sampled_from(NAMES)),
+    start=st.sets(st.sampled_from(NAMES)),
+    gains=st.lists(st.floats(0.1, 100), min_size=5, max_size=5),
+)
+def test_wherever_a_search_starts_it_finds_what_helps(useful: set[str], start: set[str], gains: list[float]) -> None:
+    """What is elastic to begin with becomes rigid where it helps nothing, and only after all that helps was freed."""
+    gain = {name: g if name in useful else -1e-3 for name, g in zip(NAMES, gains, strict=True)}
+    rest = 1 + sum(max(g, 0) for g in gain.values()) * ADDED
+    first = tuple(name for name in NAMES if name in start)
+    trials = list(search(NAMES, world(lambda model: rest - sum(gain[name] for name in model) * ADDED), first))
+    assert set(final_model(trials, first)) == useful
+    taken = [trial for trial in trials if trial.taken]
+    assert [trial.becomes for trial in taken] == ["free"] * len(useful - start) + ["rigid"] * len(start - useful)
+    assert ("can be rigid" in describe_search(NAMES, trials, first)) == (useful != set(NAMES))
+
+
+def test_models_without_a_fit_do_not_lead_the_search() -> None:
+    """One that can be fitted is better than one that cannot; where there is none, nothing is claimed."""
+    fitted = world(lambda model: ADDED if model == ("a",) else ADDED * math.nan)
+    trials = list(search(("a", "b"), fitted))
+    assert final_model(trials) == ("a",)
+    fitted = world(lambda _: ADDED * math.nan)
+    trials = list(search(("a", "b"), fitted))
+    assert final_model(trials) == ()
+    assert describe_search(("a", "b"), trials).startswith("The search has no result")

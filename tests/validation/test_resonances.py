@@ -1,0 +1,51 @@
+"""Resonances are found between the lines, where the closed form has them, and not in noise."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.two_mass import FREQ_HZ, circular, two_mass
+
+from elastid.validation.resonances import antiresonances, paired_resonances, resonances
+
+
+@given(
+    stiffness=st.floats(60, 140),
+    damping=st.floats(1e-5, 4e-3),
+    first_hz=st.floats(10, 12),
+    step_hz=st.sampled_from([0.5, 1.0, 2.0]),
+)
+@settings(deadline=None, max_examples=40)
+def test_the_resonances_of_two_masses_are_found_between_the_lines(stiffness, damping, first_hz, step_hz):
+    """Within 0.1 % of the closed form, also where the half-power width is far below the spacing of the lines."""
+    f = np.arange(first_hz, 250, step_hz)
+    G, resonance, antiresonance = two_mass(f, stiffness, damping)
+    np.testing.assert_allclose(resonances(f, G[:, 0, 0]), [resonance], rtol=1e-3)
+    np.testing.assert_allclose(antiresonances(f, G[:, 0, 0]), [antiresonance], rtol=1e-3)
+    assert antiresonances(f, G[:, 1, 0]).size == 0
+
+
+def test_noise_makes_no_resonances():
+    """Neither 20 % of noise on a flat response nor noise alone has a peak or a dip, in 100 draws each."""
+    rng = np.random.default_rng(3)
+    for level in (1.0, 0.0):
+        for _ in range(100):
+            G = level + 0.2 * circular(rng, 240)
+            std = np.full(240, 0.2)
+            assert resonances(FREQ_HZ, G, std).size == antiresonances(FREQ_HZ, G, std).size == 0
+
+
+def test_resonances_stay_where_they_are_under_noise():
+    """With 1 % of noise the resonance scatters by less than a tenth of a per cent around the closed form."""
+    rng = np.random.default_rng(4)
+    G, resonance, _ = two_mass(FREQ_HZ)
+    std = 0.01 * np.abs(G[:, 0, 0])
+    found = [resonances(FREQ_HZ, G[:, 0, 0] + std * circular(rng, 240), std) for _ in range(50)]
+    assert all(len(f) == 1 for f in found)
+    np.testing.assert_allclose(np.ravel(found), resonance, rtol=1e-3)
+
+
+def test_peaks_are_matched_with_their_mutual_nearest_only():
+    """A modelled peak serves one measured peak; what is more than a quarter away is no partner."""
+    partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
+    np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
+    assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
