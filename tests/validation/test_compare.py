@@ -138,7 +138,7 @@ def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(
 ) -> None:
     """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
-    task = RefitTask(Variant("own", robot, SPEC, EXACT), ("c",), 0)
+    task = RefitTask(Variant("own", robot, SPEC, EXACT), ("c",))
     true, off = refit(responses, task), refit(scaled, task)
     assert (true.status, true.n_free, list(true.left_out)) == ("converged", 1, ["c"])
     assert true.cost == off.cost
@@ -152,9 +152,9 @@ def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, response
     low = replace(SPEC, mask=(MaskSpec(("c",), band_hz=(0.0, 30.0)),))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]
     spoilt = [*responses[:2], replace(responses[2], G=responses[2].G + 9 * low_lines)]
-    found = refit(spoilt, RefitTask(Variant("own", robot, low, EXACT), ("c",), 0))
+    found = refit(spoilt, RefitTask(Variant("own", robot, low, EXACT), ("c",)))
     assert found.left_out["c"].misfit == pytest.approx(1, abs=0.3)
     nothing = replace(SPEC, mask=(MaskSpec(("a", "b")),))
-    failed = refit(responses, RefitTask(Variant("own", robot, nothing, EXACT), ("c",), 0))
+    failed = refit(responses, RefitTask(Variant("own", robot, nothing, EXACT), ("c",)))
     assert (failed.status, failed.n_free, failed.left_out) == ("failed", 0, {})
     assert failed.message
