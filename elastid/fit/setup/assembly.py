@@ -17,7 +17,8 @@ from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import MovingFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.result import LocalOptimum
-from elastid.fit.solve.solvers import distance, solve
+from elastid.fit.solve.scaled_problem import distance
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.weights.weights import Weights, normalised, weigh
 from elastid.linear.equilibrium import equilibrium
