@@ -1,4 +1,4 @@
-"""A rigid body, where it sits and what it weighs."""
+"""Rigid bodies, the frames fixed to them, and the payload that one of them carries."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ InertiaTensor: TypeAlias = (
 )
 
 BASE = "base"
+PAYLOAD = "payload"
+# The frame that a payload is fixed to unless said otherwise; its Jacobian shows singular postures.
+TOOL = "tool"
 _TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
@@ -87,10 +90,6 @@ class Body:
         return coordinates(f"p_{self.name}", ("placement", "xyz"))
 
 
-# The frame that a payload is fixed to, and whose Jacobian tells singular postures, unless said otherwise.
-TOOL = "tool"
-
-
 @section
 class Frame:
     """A frame fixed to a body.
@@ -101,9 +100,6 @@ class Frame:
     name: str
     body: str
     placement: Placement = field(default_factory=Placement)
-
-
-PAYLOAD = "payload"
 
 
 @section
@@ -120,7 +116,7 @@ class Payload:
     at: str = TOOL
 
     def __post_init__(self) -> None:
-        """A payload is what a body is."""
+        """Checked as a body."""
         self.body("", Placement())
 
     def body(self, parent: str, placement: Placement) -> Body:

@@ -1,7 +1,6 @@
-"""The numbers of a robot that have a name and can be identified: where each stands in the description.
+"""Named numbers of a robot, those that can be identified: the unit of each and its path in the description.
 
-A number's place is the path of attributes and positions that leads to it from the object: ("joints", 0, "spring",
-"stiffness").
+A path is the attributes and positions that lead to the number from the object: ("joints", 0, "spring", "stiffness").
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from dataclasses import replace
 from typing import Any, TypeAlias
 
 Path: TypeAlias = tuple[str | int, ...]
-# name: (SI unit, place)
+# name: (SI unit, path)
 Numbers: TypeAlias = dict[str, tuple[str, Path]]
 
 
@@ -20,20 +19,21 @@ def coordinates(prefix: str, path: Path) -> Numbers:
     return {f"{prefix}_{axis}": ("m", (*path, i)) for i, axis in enumerate("xyz")}
 
 
-def below(step: str | int, numbers: Numbers) -> Numbers:
-    """The same numbers, seen from one step further up."""
-    return {name: (unit, (step, *path)) for name, (unit, path) in numbers.items()}
+def below(path: str | Path, numbers: Numbers) -> Numbers:
+    """The numbers of a part, seen from the object that has the part at `path`."""
+    steps = (path,) if isinstance(path, str) else path
+    return {name: (unit, (*steps, *inner)) for name, (unit, inner) in numbers.items()}
 
 
 def at(whole: Any, path: Path) -> float:
-    """The number at a place."""
+    """The number at a path."""
     for step in path:
         whole = whole[step] if isinstance(step, int) else getattr(whole, step)
     return float(whole)
 
 
 def replaced(whole: Any, values: Mapping[Path, float]) -> Any:
-    """The same description with other numbers at these places, each dataclass checked anew once all are in it."""
+    """The same description with other numbers at these paths, each dataclass checked anew once all are in it."""
     if () in values:
         return values[()]
     inner: dict[str | int, dict[Path, float]] = {}

@@ -1,8 +1,8 @@
-"""The whole robot: its bodies as a tree, and what closes the tree into loops."""
+"""The robot: its bodies as a tree, the loops that close the tree, and everything attached to the bodies."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -16,7 +16,7 @@ from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain
-from elastid.robot.named_numbers import Numbers, at, below, replaced
+from elastid.robot.named_numbers import Numbers, Path, at, below, replaced
 from elastid.robot.placement import Acceleration3, Placement
 
 # A frame's places: translation of its origin along its axes, and rotation about them.
@@ -48,63 +48,63 @@ class Robot:
     chain: Chain = Chain()
 
     def __post_init__(self) -> None:
-        """Check the tree."""
+        """Check the tree, then everything attached to it."""
         known = [BASE]
         for body in self.bodies:
             if body.parent not in known:
                 raise ValueError(
                     f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
                 )
-            if body.name in known:
-                raise ValueError(f"body {body.name} is given twice")
             known.append(body.name)
-        _refuse_twice("joint", [joint.name for joint in self.joints])
-        _refuse_twice("frame", [frame.name for frame in self.frames])
+        _refuse_twice("body", [BASE, *(body.name for body in self.all_bodies)])
+        for kind, parts in (("joint", self.joints), ("frame", self.frames), ("compensator", self.compensators)):
+            _refuse_twice(kind, [part.name for part in parts])
         for frame in self.frames:
-            if frame.body not in known:
-                raise ValueError(
-                    f"frame {frame.name}: its body {frame.body} is not there; there are {', '.join(known)}"
-                )
-        if self.payload is not None:
-            _refuse_twice("body", [body.name for body in self.all_bodies])
+            self._check_body(f"frame {frame.name}", frame.body)
+        for compensator in self.compensators:
+            for end in compensator.ends:
+                self._check_body(f"compensator {compensator.name}", end.body)
         self._check_loops()
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
-        self._check_compensators()
         for joint in self.driven:
             self._check_carrier(joint)
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
 
-    def _check_compensators(self) -> None:
-        """Each has its own name and ends on bodies that there are."""
-        names = [compensator.name for compensator in self.compensators]
+    def _check_body(self, owner: str, name: str) -> None:
+        """The base or a body of the tree."""
         bodies = [BASE, *(body.name for body in self.bodies)]
-        for compensator in self.compensators:
-            if names.count(compensator.name) > 1:
-                raise ValueError(f"compensator {compensator.name} is given twice")
-            for end in compensator.ends:
-                if end.body not in bodies:
-                    raise ValueError(
-                        f"compensator {compensator.name} ends on {end.body}, which is no body; there are "
-                        f"{', '.join(bodies)}"
-                    )
+        if name not in bodies:
+            raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, bodies)}")
 
     def _check_loops(self) -> None:
-        """Loops join bodies that exist and share no name with what has numbers of its own."""
-        bodies = [body.name for body in self.bodies]
-        joints = [joint.name for joint in self.joints]
-        for i, loop in enumerate(self.loops):
+        """Loops join bodies that exist and share no name with anything that has parameters of its own."""
+        taken = [*(body.name for body in self.bodies), *(joint.name for joint in self.joints)]
+        for loop in self.loops:
             for end in loop.ends:
-                if end.body not in (BASE, *bodies):
-                    raise ValueError(
-                        f"loop {loop.name}: there is no body {end.body}; {did_you_mean(end.body, [BASE, *bodies])}"
-                    )
-            taken = bodies + joints + [other.name for other in self.loops[:i]]
+                self._check_body(f"loop {loop.name}", end.body)
             if loop.name in taken:
                 raise ValueError(
-                    f"loop {loop.name}: a body, joint or loop is called so already; its numbers need a name of its own"
+                    f"loop {loop.name}: a body, joint or loop has this name; its parameters need a name of their own"
                 )
+            taken.append(loop.name)
+
+    def _check_carrier(self, joint: Joint) -> None:
+        """A motor rides on a body between the base and its joint, or on one that its joint moves."""
+        carrier = joint.motor.on if joint.motor is not None else ""
+        if carrier in ("", BASE):
+            return
+        self._check_body(f"joint {joint.name}: motor.on", carrier)
+        parents = {body.name: body.parent for body in self.bodies}
+        moved = next(body.name for body in self.bodies if joint in body.joints)
+        fitting = [name for name in parents if moved in _up(parents, name) or name in _up(parents, moved)]
+        if carrier not in fitting:
+            raise ValueError(
+                f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
+                "by it, so that no gear can lead from one to the other; bodies it can be on: "
+                f"{', '.join([BASE, *fitting])}"
+            )
 
     @cached_property
     def all_bodies(self) -> tuple[Body, ...]:
@@ -135,12 +135,12 @@ class Robot:
 
     @cached_property
     def flexible(self) -> tuple[Joint, ...]:
-        """The joints between which and their motors something gives, in order: the motor coordinates q_m.
+        """The driven joints with an elastic gear, in order: the motor coordinates q_m.
 
-        A spring of their own, or one before a gear that couples them with another motor.
+        By a spring of their own, or by one before a gear that couples them with another motor.
         """
-        places = {place for box in self.gearboxes for place in box.gears}
-        return tuple(joint for place, joint in enumerate(self.driven) if place in places)
+        elastic = {i for box in self.gearboxes for i in box.gears}
+        return tuple(joint for i, joint in enumerate(self.driven) if i in elastic)
 
     @property
     def motor_locations(self) -> tuple[str, ...]:
@@ -173,25 +173,6 @@ class Robot:
                 return candidate.motor.ratio
         raise KeyError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
 
-    def _check_carrier(self, joint: Joint) -> None:
-        """A motor rides on a body between the base and its joint, or on one that its joint moves."""
-        carrier = joint.motor.on if joint.motor is not None else ""
-        if carrier in ("", BASE):
-            return
-        parents = {body.name: body.parent for body in self.bodies}
-        if carrier not in parents:
-            raise ValueError(
-                f"joint {joint.name}: its motor is on {carrier}, which is no body of robot {self.name}; there are "
-                f"{BASE}, {', '.join(parents)}"
-            )
-        moved = next(body.name for body in self.bodies if joint in body.joints)
-        if moved not in _up(parents, carrier) and carrier not in _up(parents, moved):
-            raise ValueError(
-                f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
-                f"by it, so that no gear can lead from one to the other; bodies it can be on: {BASE}, "
-                f"{', '.join(b for b in parents if moved in _up(parents, b) or b in _up(parents, moved))}"
-            )
-
     def count_refusal(self, count: int, noun: str = "angles") -> str:
         """Why so many numbers cannot be one for each driven joint; empty where they can."""
         n_u, joints = len(self.driven), ", ".join(joint.name for joint in self.driven)
@@ -199,7 +180,7 @@ class Robot:
         return "" if count == n_u else refused
 
     def check_location(self, location: str) -> None:
-        """Refuse a place that the robot does not have; StudyError lists those it has."""
+        """StudyError for a place that the robot does not have; it lists those it has."""
         if location not in self.locations:
             raise StudyError(f"'{location}' is not a place on robot {self.name}; there are {', '.join(self.locations)}")
 
@@ -222,7 +203,7 @@ class Robot:
         return kind == "accelerometer" or (kind == "frame" and rest.rpartition(" ")[2] in ("x", "y", "z"))
 
     def sliding(self, locations: Iterable[str]) -> tuple[str, ...]:
-        """Those of some places that translate."""
+        """The places among `locations` that translate."""
         return tuple(dict.fromkeys(location for location in locations if self.slides(location)))
 
     @cached_property
@@ -243,66 +224,63 @@ class Robot:
         """Indices of the joints that a loop goes through, in order."""
         return tuple(sorted({i for branches in self.branches for branch in branches for i in branch}))
 
-    @property
+    @cached_property
     def numbers(self) -> Numbers:
-        """Every number that has a name: its unit and its place, joint by joint, then body by body, loop by loop."""
-        places: Numbers = {}
-        for b, body in enumerate(self.bodies):
-            for j, joint in enumerate(body.joints):
-                places |= below("bodies", below(b, below("joints", below(j, joint.numbers))))
-        for b, body in enumerate(self.bodies):
-            places |= below("bodies", below(b, body.numbers))
-        for i, loop in enumerate(self.loops):
-            places |= below("loops", below(i, loop.numbers))
-        for c, compensator in enumerate(self.compensators):
-            places |= below("compensators", below(c, compensator.numbers))
+        """Unit and path of every number that has a name: of the joints, the bodies, and everything attached to them."""
+        numbers: Numbers = {}
+        for path, part in (*self._joints_and_bodies, *self._attached):
+            numbers |= below(path, part.numbers)
         payload = below("payload", self.payload.numbers) if self.payload is not None else {}
-        return places | payload | below("chain", self.chain.numbers)
+        return numbers | payload | below("chain", self.chain.numbers)
 
     @cached_property
     def geometry(self) -> Numbers:
-        """Every length and coordinate that has a name, alike; they count among the parameters where they are asked for.
+        """Unit and path of every length and coordinate that has a name; parameters only where they are asked for.
 
         A model in which all of them were symbols would be several times as large.
         """
-        places: Numbers = {}
+        numbers: Numbers = {}
+        for path, part in (*sorted(self._joints_and_bodies, key=lambda each: each[0]), *self._attached):
+            numbers |= below(path, part.geometry)
+        return numbers
+
+    @property
+    def _joints_and_bodies(self) -> Iterator[tuple[Path, Joint | Body]]:
         for b, body in enumerate(self.bodies):
-            places |= below("bodies", below(b, body.geometry))
-            for j, joint in enumerate(body.joints):
-                places |= below("bodies", below(b, below("joints", below(j, joint.geometry))))
-        for i, loop in enumerate(self.loops):
-            places |= below("loops", below(i, loop.geometry))
-        for c, compensator in enumerate(self.compensators):
-            places |= below("compensators", below(c, compensator.geometry))
-        return places
+            yield from ((("bodies", b, "joints", j), joint) for j, joint in enumerate(body.joints))
+        yield from ((("bodies", b), body) for b, body in enumerate(self.bodies))
+
+    @property
+    def _attached(self) -> Iterator[tuple[Path, Loop | Compensator]]:
+        yield from ((("loops", i), loop) for i, loop in enumerate(self.loops))
+        yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
         """Every number with a name: its value and SI unit; of the geometry those that are named, last."""
-        named = {name: place for name, place in self.geometry.items() if name in geometry} if geometry else {}
+        named = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
         return {name: (at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
         """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
-        places = self.numbers
-        if any(name not in places for name in values):
-            places |= self.geometry
+        known = self.numbers
+        if any(name not in known for name in values):
+            known = known | self.geometry
         for name in values:
-            if name not in places:
-                raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(places)}")
-        changed: Robot = replaced(self, {places[name][1]: value for name, value in values.items()})
+            if name not in known:
+                raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(known)}")
+        changed: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
         return changed
 
 
 def _up(parents: Mapping[str, str], body: str) -> list[str]:
-    """The body and those that carry it."""
-    chain = [body]
-    while parents.get(chain[-1], BASE) != BASE:
-        chain.append(parents[chain[-1]])
-    return chain
+    """The body and those that carry it, the base left out."""
+    path = [body]
+    while parents[path[-1]] != BASE:
+        path.append(parents[path[-1]])
+    return path
 
 
-def _refuse_twice(what: str, names: Iterable[str]) -> None:
-    listed = list(names)
-    for name in listed:
-        if listed.count(name) > 1:
-            raise ValueError(f"{what} {name} is given twice")
+def _refuse_twice(kind: str, names: Sequence[str]) -> None:
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{kind} {name} is given twice")

@@ -218,7 +218,7 @@ def test_wrong_compensators_are_refused() -> None:
         Compensator("c", ends, coil, gas)
     with pytest.raises(ValueError, match="both ends are on arm, so that it never moves"):
         Compensator("c", (ends[1], ends[1]), coil)
-    with pytest.raises(ValueError, match="compensator c ends on fore, which is no body; there are base, arm"):
+    with pytest.raises(ValueError, match="compensator c: no body is called fore; there are base, arm"):
         arm(Compensator("c", (ends[0], Anchor("fore")), coil))
     with pytest.raises(ValueError, match="compensator c is given twice"):
         arm(Compensator("c", ends, coil), Compensator("c", ends, gas=gas))

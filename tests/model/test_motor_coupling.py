@@ -258,7 +258,7 @@ def test_coriolis_terms_of_the_rotors_cost_little():
 @pytest.mark.parametrize(
     ("on", "axis", "says"),
     [
-        ("nowhere", "z", "joint 1: its motor is on nowhere, which is no body of robot arm; there are base, arm, other"),
+        ("leg", "z", "joint 1: motor.on: no body is called leg; there are base, arm, other"),
         ("other", "z", "joint 1: its motor is on other, a branch that neither carries the joint nor is moved by it"),
         ("arm", None, "give both `on`, the body, and `axis`"),
         ("", "z", "give both `on`, the body, and `axis`"),
