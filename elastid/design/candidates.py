@@ -37,7 +37,7 @@ class Candidates:
         return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
 
 
-def candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
+def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float | FloatArray = 0.0) -> Candidates:
     """The admissible candidates of a study; the same seed draws the same.
 
     swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles

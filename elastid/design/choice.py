@@ -17,10 +17,10 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError, StudyError
-from elastid.base.execution import Progress, ordered, silent
+from elastid.base.execution import Execution
 from elastid.design.candidates import Candidates
-from elastid.design.expected_response import Prospect
 from elastid.design.optimal import DesignCriterion, relaxed_design, whole
+from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, GuessSpec, interest
 from elastid.experiment.plan.plan import Chosen
 from elastid.parameters import ParameterSet
@@ -28,9 +28,9 @@ from elastid.record import Configuration
 
 # Directions of parameters whose information, relative to the best known, is below this: no candidate sees them.
 UNSEEN = 1e-12
-# Candidates whose information is worked out in one go; below this number of evaluations one process does all.
+# Candidates of one piece of work; for fewer evaluations in all other processes are not started.
 CHUNK = 16
-WORTH_PROCESSES = 400
+MIN_EVALUATIONS = 400
 # Random choices of as many candidates that a choice is compared with.
 RANDOM_CHOICES = 100
 
@@ -50,13 +50,13 @@ class Choice:
     of: int
 
     @property
-    def said(self) -> str:
-        """In a sentence."""
+    def sentence(self) -> str:
+        """The choice in a sentence."""
         each = ", ".join(f"{c.configuration.name} ({c.realisations} realisations)" for c in self.chosen)
         return (
             f"chosen among {self.of} candidates: {each}, {self.periods} periods each; {100 * self.efficiency:.1f} % of "
-            f"the best that any sharing could reach, standard deviations {self.than_random:.2f} times smaller in the "
-            "mean than for the median of random choices"
+            f"the best possible allocation, standard deviations {self.than_random:.2f} times smaller in the mean than "
+            "for the median of random choices"
         )
 
 
@@ -72,7 +72,7 @@ class InformationTask:
     known: FloatArray
 
 
-def guesses(parameters: ParameterSet, spec: GuessSpec | None, seed: int) -> FloatArray:
+def draw_guesses(parameters: ParameterSet, spec: GuessSpec | None, seed: int) -> FloatArray:
     """Guesses (S, n_x) of the parameters, the nominal one first; linear parameters keep their number."""
     if spec is None:
         return parameters.x[None]
@@ -90,8 +90,7 @@ def choose_configurations(
     x: FloatArray,
     taken: Sequence[str],
     seed: int,
-    jobs: int = 1,
-    progress: Progress = silent,
+    execution: Execution,
 ) -> Choice:
     """The best whole experiments among the candidates, for the best of the tasks.
 
@@ -110,7 +109,7 @@ def choose_configurations(
     over = "mean" if spec.robust is None else spec.robust.over
     best: tuple[float, Choice] | None = None
     for task in tasks:
-        H, kept = informations(task.prospect, here, x, jobs, progress)
+        H, kept = informations(task.prospect, here, x, execution)
         criterion, ground = visible(DesignCriterion(spec.criterion, wanted, over), H, task.known, parameters)
         known = task.known + ground
         shares = relaxed_design(H, criterion, known / task.count)
@@ -127,15 +126,16 @@ def choose_configurations(
 
 
 def informations(
-    prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, jobs: int, progress: Progress = silent
+    prospect: Prospect, configurations: Sequence[Configuration], x: FloatArray, execution: Execution
 ) -> tuple[FloatArray, IntArray]:
     """H (S, Q, n_x, n_x) for guesses x (S, n_x), and which of the configurations (Q,) have an equilibrium in all.
 
     StudyError or DataError of the first where none has.
     """
     chunks = [configurations[i : i + CHUNK] for i in range(0, len(configurations), CHUNK)]
-    processes = jobs if len(configurations) * len(x) >= WORTH_PROCESSES else 1
-    parts = ordered(partial(_informations, prospect, x), chunks, processes, progress)
+    if len(configurations) * len(x) < MIN_EVALUATIONS:
+        execution = replace(execution, jobs=1)
+    parts = execution.ordered(partial(_informations, prospect, x), chunks)
     found = [one for part in parts for one in part]
     kept = [i for i, one in enumerate(found) if one is not None]
     if not kept:

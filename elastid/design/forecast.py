@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.design.expected_response import Expected, expected_fit
+from elastid.design.expected_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.residuals import as_real
@@ -88,7 +88,7 @@ class Forecast:
         return self.parameters[column], float(self.correlation[row, column])
 
 
-def forecast(expected: Sequence[Expected], x: FloatArray) -> Forecast:
+def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     """What a plan with these expected responses, all on the same lines, tells about parameters near x (n_x,).
 
     Raises StudyError where the plan has fewer lines than there are unknowns.

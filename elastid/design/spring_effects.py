@@ -17,11 +17,10 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.design.expected_response import Prospect
+from elastid.design.prospect import Prospect
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.spring_preload import preloads
 from elastid.model.elastic import ElasticModel
-from elastid.model.formulation import formulate
 from elastid.model.nonlinear_springs import deflections, tangents_at
 from elastid.record import Configuration
 
@@ -43,7 +42,7 @@ class Stiffening:
 
 def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) -> Stiffening:
     """What a plan does to the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
-    model = formulate(prospect.robot, prospect.model, prospect.parameters.names)
+    model = prospect.linearisation.model
     theta = prospect.parameters.expand(x)[:-1]
     (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
     X = prospect.motion(configuration, x) @ _rows(model, load.joints).T
@@ -55,7 +54,7 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
     return Stiffening(configuration.name, load.joints, sigma, k_eq / load.tangent - 1)
 
 
-def stiffening_words(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[str, ...]:
+def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[str, ...]:
     """A sentence for each spring that the planned amplitude changes by more than it should; x (n_x,)."""
     if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
         return ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from elastid.base.arrays import FloatArray
 from elastid.design.forecast import Forecast
-from elastid.design.limits import LimitUse
+from elastid.design.limit_use import LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.fit.result import FitResult

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.units import of_translation
 from elastid.design.forecast import Forecast
-from elastid.design.limits import QUANTITIES, UNITS, LimitUse
+from elastid.design.limit_use import QUANTITIES, UNITS, LimitUse
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference
 from elastid.experiment.plan.rehearsal import Rehearsal

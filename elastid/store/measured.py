@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from elastid.design.forecast import Forecast
-from elastid.design.limits import LimitUse
+from elastid.design.limit_use import LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.references import Reference
 from elastid.experiment.plan.rehearsal import Rehearsal

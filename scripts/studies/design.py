@@ -34,9 +34,10 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.execution import ordered
-from elastid.design.candidates import candidates
-from elastid.design.design import Design, DesignProblem, designed
+from elastid.base.execution import Execution, ordered
+from elastid.design.candidates import draw_candidates
+from elastid.design.design import Design, design
+from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Chosen, Plan, make_plan
@@ -61,25 +62,25 @@ class Programme:
     (Q, F, n_u) that their lines had in the design, limits kept.
     """
 
-    brief: DesignProblem
+    problem: DesignProblem
     configurations: tuple[Chosen, ...]
     amplitude: FloatArray
 
     @classmethod
-    def of(cls, brief: DesignProblem, design: Design) -> Programme:
+    def of(cls, problem: DesignProblem, design: Design) -> Programme:
         """The plan of a design."""
-        experiment = replace(brief.experiment, periods=design.plan.periods, configurations={})
+        experiment = replace(problem.experiment, periods=design.plan.periods, configurations={})
         chosen = tuple(Chosen(c, M) for c, M in zip(design.plan.configurations, design.plan.realisations, strict=True))
         amplitude = np.sqrt(np.mean(np.abs(design.plan.R[:, 0]) ** 2, axis=1))
-        return cls(replace(brief, experiment=experiment), chosen, amplitude)
+        return cls(replace(problem, experiment=experiment), chosen, amplitude)
 
     def plan(self, seed: int) -> Plan:
         """With the phases of this seed."""
-        brief = self.brief
+        problem = self.problem
         each = zip(self.configurations, self.amplitude, strict=True)
         spectra = {one.configuration.name: amplitude for one, amplitude in each}
-        found = replace(brief.excitation, flat="information")
-        return make_plan(found, brief.experiment, brief.robot, seed, self.configurations, spectra)
+        found = replace(problem.excitation, flat="information")
+        return make_plan(found, problem.experiment, problem.robot, seed, self.configurations, spectra)
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,7 @@ def three_axes(count: int) -> DesignProblem:
     """The demo's arm: 17 unknowns, stiffness and damping of seven springs and the friction of three motors."""
     template = Path(str(files("elastid"))) / "app" / "templates" / "serial" / "study.yml"
     robot = load(template).study.robot
-    return brief(robot, (160.0, 160.0, 80.0), count)
+    return problem_of(robot, (160.0, 160.0, 80.0), count)
 
 
 def six_axes(count: int) -> DesignProblem:
@@ -176,10 +177,10 @@ def six_axes(count: int) -> DesignProblem:
             Body("hand", "pitch", Placement((0.1, 0, 0)), hand, 18, (0.12, 0.06, 0.04), (0.3, 0.4, 0.45)),
         ),
     )
-    return brief(robot, (160.0, 160.0, 80.0, 25.0, 20.0, 12.0), count)
+    return problem_of(robot, (160.0, 160.0, 80.0, 25.0, 20.0, 12.0), count)
 
 
-def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> DesignProblem:
+def problem_of(robot: Robot, torque_rms: tuple[float, ...], count: int) -> DesignProblem:
     """A study in which the design chooses all, in the robot time of `count` configurations of two periods of 2 s."""
     noise = NoiseSpec(torque_std=6.0, encoder_counts=65536)
     simulated = SimulatedSpec(carrier=CarrierSpec(math.radians(1)), noise=noise, substeps=2)
@@ -200,10 +201,10 @@ def brief(robot: Robot, torque_rms: tuple[float, ...], count: int) -> DesignProb
 
 def fitted(programme: Programme, draws: int, seed: int) -> FloatArray:
     """Measured once, then fitted with several draws of the torque's noise: the estimates x (B, n)."""
-    brief, plan = programme.brief, programme.plan(seed)
-    simulated = brief.experiment.as_simulated()
+    problem, plan = programme.problem, programme.plan(seed)
+    simulated = problem.experiment.as_simulated()
     quiet = replace(simulated, noise=replace(simulated.noise, torque_std=0.0))
-    rig = SimulatedRig(brief.robot, replace(brief.experiment, simulated=quiet), plan, seed)
+    rig = SimulatedRig(problem.robot, replace(problem.experiment, simulated=quiet), plan, seed)
     records = [rig.measure(run) for run in plan.experiments]
     x = []
     for draw in range(draws):
@@ -213,7 +214,7 @@ def fitted(programme: Programme, draws: int, seed: int) -> FloatArray:
         ]
         there = [[one for one in noisy if one.configuration.name == c.name] for c in plan.configurations]
         responses = [estimate(each, EstimatorSpec(), plan.lines) for each in there]
-        x.append(identify(responses, brief.robot, brief.fit).x)
+        x.append(identify(responses, problem.robot, problem.fit).x)
     return np.array(x)
 
 
@@ -230,18 +231,18 @@ def spread(x: FloatArray) -> tuple[FloatArray, FloatArray]:
     return std, chance
 
 
-def random_choice(brief: DesignProblem, count: int, seed: int) -> DesignProblem:
+def random_choice(problem: DesignProblem, count: int, seed: int) -> DesignProblem:
     """With configurations drawn from the candidates that the design chooses from, and a flat spectrum."""
-    assert brief.design is not None
-    there = candidates(brief.design.candidates, brief.robot, brief.seed, math.radians(1)).configurations
+    assert problem.design is not None
+    there = draw_candidates(problem.design.candidates, problem.robot, problem.seed, math.radians(1)).configurations
     drawn = np.random.default_rng(seed).choice(len(there), count, replace=False)
     only = {f"r{i}": tuple(there[k].angles.tolist()) for i, k in enumerate(drawn)}
-    return replace(flat(brief), design=None, experiment=replace(brief.experiment, configurations=only))
+    return replace(flat(problem), design=None, experiment=replace(problem.experiment, configurations=only))
 
 
-def flat(brief: DesignProblem) -> DesignProblem:
+def flat(problem: DesignProblem) -> DesignProblem:
     """With the same torque at all lines."""
-    return replace(brief, excitation=replace(brief.excitation, flat="torque"))
+    return replace(problem, excitation=replace(problem.excitation, flat="torque"))
 
 
 def stated(design: Design) -> FloatArray:
@@ -256,33 +257,33 @@ def compared(names: Sequence[str]) -> list[int]:
 
 
 def study(
-    brief: DesignProblem, count: int, repetitions: tuple[int, int], plans: int, of_random: int, jobs: int
+    problem: DesignProblem, count: int, repetitions: tuple[int, int], plans: int, of_random: int, jobs: int
 ) -> Outcome:
     """Planned against random plans of `count` configurations; simulations and draws of noise, those of random plans."""
-    design = designed(brief, jobs)
-    print(f"{brief.robot.name}: {design.plan.robot_time_s:g} s of robot time; {design.forecast.choice}", flush=True)
-    names = design.forecast.parameters
+    found = design(problem, Execution(jobs))
+    print(f"{problem.robot.name}: {found.plan.robot_time_s:g} s of robot time; {found.forecast.choice}", flush=True)
+    names = found.forecast.parameters
     here = compared(names)
-    reached, chance = measured(Programme.of(brief, design), repetitions, 100, jobs)
+    reached, chance = measured(Programme.of(problem, found), repetitions, 100, jobs)
     print(f"  measured, fitted: {100 * geometric_mean(reached[here]):.3g} %", flush=True)
     random, random_stated, random_shaped = [], [], []
     for plan in range(plans):
-        drawn = random_choice(brief, count, plan)
-        told = designed(drawn, jobs)
+        drawn = random_choice(problem, count, plan)
+        told = design(drawn, Execution(jobs))
         random_stated.append(stated(told))
-        random_shaped.append(stated(designed(replace(drawn, excitation=brief.excitation), jobs)))
+        random_shaped.append(stated(design(replace(drawn, excitation=problem.excitation), Execution(jobs))))
         random.append(measured(Programme.of(drawn, told), (of_random, repetitions[1]), 200, jobs)[0][here])
         means = (100 * geometric_mean(one[-1]) for one in (random, random_stated))
         print("  random plan {} of {}: {:.3g} % (forecast {:.3g} %)".format(plan + 1, plans, *means), flush=True)
     outcome = Outcome(
         tuple(names[i] for i in here),
-        stated(design),
+        stated(found),
         reached[here],
         chance[here],
         np.array(random),
         np.array(random_stated),
         np.array(random_shaped),
-        stated(designed(flat(brief), jobs)),
+        stated(design(flat(problem), Execution(jobs))),
         repetitions,
     )
     say(outcome)

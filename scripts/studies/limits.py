@@ -27,7 +27,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import ordered
-from elastid.design.limits import QUANTITIES, peaks_of_run, within_limits
+from elastid.design.limit_use import QUANTITIES
+from elastid.design.limits import within_limits
+from elastid.design.rehearsed_peaks import peaks_of_run
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.closed_loop import closed_loop_of
@@ -122,15 +124,15 @@ def studied(truth: float, seed: int) -> Outcome:
     try:
         loop = closed_loop_of(robot, experiment.as_simulated().controller, excitation.rate_hz)
         plan = make_plan(excitation, experiment, robot, seed, closed_loop=loop)
-        plan, peaks = within_limits(plan, excitation, experiment, robot, seed)
+        plan, limit_use = within_limits(plan, excitation, experiment, robot, seed)
     except StudyError as error:
         return Outcome(nothing, nothing, str(error))
     springs = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_")}
     true = {name: value * (1 + truth * rng.uniform(-1, 1)) for name, value in springs.items()}
     rig = SimulatedRig(robot, experiment.with_truth(true), plan, seed + 10**6)
     runs = [peaks_of_run(rig, e, *rig.rehearse(e)) for e in plan.experiments]
-    measured = (np.max(runs, axis=0) / peaks.limit[0]).max(axis=1)
-    return Outcome(peaks.used[0].max(axis=1), measured)
+    measured = (np.max(runs, axis=0) / limit_use.limit[0]).max(axis=1)
+    return Outcome(limit_use.used[0].max(axis=1), measured)
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from elastid.app.overview import overview
 from elastid.app.run import Run
 from elastid.app.stages import stages
 from elastid.base.errors import StudyError
-from elastid.design.candidates import candidates
+from elastid.design.candidates import draw_candidates
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.hardware import filtered
@@ -273,7 +273,7 @@ def test_the_tool_is_the_frame_called_tool() -> None:
     np.testing.assert_allclose(tool_jacobian(named, angles), frame_jacobians(named, angles, "tool"), atol=1e-15)
     np.testing.assert_allclose(np.linalg.norm(tool_jacobian(named, angles)[:, :3], axis=1), 1.0)
     assert "frame tool" in skeleton(named, angles).names
-    down = candidates(CandidateSpec(given={"up": (-0.5,), "down": (0.5,)}, floor=-0.3, singular=0.0), named, 1)
+    down = draw_candidates(CandidateSpec(given={"up": (-0.5,), "down": (0.5,)}, floor=-0.3, singular=0.0), named, 1)
     assert [one.name for one in down.configurations] == ["up"]
 
 
@@ -281,9 +281,9 @@ def test_candidates_of_a_slide_need_its_ends() -> None:
     """A joint that turns may be drawn from a whole turn; metres have no such default."""
     slide = Joint("x", "x", motor=Motor(1.0), motion="translation")
     with pytest.raises(StudyError, match=r"joint x slides and has no limits\.angle"):
-        candidates(CandidateSpec(), Robot("s", (Body("s", joints=(slide,), mass=1),)), 1)
+        draw_candidates(CandidateSpec(), Robot("s", (Body("s", joints=(slide,), mass=1),)), 1)
     ended = Joint("x", "x", motor=Motor(1.0), motion="translation", limits=Limits((0.0, 0.5)))
-    drawn = candidates(CandidateSpec(random=20), Robot("s", (Body("s", joints=(ended,), mass=1),)), 1, 0.1)
+    drawn = draw_candidates(CandidateSpec(random=20), Robot("s", (Body("s", joints=(ended,), mass=1),)), 1, 0.1)
     angles = np.array([one.angles[0] for one in drawn.configurations])
     assert angles.min() >= 0.15
     assert angles.max() <= 0.35

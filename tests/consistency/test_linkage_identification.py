@@ -15,7 +15,8 @@ from elastid.app import cli
 from elastid.app.compare import compare
 from elastid.app.console import Console
 from elastid.app.run import Run
-from elastid.design.design import DesignProblem, designed
+from elastid.design.design import design
+from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -119,7 +120,7 @@ def test_an_approximate_model_is_told_from_the_exact_one():
 def forecast(**changes: object) -> tuple[list[float], float]:
     """Of the planar arm's springs: sines of the angle between lever and rod, and how k_3 and k_rod will correlate."""
     noise = NoiseSpec(torque_std=10, angle_std=1e-5)
-    brief = DesignProblem(
+    problem = DesignProblem(
         robot=planar(),
         excitation=MultisineSpec(500.0, 2.0, (2.0, 40.0), (300.0, 300.0), grid="odd-quasi-log"),
         experiment=ExperimentSpec(realisations=1, simulated=SimulatedSpec(noise=noise, substeps=6)),
@@ -127,7 +128,7 @@ def forecast(**changes: object) -> tuple[list[float], float]:
         quantity="acceleration",
         seed=1,
     )
-    found = designed(replace(brief, **changes))  # type: ignore[arg-type]
+    found = design(replace(problem, **changes))  # type: ignore[arg-type]
     names, C = found.forecast.parameters, found.forecast.covariance
     i, j = names.index("k_3"), names.index("k_rod")
     sines = [abs(float(np.cos(at.angles[1] - at.angles[0]))) for at in found.plan.configurations]

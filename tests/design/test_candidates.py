@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastid.base.errors import StudyError
-from elastid.design.candidates import candidates, dexterity
+from elastid.design.candidates import dexterity, draw_candidates
 from elastid.design.spec import BoxSpec, CandidateSpec
 from elastid.model.kinematics import skeleton
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot
@@ -26,7 +26,7 @@ ARM = Robot(
 
 
 def _angles(spec: CandidateSpec, seed: int = 1, swing: float = 0.0) -> np.ndarray:
-    return np.array([c.angles for c in candidates(spec, ARM, seed, swing).configurations])
+    return np.array([c.angles for c in draw_candidates(spec, ARM, seed, swing).configurations])
 
 
 def test_drawn_candidates_fill_the_limits_less_the_swing_and_hang_on_the_seed() -> None:
@@ -81,7 +81,7 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
     spec = CandidateSpec(
         random=500, singular=0, floor=0.1, boxes=(box,), clearance=0.05, points={"fore": ((0.7, 0, 0.1),)}
     )
-    found = candidates(spec, ARM, 1)
+    found = draw_candidates(spec, ARM, 1)
     kept = np.array([c.angles for c in found.configurations])
     every = _angles(CandidateSpec(random=500, singular=0))
 
@@ -121,10 +121,10 @@ def test_nothing_admissible_reaches_floor_or_box_and_nothing_free_is_refused() -
 def test_no_admissible_candidate_is_refused_with_what_would_help(spec: CandidateSpec, message: str) -> None:
     """One message each."""
     with pytest.raises(StudyError, match=message):
-        candidates(spec, ARM, 1)
+        draw_candidates(spec, ARM, 1)
 
 
 def test_a_carrier_too_wide_for_the_limits_is_refused() -> None:
     """Nothing is left between them."""
     with pytest.raises(StudyError, match="leave joint 2 no room"):
-        candidates(CandidateSpec(), ARM, 1, swing=1.8)
+        draw_candidates(CandidateSpec(), ARM, 1, swing=1.8)

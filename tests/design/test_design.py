@@ -13,8 +13,9 @@ import pytest
 
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
-from elastid.design.design import DesignProblem, designed
+from elastid.design.design import design
 from elastid.design.friction_effects import friction_level
+from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
@@ -53,7 +54,7 @@ TWO = Robot(
     gravity=(0, 0, 0),
 )
 NOISE = NoiseSpec(torque_std=0.3, angle_std=1e-5)
-BRIEF = DesignProblem(
+PROBLEM = DesignProblem(
     robot=TWO,
     excitation=MultisineSpec(500.0, 1.0, (3.0, 60.0), (5.0, 2.0)),
     experiment=ExperimentSpec(ramp=0.0, simulated=SimulatedSpec(noise=NOISE)),
@@ -64,67 +65,67 @@ BRIEF = DesignProblem(
 )
 
 
-def _measured(brief: DesignProblem, plan: Plan, seed: int) -> list[FrequencyResponse]:
-    rig = SimulatedRig(brief.robot, brief.experiment, plan, seed)
+def _measured(problem: DesignProblem, plan: Plan, seed: int) -> list[FrequencyResponse]:
+    rig = SimulatedRig(problem.robot, problem.experiment, plan, seed)
     runs = {c.name: [e for e in plan.experiments if e.configuration.name == c.name] for c in plan.configurations}
     return [estimate([rig.measure(run) for run in each], EstimatorSpec(), plan.lines) for each in runs.values()]
 
 
 def _with(**changes: object) -> DesignProblem:
-    assert BRIEF.design is not None
-    return replace(BRIEF, design=replace(BRIEF.design, **changes))  # type: ignore[arg-type]
+    assert PROBLEM.design is not None
+    return replace(PROBLEM, design=replace(PROBLEM.design, **changes))  # type: ignore[arg-type]
 
 
 def test_fits_scatter_as_the_forecast_said() -> None:
     """Thirty times measured, estimated and fitted: 4 parameters within what 30 draws allow, 25 % on average."""
-    brief = replace(BRIEF, design=None, experiment=replace(BRIEF.experiment, configurations={"a": (0.3, 0.8)}))
-    told = designed(brief).forecast
+    problem = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
+    told = design(problem).forecast
     x = []
     for seed in range(30):
-        plan = make_plan(brief.excitation, brief.experiment, brief.robot, seed)
-        x.append(identify(_measured(brief, plan, seed), brief.robot, brief.fit).x)
+        plan = make_plan(problem.excitation, problem.experiment, problem.robot, seed)
+        x.append(identify(_measured(problem, plan, seed), problem.robot, problem.fit).x)
     ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(told.covariance))
     assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.25)
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 
-def _shaped(brief: DesignProblem, **excitation: object) -> DesignProblem:
-    return replace(brief, excitation=replace(brief.excitation, **{"flat": "information", **excitation}))  # type: ignore[arg-type]
+def _shaped(problem: DesignProblem, **excitation: object) -> DesignProblem:
+    return replace(problem, excitation=replace(problem.excitation, **{"flat": "information", **excitation}))  # type: ignore[arg-type]
 
 
-GIVEN = replace(BRIEF, design=None, experiment=replace(BRIEF.experiment, configurations={"a": (0.3, 0.8)}))
+GIVEN = replace(PROBLEM, design=None, experiment=replace(PROBLEM.experiment, configurations={"a": (0.3, 0.8)}))
 
 
-def _mean_std(brief: DesignProblem) -> float:
-    return float(np.exp(np.mean(np.log(np.diag(designed(brief).forecast.covariance))) / 2))
+def _mean_std(problem: DesignProblem) -> float:
+    return float(np.exp(np.mean(np.log(np.diag(design(problem).forecast.covariance))) / 2))
 
 
 def test_a_spectrum_for_information_tells_more_than_any_flat_one_of_the_same_torque() -> None:
     """RMS of each motor and a tenth of the even power at every line are kept; the configurations have their own."""
-    brief = replace(GIVEN, experiment=replace(GIVEN.experiment, configurations={"a": (0.3, 0.8), "b": (0, 1.8)}))
-    plan = designed(_shaped(brief)).plan
+    problem = replace(GIVEN, experiment=replace(GIVEN.experiment, configurations={"a": (0.3, 0.8), "b": (0, 1.8)}))
+    plan = design(_shaped(problem)).plan
     power = np.mean(np.abs(plan.R) ** 2, axis=2) / 2
     assert np.sqrt(power.sum(axis=2)) == pytest.approx(np.broadcast_to([5.0, 2.0], (2, 2, 2)), rel=1e-6)
     even = np.array([25.0, 4.0]) / len(plan.lines)
     assert np.all(power > 0.0999 * even)
     assert np.any(np.abs(power[0] - power[1]) > even)
     others = [
-        replace(brief, excitation=replace(brief.excitation, flat=flat))  # type: ignore[arg-type]
+        replace(problem, excitation=replace(problem.excitation, flat=flat))  # type: ignore[arg-type]
         for flat in ("torque", "velocity", "precision")
     ]
-    assert _mean_std(_shaped(brief)) < 0.8 * min(_mean_std(one) for one in others)
-    assert _mean_std(_shaped(brief, least=1.0)) == pytest.approx(_mean_std(others[0]), rel=1e-6)
+    assert _mean_std(_shaped(problem)) < 0.8 * min(_mean_std(one) for one in others)
+    assert _mean_std(_shaped(problem, least=1.0)) == pytest.approx(_mean_std(others[0]), rel=1e-6)
 
 
 def test_fits_of_a_shaped_spectrum_scatter_as_the_forecast_said() -> None:
     """Thirty times measured with new phases, as for the flat one."""
-    design = designed(_shaped(GIVEN))
-    amplitude = {"a": np.sqrt(np.mean(np.abs(design.plan.R[0, 0]) ** 2, axis=0))}
+    found = design(_shaped(GIVEN))
+    amplitude = {"a": np.sqrt(np.mean(np.abs(found.plan.R[0, 0]) ** 2, axis=0))}
     x = []
     for seed in range(30):
         plan = make_plan(_shaped(GIVEN).excitation, GIVEN.experiment, GIVEN.robot, seed, spectra=amplitude)
         x.append(identify(_measured(GIVEN, plan, seed), GIVEN.robot, GIVEN.fit).x)
-    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(design.forecast.covariance))
+    ratio = np.std(x, axis=0, ddof=1) / np.sqrt(np.diag(found.forecast.covariance))
     assert np.exp(np.mean(np.log(ratio))) == pytest.approx(1.0, abs=0.25)
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
@@ -136,24 +137,24 @@ def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust:
         replace(body, joints=tuple(replace(j, limits=replace(j.limits, velocity=0.3)) for j in body.joints))
         for body in TWO.bodies
     ]
-    brief = replace(_with(count=2, robust=robust), robot=replace(TWO, bodies=tuple(slow)))
-    brief = replace(brief, excitation=replace(brief.excitation, torque_rms="limits"))
-    found = designed(_shaped(brief))
+    problem = replace(_with(count=2, robust=robust), robot=replace(TWO, bodies=tuple(slow)))
+    problem = replace(problem, excitation=replace(problem.excitation, torque_rms="limits"))
+    found = design(_shaped(problem))
     assert 0.8 < found.peaks.used[:, 2].max() < 0.91
     assert found.peaks.used.max() < 0.91
     only = {c.name: tuple(c.angles.tolist()) for c in found.plan.configurations}
-    same = replace(brief, design=None, experiment=replace(brief.experiment, configurations=only))
+    same = replace(problem, design=None, experiment=replace(problem.experiment, configurations=only))
     for flat in ("torque", "velocity"):
         other = replace(same, excitation=replace(same.excitation, flat=flat))  # type: ignore[arg-type]
         assert _mean_std(_shaped(same)) < 0.9 * _mean_std(other)
 
 
 @pytest.mark.parametrize(
-    ("brief", "message"),
+    ("problem", "message"),
     [
         (
             replace(GIVEN, experiment=replace(GIVEN.experiment, simulated=SimulatedSpec())),
-            "flat: information needs the noise that is expected; set experiment.simulated.noise",
+            "flat: information needs the expected noise; set experiment.simulated.noise",
         ),
         (_with(noise=LevelSpec(absolute=0.1)), "with design.noise.absolute or frf the variance is the same"),
         (
@@ -162,10 +163,10 @@ def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust:
         ),
     ],
 )
-def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: DesignProblem, message: str) -> None:
+def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(problem: DesignProblem, message: str) -> None:
     """Noise, its source, and the number of experiments."""
     with pytest.raises(StudyError, match=message):
-        designed(_shaped(brief))
+        design(_shaped(problem))
 
 
 @pytest.mark.parametrize(
@@ -180,7 +181,7 @@ def test_a_spectrum_that_cannot_be_found_is_refused_with_what_would_fit(brief: D
 def test_what_contradicts_a_found_spectrum_is_refused(wrong: dict[str, object], message: str) -> None:
     """Another spectrum of the user's, or of a sweep."""
     with pytest.raises(ValueError, match=message):
-        _shaped(BRIEF, **wrong)
+        _shaped(PROBLEM, **wrong)
 
 
 def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -> None:
@@ -202,8 +203,8 @@ def test_coulomb_friction_damps_as_much_as_theory_says_and_scatters_the_rest() -
 
 def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() -> None:
     """Names, realisations, robot time, and the geometric mean of the forecasts of random plans."""
-    brief = replace(BRIEF, experiment=replace(BRIEF.experiment, configurations={"home": (0.0, 0.5)}))
-    found = designed(brief)
+    problem = replace(PROBLEM, experiment=replace(PROBLEM.experiment, configurations={"home": (0.0, 0.5)}))
+    found = design(problem)
     names = [c.name for c in found.plan.configurations]
     assert names[0] == "home"
     assert names[1:] == [f"c{i + 1}" for i in range(len(names) - 1)]
@@ -213,8 +214,8 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() 
 
     def level(angles: np.ndarray) -> float:
         given = {"home": (0.0, 0.5), **{f"r{i}": (float(a), float(b)) for i, (a, b) in enumerate(angles)}}
-        plain = replace(brief, design=None, experiment=replace(brief.experiment, configurations=given))
-        return float(np.linalg.slogdet(designed(plain).forecast.covariance)[1])
+        plain = replace(problem, design=None, experiment=replace(problem.experiment, configurations=given))
+        return float(np.linalg.slogdet(design(plain).forecast.covariance)[1])
 
     draw = np.random.default_rng(0)
     planned = float(np.linalg.slogdet(found.forecast.covariance)[1])
@@ -224,7 +225,7 @@ def test_the_design_adds_to_the_given_configurations_and_beats_random_choices() 
 def test_given_candidates_keep_their_names_and_may_be_chosen_twice() -> None:
     """Two candidates, two experiments; a configuration chosen twice has twice the realisations."""
     given = {"near": (0.0, 1.9), "far": (0.0, 0.2)}
-    found = designed(_with(count=2, candidates=CandidateSpec(given=given)))
+    found = design(_with(count=2, candidates=CandidateSpec(given=given)))
     assert {c.name for c in found.plan.configurations} <= set(given)
     assert sum(found.plan.realisations) == 4
     assert len(found.plan.experiments) == 4 * 2
@@ -233,18 +234,18 @@ def test_given_candidates_keep_their_names_and_may_be_chosen_twice() -> None:
 def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
     """Without friction and with one candidate the transient is best spread over many periods."""
     one = CandidateSpec(given={"a": (0.1, 0.9)})
-    found = designed(_with(count=None, robot_time=40.0, periods=(2, 4, 9), candidates=one))
+    found = design(_with(count=None, robot_time=40.0, periods=(2, 4, 9), candidates=one))
     assert found.plan.periods == 9
     assert found.plan.robot_time_s == 40.0
     with pytest.raises(StudyError, match=r"leave no room for a configuration.*one takes 12 s.*give at least 12 s"):
-        designed(_with(count=None, robot_time=10.0))
+        design(_with(count=None, robot_time=10.0))
 
 
 def test_what_was_measured_before_counts() -> None:
     """After fifty measurements one more hardly matters, whichever it is; without any the choice is worth something."""
-    first = designed(_with(count=1))
-    measured = 50 * tuple(_measured(BRIEF, first.plan, 3))
-    seeing = designed(replace(_with(count=1), measured=measured))
+    first = design(_with(count=1))
+    measured = 50 * tuple(_measured(PROBLEM, first.plan, 3))
+    seeing = design(replace(_with(count=1), measured=measured))
     gains = [float(d.forecast.choice.split(" times smaller")[0].split()[-1]) for d in (first, seeing)]
     assert gains[0] > 1.15
     assert 1.0 <= gains[1] < 1.02
@@ -253,7 +254,7 @@ def test_what_was_measured_before_counts() -> None:
 def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one() -> None:
     """Averaged over guesses, and judged by the worst."""
     one, again, worst = (
-        designed(_with(robust=GuessSpec(4, 2.0, over))).plan.configurations for over in ("mean", "mean", "worst")
+        design(_with(robust=GuessSpec(4, 2.0, over))).plan.configurations for over in ("mean", "mean", "worst")
     )
     for a, b in zip(one, again, strict=True):
         np.testing.assert_array_equal(a.angles, b.angles)
@@ -262,26 +263,26 @@ def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one()
 
 def test_noise_levels_may_be_stated_or_taken_from_an_earlier_measurement() -> None:
     """Twice the absolute level, twice the standard deviations; the level of a measurement gives those of the rig."""
-    home = replace(BRIEF.experiment, configurations={"home": (0.0, 0.9)})
-    brief = replace(_with(candidates=CandidateSpec(given={"a": (0.1, 0.9)}), count=1), experiment=home)
-    assert brief.design is not None
+    home = replace(PROBLEM.experiment, configurations={"home": (0.0, 0.9)})
+    problem = replace(_with(candidates=CandidateSpec(given={"a": (0.1, 0.9)}), count=1), experiment=home)
+    assert problem.design is not None
 
     def told(**level: object) -> np.ndarray:
-        assert brief.design is not None
-        design = replace(brief.design, noise=LevelSpec(**level))  # type: ignore[arg-type]
-        fit = replace(brief.fit, weights=WeightSpec(floor=0.0))
-        return designed(replace(brief, design=design, fit=fit)).forecast.std
+        assert problem.design is not None
+        spec = replace(problem.design, noise=LevelSpec(**level))  # type: ignore[arg-type]
+        fit = replace(problem.fit, weights=WeightSpec(floor=0.0))
+        return design(replace(problem, design=spec, fit=fit)).forecast.std
 
     np.testing.assert_allclose(told(absolute=2e-3), 2 * told(absolute=1e-3), rtol=0.2)
     assert np.all(told(distortion=0.05) > told())
-    plan = designed(replace(brief, design=None)).plan
-    like = designed(replace(brief, like=tuple(_measured(brief, plan, 5)))).forecast.std
-    np.testing.assert_allclose(like, designed(brief).forecast.std, rtol=0.4)
+    plan = design(replace(problem, design=None)).plan
+    like = design(replace(problem, like=tuple(_measured(problem, plan, 5)))).forecast.std
+    np.testing.assert_allclose(like, design(problem).forecast.std, rtol=0.4)
 
 
 def test_shares_of_information_add_up_and_the_file_keeps_the_forecast(tmp_path: Path) -> None:
     """To one for each parameter; plan.h5 gives back what was written."""
-    found = designed(BRIEF)
+    found = design(PROBLEM)
     np.testing.assert_allclose(found.forecast.share.sum(axis=(0, 1)), 1.0)
     assert found.forecast.share.shape == (len(found.plan.configurations), len(found.plan.lines), 4)
     write_plan(tmp_path / "plan.h5", found.plan, forecast=found.forecast)
@@ -299,8 +300,10 @@ def test_shares_of_information_add_up_and_the_file_keeps_the_forecast(tmp_path: 
 def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     """Without gravity m c^2 + I of the fore arm is all that counts in one configuration: two of its numbers are one."""
     fit = FitSpec(parameters={"k_2": ParameterSpec(), "I_upper": ParameterSpec(), "m_upper": ParameterSpec()})
-    brief = replace(BRIEF, design=None, fit=fit, experiment=replace(BRIEF.experiment, configurations={"a": (0.0, 0.5)}))
-    told = designed(brief).forecast
+    problem = replace(
+        PROBLEM, design=None, fit=fit, experiment=replace(PROBLEM.experiment, configurations={"a": (0.0, 0.5)})
+    )
+    told = design(problem).forecast
     seen = dict(zip(told.parameters, np.isfinite(told.std), strict=True))
     assert seen == {"k_2": True, "I_upper": False, "m_upper": False}
     # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
@@ -309,7 +312,7 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     assert "cannot see the combination +0.89 I_upper -0.45 m_upper" in told.notes[0]
     assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in told.notes[1]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
-    note = designed(replace(brief, fit=alone)).forecast.notes[0]
+    note = design(replace(problem, fit=alone)).forecast.notes[0]
     assert "cannot see c_upper_z: fix it" in note
 
 
@@ -317,19 +320,19 @@ UNSEEN = FitSpec(parameters={"k_*": ParameterSpec(), "c_fore_z": ParameterSpec()
 
 
 @pytest.mark.parametrize(
-    ("brief", "message"),
+    ("problem", "message"),
     [
         (_with(count=90), "90 configurations are asked for, 5. candidates are admissible.*lower count to 5"),
-        (replace(BRIEF, excitation=replace(BRIEF.excitation, band_hz=(3.0, 6.0))), "2 lines from 3 to 5 Hz for 4 unk"),
+        (replace(PROBLEM, excitation=replace(PROBLEM.excitation, band_hz=(3.0, 6.0))), "2 lines from 3 to 5 Hz for 4"),
         (_with(parameters=("k_9",)), "the fit does not identify 'k_9'; did you mean 'k_"),
         (_with(parameters=("c_*",)), "the fit does not identify"),
         (replace(_with(parameters=("c_*",)), fit=UNSEEN), "no candidate tells anything about c_fore_z"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_designed_is_refused_with_what_would_fit(brief: DesignProblem, message: str) -> None:
+def test_what_cannot_be_designed_is_refused_with_what_would_fit(problem: DesignProblem, message: str) -> None:
     """One message each."""
     with pytest.raises(StudyError, match=message):
-        designed(brief)
+        design(problem)
 
 
 DESIGN = "design:\n  count: 2\n  candidates: {random: 30}\n"
@@ -437,8 +440,8 @@ def test_check_tells_how_many_configurations_will_be_chosen(
 
 def test_a_carrier_narrows_the_candidates() -> None:
     """Its swing stays within the limits."""
-    wide = replace(BRIEF.experiment, simulated=SimulatedSpec(noise=NOISE, carrier=CarrierSpec(1.0)))
-    found = designed(replace(_with(), experiment=wide))
+    wide = replace(PROBLEM.experiment, simulated=SimulatedSpec(noise=NOISE, carrier=CarrierSpec(1.0)))
+    found = design(replace(_with(), experiment=wide))
     assert max(np.abs(c.angles).max() for c in found.plan.configurations) <= 1.0
 
 
@@ -451,5 +454,5 @@ def test_a_motor_that_friction_holds_is_told_with_the_forecast() -> None:
     sticky = replace(body, joints=(replace(body.joints[0], motor=replace(motor, coulomb=0.1)),))
     robot = replace(TWO, bodies=(sticky, fore))
     experiment = ExperimentSpec({"a": (0.1, 0.2)}, ramp=0.0, simulated=simulated)
-    notes = designed(replace(BRIEF, robot=robot, experiment=experiment)).forecast.notes
+    notes = design(replace(PROBLEM, robot=robot, experiment=experiment)).forecast.notes
     assert notes[0].startswith("Coulomb friction of motor 1 (3 N*m) is more than a third of its rms torque (5 N*m)")

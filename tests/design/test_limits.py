@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
-from elastid.design.limits import QUANTITIES, LimitUse, nearest_run, peaks_of_run, within_limits
+from elastid.design.limit_use import QUANTITIES, LimitUse
+from elastid.design.limits import within_limits
+from elastid.design.rehearsed_peaks import nearest_run, peaks_of_run
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import check_movement, movement
 from elastid.experiment.plan.plan import Plan, make_plan
@@ -29,7 +31,8 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import frequency_response
 from elastid.model.serial import serial
-from elastid.report.figures.limits import limit_use, nearest_run_signals
+from elastid.report.figures.limits import limit_use as limit_use_figure
+from elastid.report.figures.limits import nearest_run_signals
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store import read_peaks, read_plan, read_rehearsal, write_plan
 
@@ -57,14 +60,14 @@ def experiment(carrier: CarrierSpec | None = None, **changes: Any) -> Experiment
     return replace(ExperimentSpec({"a": (0.2, 0.4)}, 1, simulated=simulated), **changes)
 
 
-def designed(
+def within(
     carrier: CarrierSpec | None = None, robot: Robot | None = None, **changes: Any
 ) -> tuple[Plan, LimitUse, SimulatedRig]:
-    """Plan, peaks, and a rig of another seed that carries it out."""
+    """Plan, use of the limits, and a rig of another seed that carries it out."""
     machine, spec = robot or arm(), experiment(carrier)
     excitation = replace(EXCITATION, **changes)
-    plan, peaks = within_limits(make_plan(excitation, spec, machine, 1), excitation, spec, machine, 1)
-    return plan, peaks, SimulatedRig(machine, spec, plan, 99)
+    plan, limit_use = within_limits(make_plan(excitation, spec, machine, 1), excitation, spec, machine, 1)
+    return plan, limit_use, SimulatedRig(machine, spec, plan, 99)
 
 
 def largest(rig: SimulatedRig) -> np.ndarray:
@@ -148,11 +151,11 @@ CARRIERS = [
 @pytest.mark.parametrize("carrier", CARRIERS, ids=["rest", "sine", "square", "offset"])
 def test_amplitudes_fill_the_limits_and_no_peak_is_above_them(carrier: CarrierSpec | None) -> None:
     """Measured with other noise; every motor comes near one of its limits, none beyond, none turns back."""
-    _, peaks, rig = designed(carrier)
-    used = largest(rig) / peaks.limit[0]
+    _, limit_use, rig = within(carrier)
+    used = largest(rig) / limit_use.limit[0]
     assert used.max() < 1
-    assert peaks.used.max() <= 0.9
-    assert np.all(peaks.used[0].max(axis=0) > 0.6)
+    assert limit_use.used.max() <= 0.9
+    assert np.all(limit_use.used[0].max(axis=0) > 0.6)
     if carrier is not None and carrier.kind == "offset":
         plan = rig.plan
         position, _ = rig.rehearse(rig.experiments[0])
@@ -162,14 +165,14 @@ def test_amplitudes_fill_the_limits_and_no_peak_is_above_them(carrier: CarrierSp
 
 def test_torques_that_are_too_large_are_lowered_with_a_word_and_small_ones_kept() -> None:
     """A number in the study is what is wanted at most."""
-    _, peaks, rig = designed(torque_rms=900.0)
-    assert np.all(peaks.factor < 1)
-    assert peaks.factor[0, 0] == peaks.factor[0, 1]
-    assert "configuration a: excitation.torque_rms was lowered to" in peaks.notes[0]
-    assert (largest(rig) / peaks.limit[0]).max() < 1
-    plan, peaks, _ = designed(torque_rms=20.0)
-    assert np.all(peaks.factor == 1)
-    assert peaks.notes == ()
+    _, limit_use, rig = within(torque_rms=900.0)
+    assert np.all(limit_use.factor < 1)
+    assert limit_use.factor[0, 0] == limit_use.factor[0, 1]
+    assert "configuration a: excitation.torque_rms was lowered to" in limit_use.notes[0]
+    assert (largest(rig) / limit_use.limit[0]).max() < 1
+    plan, limit_use, _ = within(torque_rms=20.0)
+    assert np.all(limit_use.factor == 1)
+    assert limit_use.notes == ()
     np.testing.assert_allclose(np.sqrt(np.sum(np.abs(plan.R[0, 0, 0]) ** 2, axis=0) / 2), 20.0)
 
 
@@ -187,18 +190,18 @@ def test_limits_that_leave_no_room_are_refused_with_what_is_in_the_way(
 ) -> None:
     """The robot's weight, its movement: how much it needs, how much there is, what to change."""
     with pytest.raises(StudyError, match=message):
-        designed(carrier, arm(limits))
+        within(carrier, arm(limits))
 
 
 def test_a_motor_without_any_limit_cannot_be_scaled_to_it() -> None:
     """The message says which motor, and both ways out."""
     with pytest.raises(StudyError, match=r"limits needs a limit of every motor, and motor 1, motor 2 has none"):
-        designed(robot=arm(Limits()))
+        within(robot=arm(Limits()))
 
 
 def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_friction() -> None:
     """The planned movement's drift of angle and weight is taken out of the log; 3 % where sliding never stops."""
-    plan, _, rig = designed(CarrierSpec(kind="offset", velocity=0.1))
+    plan, _, rig = within(CarrierSpec(kind="offset", velocity=0.1))
     records = [rig.measure(e) for e in rig.experiments]
     G = estimate(records, EstimatorSpec(), plan.lines).G
     model = serial(arm())
@@ -291,39 +294,43 @@ def test_references_hold_the_robot_up_and_inject_the_plans_torque_under_a_ramp()
 
 
 def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
-    """plan.h5 holds plan, references and peaks."""
-    plan, peaks, _ = designed(CARRIERS[1], grid="odd-random")
-    run = nearest_run(plan, peaks, experiment(CARRIERS[1]), arm(), 1)
+    """plan.h5 holds plan, references and the use of the limits."""
+    plan, limit_use, _ = within(CARRIERS[1], grid="odd-random")
+    run = nearest_run(plan, limit_use.nearest, experiment(CARRIERS[1]), arm(), 1)
     path = tmp_path / "plan.h5"
     write_plan(
-        path, plan, references=references(plan, CARRIERS[1], feed_forward_of(serial(arm()))), peaks=peaks, nearest=run
+        path,
+        plan,
+        references=references(plan, CARRIERS[1], feed_forward_of(serial(arm()))),
+        peaks=limit_use,
+        nearest=run,
     )
     again, found = read_plan(tmp_path / "plan.h5"), read_peaks(tmp_path / "plan.h5")
     for name in ("lines", "detection", "R", "ramp_samples", "hold_samples"):
         np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
     for name in ("peak", "limit", "factor"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(peaks, name))
-    assert found.closest == peaks.closest
-    assert (found.nearest, read_rehearsal(path).experiment.name) == (peaks.nearest, peaks.nearest)
+        np.testing.assert_array_equal(getattr(found, name), getattr(limit_use, name))
+    assert found.closest == limit_use.closest
+    assert (found.nearest, read_rehearsal(path).experiment.name) == (limit_use.nearest, limit_use.nearest)
     np.testing.assert_array_equal(read_rehearsal(path).signals, run.signals)
     assert len(QUANTITIES) == found.peak.shape[1]
 
 
 def test_the_run_nearest_to_a_limit_is_drawn_between_the_limits() -> None:
     """Its largest signal is the largest peak of the plan; the panels show it whole, with limits on both sides."""
-    plan, peaks, _ = designed(CARRIERS[0])
-    run = nearest_run(plan, peaks, experiment(CARRIERS[0]), arm(), 1)
-    used = np.abs(run.signals).max(axis=1) / peaks.limit[0, :4]
-    assert used.max() == pytest.approx(peaks.used.max(), rel=1e-9)
-    panels = np.reshape(nearest_run_signals(run, peaks, plan).axes, (2, 4))
+    plan, limit_use, _ = within(CARRIERS[0])
+    run = nearest_run(plan, limit_use.nearest, experiment(CARRIERS[0]), arm(), 1)
+    used = np.abs(run.signals).max(axis=1) / limit_use.limit[0, :4]
+    assert used.max() == pytest.approx(limit_use.used.max(), rel=1e-9)
+    panels = np.reshape(nearest_run_signals(run, limit_use, plan).axes, (2, 4))
     for (i, kind), axes in np.ndenumerate(panels):
         signal, *limits = axes.get_lines()
         drawn = np.asarray(signal.get_ydata())
-        assert np.abs(drawn).max() == pytest.approx(used[kind, i] * peaks.limit[0, kind, i])
-        assert [abs(line.get_ydata()[0]) for line in limits] in ([], [peaks.limit[0, kind, i]] * 2)
+        assert np.abs(drawn).max() == pytest.approx(used[kind, i] * limit_use.limit[0, kind, i])
+        assert [abs(line.get_ydata()[0]) for line in limits] in ([], [limit_use.limit[0, kind, i]] * 2)
         assert bool(limits) == (used[kind, i] > 0.2)
-    texts = [text.get_text() for axes in limit_use(peaks).axes for text in axes.texts]
-    assert texts == [f"{100 * value:.0f}" for kind in peaks.used[0, :4] for value in kind]
+    texts = [text.get_text() for axes in limit_use_figure(limit_use).axes for text in axes.texts]
+    assert texts == [f"{100 * value:.0f}" for kind in limit_use.used[0, :4] for value in kind]
 
 
 def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from elastid.base.errors import StudyError
-from elastid.design.design import DesignProblem
+from elastid.design.problem import DesignProblem
 from elastid.response import FrequencyResponse
 from elastid.store import read_fit, read_responses
 from elastid.study import LoadedStudy

@@ -22,7 +22,7 @@ from elastid.app.tables import forecast_table, parameter_table
 from elastid.base.arrays import IntArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.execution import Execution, unordered
-from elastid.design.design import designed
+from elastid.design.design import design as design_experiments
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.references import references
 from elastid.experiment.plan.rig import Rig
@@ -103,8 +103,8 @@ def design(run: Run) -> None:
     """
     study = run.study
     with run.console.progress("design") as progress:
-        design = designed(brief_of(run.loaded), run.jobs, progress)
-    plan, forecast, peaks = design.plan, design.forecast, design.peaks
+        design = design_experiments(brief_of(run.loaded), Execution(run.jobs, progress))
+    plan, forecast, peaks = design.plan, design.forecast, design.limit_use
     movements = references(plan, study.experiment.as_simulated().carrier, feed_forward_of(model_of(study.robot)))
     folder = run.folder / "references"
     shutil.rmtree(folder, ignore_errors=True)

@@ -8,7 +8,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
-from elastid.design.limits import QUANTITIES, UNITS, LimitUse
+from elastid.design.limit_use import QUANTITIES, UNITS, LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.report.figures import style

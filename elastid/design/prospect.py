@@ -1,0 +1,275 @@
+r"""A prospect: the frequency response that a plan will measure and its covariance, as functions of a configuration.
+
+.. math:: cov(vec\, G) = \frac{1}{M} (U U^H)^{-T} \otimes C_V + \frac{\rho^2}{M} |G|^2, \qquad
+          C_V = \frac{1}{P} [C_y + G (C_u + C_d) G^H] + G C_s G^H, \qquad U = (I + F G_q)^{-1} R
+
+R (n_u, E): the torques injected in the E experiments of a realisation, F = k_p + j omega k_d the joint controller, G_q
+from torque to motor angle; M realisations of P periods. A white signal of variance sigma^2 has 4 sigma^2 / N at each
+line of a period of N samples. C_y, C_u: noise of the logged outputs and torques, C_d: torque that is not in the log,
+C_s: scatter of Coulomb friction (`friction_level`), the same in all periods; rho: further nonlinear distortion. The
+estimator's own covariance is in `frf.covariance`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.errors import StudyError
+from elastid.design.expected_response import ExpectedResponse, linearisation_of
+from elastid.design.friction_effects import friction_level
+from elastid.design.optimal_powers import PowerSource
+from elastid.excitation.grids import line_frequencies
+from elastid.experiment.simulated.sensors import logged_quantity, output_stds
+from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec
+from elastid.fit.spec import FitSpec
+from elastid.fit.weights.weights import one_by_one, weigh
+from elastid.friction.robot_friction import coulomb_levels
+from elastid.linear.equilibrium import rigid_posture
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import frequency_response
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
+from elastid.parameters import ParameterSet
+from elastid.record import MOTION_ORDER, Configuration, Motion
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Robot
+from elastid.simulation.controller import tuned
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """The disturbances of one realisation.
+
+    noise: of the sensors, Nm and rad.  distortion: standard deviation of G relative to |G|.  In place of the noise,
+    where given: absolute, a standard deviation of G in its unit, or variance (F, n_y, n_u) of G.
+    """
+
+    noise: NoiseSpec = field(default_factory=NoiseSpec)
+    distortion: float = 0.0
+    absolute: float | None = None
+    variance: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Prospect:
+    """All that the information of a configuration depends on, but for the configuration; it pickles.
+
+    R (M, E, F, n_u): torques to be injected, in realisations that stand for all, on lines (F,) of period_samples.
+    outputs and quantity: what is estimated.
+    """
+
+    robot: Robot
+    parameters: ParameterSet
+    fit: FitSpec
+    outputs: tuple[str, ...]
+    quantity: Motion
+    controller: ControllerSpec
+    carrier_velocity: FloatArray
+    level: NoiseLevel
+    lines: IntArray
+    R: ComplexArray
+    rate_hz: float
+    period_samples: int
+    periods: int
+    realisations: int
+    model: ModelSpec = EXACT
+
+    @property
+    def freq_hz(self) -> FloatArray:
+        """Frequencies (F,)."""
+        return line_frequencies(self.lines, self.rate_hz, self.period_samples)
+
+    @property
+    def linearisation(self) -> Linearisation:
+        """The linearisation of the fit's model."""
+        return linearisation_of(self.robot, self.model, self.parameters.names)
+
+    def expected(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> ExpectedResponse:
+        """The response of a robot with parameters x (n_x,), measured in so many realisations of a configuration.
+
+        realisations: self.realisations unless given.  StudyError where the configuration has no equilibrium.
+        """
+        model, G, motion = self._local(configuration, x)
+        covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
+        response = FrequencyResponse(
+            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
+        )
+        return ExpectedResponse(response, model, weigh(response, one_by_one(self.fit)), self.parameters, self.fit)
+
+    def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
+        """The same as a function of the powers of R; friction scatters as it does under R.
+
+        StudyError where the level of the noise does not depend on the powers.
+        """
+        if self.level.absolute is not None or self.level.variance is not None:
+            raise StudyError(
+                "excitation.flat: information needs the noise of the simulated rig: with design.noise.absolute or frf "
+                "the variance is the same whatever is injected; drop it, or take another flat"
+            )
+        M = realisations or self.realisations
+        _, G, motion = self._local(configuration, x)
+        expected = self.expected(configuration, x, M)
+        sensitivity = self._sensitivity(configuration, motion)
+        error = _diagonal(self._error(self._acting(sensitivity), G, motion)) / M
+        ((_, J),) = expected.problem.blocks(x)
+        used = expected.weights.used
+        if not np.all(error > 0):
+            raise StudyError(
+                "excitation.flat: information needs the expected noise; set experiment.simulated.noise, or take "
+                "another flat"
+            )
+        return PowerSource(
+            J=J * np.where(used, expected.weights.sigma, 0.0),
+            error=error,
+            spread=np.abs(np.linalg.inv(sensitivity)) ** 2,
+            fixed=(expected.weights.floor**2 + self.level.distortion**2 / M) * np.abs(G) ** 2,
+            used=used,
+        )
+
+    def _local(self, configuration: Configuration, x: FloatArray) -> tuple[LinearModel, ComplexArray, ComplexArray]:
+        """The model, G (F, n_y, n_u), and the motion of the motors (F, n_u, n_u) in `quantity`."""
+        theta = self.parameters.expand(x)
+        motors = self.robot.motor_locations
+        both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
+        n_u = len(motors)
+        every = frequency_response(both, theta, self.freq_hz)
+        model = both.reading(range(n_u, len(both.outputs)))
+        return model, every[:, n_u:], every[:, :n_u]
+
+    def torques(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
+        """U (M, E, F, n_u): the acting torques, those injected less the controller's reaction."""
+        _, _, motion = self._local(configuration, x)
+        return self._acting(self._sensitivity(configuration, motion))
+
+    def motion(self, configuration: Configuration, x: FloatArray) -> ComplexArray:
+        """X (M E, F, n_q): amplitude spectra of joints and motors under the multisine, rad or m; 0 for rods."""
+        local = self.linearisation
+        theta = self.parameters.expand(x)
+        coordinates = local.model.coordinates
+        there = [i for i, name in enumerate(coordinates) if name in self.robot.locations]
+        model = local.at(configuration, theta[:-1], [coordinates[i] for i in there], "position")
+        # The motion itself, without the lags of the sensors.
+        G = frequency_response(replace(model, chain=()), theta, self.freq_hz)
+        moved = (G @ self.torques(configuration, x)[..., None])[..., 0]
+        X = np.zeros((moved.shape[0] * moved.shape[1], len(self.lines), len(coordinates)), complex)
+        X[:, :, there] = moved.reshape(*X.shape[:2], -1)
+        return X
+
+    def _covariance(self, G: ComplexArray, motion: ComplexArray, configuration: Configuration, M: int) -> Covariance:
+        """cov(vec G) of the mean of M realisations; motion (F, n_u, n_u): of the motors, in `quantity`."""
+        level = self.level
+        distortion = (level.distortion * np.abs(G)) ** 2 / M
+        if level.variance is not None:
+            return Covariance(level.variance / M + distortion, math.inf)
+        if level.absolute is not None:
+            return Covariance(level.absolute**2 / M + distortion, math.inf)
+        sensitivity = self._sensitivity(configuration, motion)
+        U = self._acting(sensitivity)
+        power = self._power(U, sensitivity)
+        left = (np.swapaxes(np.linalg.inv(power), 1, 2) / M).astype(np.complex128)
+        right = self._error(U, G, motion)
+        noise = _diagonal(right)[:, :, None] * _diagonal(left)[:, None, :]
+        if level.distortion > 0:
+            return Covariance(noise + distortion, math.inf)
+        return Covariance(noise, math.inf, left, right)
+
+    def equivalent_damping(self, configuration: Configuration, x: FloatArray) -> FloatArray:
+        """Nms/rad (n_u,), link side: by how much Coulomb friction raises the viscous friction that a fit finds."""
+        theta = self.parameters.expand(x)
+        model = self.linearisation.at(configuration, theta[:-1], self.robot.motor_locations, self.quantity)
+        motion = frequency_response(model, theta, self.freq_hz)
+        sensitivity = self._sensitivity(configuration, motion)
+        return self._friction(self._acting(sensitivity), motion)[0]
+
+    def _power(self, U: ComplexArray, sensitivity: ComplexArray) -> ComplexArray:
+        """U U^H (F, n_u, n_u) in a realisation, from U (M, E, F, n_u) and (I + F G_q)^-1 (F, n_u, n_u).
+
+        Fewer experiments than inputs: a line and its neighbours have independent phases, and together the power
+        S diag(|R|^2) S^H at each line, with |R|^2 the mean of n_u lines.
+        """
+        M, E, F, n_u = U.shape
+        if n_u <= E:
+            return np.asarray(np.einsum("mefi,mefj->fij", U, U.conj()) / M)
+        squares = np.sum(np.abs(self.R) ** 2, axis=(0, 1)) / M
+        nearby = np.clip(np.arange(F) - n_u // 2, 0, F - n_u)[:, None] + np.arange(n_u)
+        mean = squares[nearby].mean(axis=1)
+        return np.asarray(np.einsum("fik,fk,fjk->fij", sensitivity, mean, sensitivity.conj()), dtype=np.complex128)
+
+    def _acting(self, sensitivity: ComplexArray) -> ComplexArray:
+        """U (M, E, F, n_u), from (I + F G_q)^-1 (F, n_u, n_u)."""
+        return np.asarray((sensitivity @ self.R[..., None])[..., 0])
+
+    def _sensitivity(self, configuration: Configuration, motion: ComplexArray) -> ComplexArray:
+        """(I + F G_q)^-1 (F, n_u, n_u), from injected to acting torques."""
+        s = 2j * np.pi * self.freq_hz[:, None, None]
+        k_p, k_d, k_i = _gains(self.robot, self.model, tuple(configuration.angles.tolist()), self.controller)
+        F = (k_p[:, None] + k_d[:, None] * s) * (1 + k_i[:, None] / s)
+        difference = np.eye(len(k_p)) + F * motion / s ** MOTION_ORDER[self.quantity]
+        return np.asarray(np.linalg.inv(difference), dtype=np.complex128)
+
+    def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
+        """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
+        coulomb = coulomb_levels(self.robot)
+        if not coulomb.any():
+            return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
+        s = 2j * np.pi * self.freq_hz[:, None, None]
+        shafts = self.robot.mixing @ motion
+        V = ((shafts / s ** (MOTION_ORDER[self.quantity] - 1)) @ U[..., None])[..., 0]
+        return friction_level(
+            V.reshape(-1, *V.shape[2:]), self.lines, self.period_samples, coulomb, self.carrier_velocity
+        )
+
+    def _error(self, U: ComplexArray, G: ComplexArray, motion: ComplexArray) -> ComplexArray:
+        """C_V (F, n_y, n_y) with the scatter of friction."""
+        scatter = self._friction(U, motion)[1]
+        of_shafts = G @ self.robot.mixing.T
+        scattered = (of_shafts * scatter[:, None, :]) @ np.swapaxes(of_shafts, 1, 2).conj()
+        return np.asarray(self._equation_error(G) + scattered)
+
+    def _equation_error(self, G: ComplexArray) -> ComplexArray:
+        """C_V (F, n_y, n_y), of the mean over the periods."""
+        noise = self.level.noise
+        hold = np.sinc(self.freq_hz / self.rate_hz) ** 2
+        power = sum(noise.variances(signal, self.freq_hz, self.rate_hz) for signal in ("torque", "disturbance"))
+        torque = (hold * power)[:, None, None]
+        omega = 2 * np.pi * self.freq_hz[:, None]
+        measured = np.array([MOTION_ORDER[logged_quantity(place)] for place in self.outputs])
+        angle = omega ** (2 * (MOTION_ORDER[self.quantity] - measured)) * self._output_variances()
+        per_sample = torque * (G @ np.swapaxes(G, 1, 2).conj()) + angle[:, :, None] * np.eye(len(self.outputs))
+        return np.asarray(per_sample * (4 / (self.period_samples * self.periods)))
+
+    def _output_variances(self) -> FloatArray:
+        """rad^2 or (m/s^2)^2 (F, n_y) of a sample, as if white: sensor noise, and the counts of a motor's encoder."""
+        noise = self.level.noise
+        color = noise.variances("angle", self.freq_hz, self.rate_hz) - noise.angle_std**2
+        is_angle = [logged_quantity(place) == "position" for place in self.outputs]
+        variances = np.asarray(output_stds(noise, self.outputs) ** 2 + color[:, None] * np.array(is_angle))
+        if not noise.encoder_counts:
+            return variances
+        steps = np.array([2 * math.pi / (noise.encoder_counts * self.robot.ratio(j.name)) for j in self.robot.driven])
+        counted = np.linalg.inv(self.robot.mixing) ** 2 @ (steps**2 / 12)
+        for i, place in enumerate(self.outputs):
+            if place in self.robot.motor_locations:
+                variances[:, i] += counted[self.robot.motor_locations.index(place)]
+        return variances
+
+
+@lru_cache(maxsize=1024)
+def _gains(
+    robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
+) -> tuple[FloatArray, ...]:
+    """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
+    model = linearisation_of(robot, formulation).model
+    q = rigid_posture(model, Configuration("", np.array(angles)))
+    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    return gains.kp, gains.kd, gains.ki
+
+
+def _diagonal(matrices: ComplexArray) -> FloatArray:
+    return np.asarray(np.einsum("fii->fi", matrices).real)
