@@ -140,8 +140,8 @@ def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust:
     problem = replace(_with(count=2, robust=robust), robot=replace(TWO, bodies=tuple(slow)))
     problem = replace(problem, excitation=replace(problem.excitation, torque_rms="limits"))
     found = design(_shaped(problem))
-    assert 0.8 < found.peaks.used[:, 2].max() < 0.91
-    assert found.peaks.used.max() < 0.91
+    assert 0.8 < found.limit_use.used[:, 2].max() < 0.91
+    assert found.limit_use.used.max() < 0.91
     only = {c.name: tuple(c.angles.tolist()) for c in found.plan.configurations}
     same = replace(problem, design=None, experiment=replace(problem.experiment, configurations=only))
     for flat in ("torque", "velocity"):
