@@ -6,10 +6,10 @@ from pathlib import Path
 
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.logs import contents
-from elastid.recorded.files.text import described_format, guessed
+from elastid.recorded.files.formats import contents
+from elastid.recorded.files.text import described_format, guess_format
 from elastid.recorded.responses.reading import contents_of
-from elastid.recorded.responses.uff import SUFFIXES
+from elastid.recorded.responses.uff import is_universal_file
 from elastid.store import described as described_artefact
 from elastid.store import kind_of
 
@@ -24,8 +24,8 @@ def described(path: Path) -> str:
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
         lines += [f"  {response}" for response in responses]
-    if path.suffix.lower() not in SUFFIXES:
-        text = guessed(path)
+    if not is_universal_file(path):
+        text = guess_format(path)
         signals = contents(path, text)
         width = max(map(len, signals), default=0)
         lines.append(f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels")

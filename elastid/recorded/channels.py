@@ -1,13 +1,13 @@
 """The channels of one experiment, from one log or several, in SI on the link side and on one grid of samples.
 
-Logs that started at different times are shifted into step by the excitation that each of them holds; channels of
-different rates are brought to the lowest. A start that all channels share does not matter: Y / U cancels it.
+Logs that started at different times are aligned by the excitation that each of them holds; channels of different rates
+are brought to the lowest. A start that all channels share does not matter: Y / U cancels it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
-from elastid.recorded.files.logs import read_channels
-from elastid.recorded.link_side import check_values, link_side, named
-from elastid.recorded.repair.delay import LEAST_CORRELATION, delay
+from elastid.recorded.files.formats import read_channels
+from elastid.recorded.link_side import check_values, link_side
+from elastid.recorded.repair.delay import MIN_CORRELATION, delay
 from elastid.recorded.repair.finding import Finding, Log
 from elastid.recorded.repair.missing import filled
 from elastid.recorded.repair.sample_times import at_times, on_grid
@@ -25,13 +25,17 @@ from elastid.robot import Robot
 
 ALIGNED = "logs shifted"
 RATE_CHANGED = "channels brought to another rate"
-# Whole samples of a period, to this part of it.
-_WHOLE = 1e-6
+# Samples of a period are whole to this part of them.
+_WHOLE_TOLERANCE = 1e-6
+# Shifts of whole samples, to this part of one, need no interpolation.
+_WHOLE_SHIFT_TOLERANCE = 1e-3
+# The filter of a change of rate passes frequencies up to this part of the lower rate.
+_PASS_BAND = 0.45
 
 
 @dataclass(frozen=True)
-class Gathered:
-    """signals (n, c) of channels, samples that are missing being NaN, at rate_hz (1 where unknown)."""
+class GatheredChannels:
+    """Signals (n, c) of channels, missing samples NaN, at rate_hz (1 where unknown), from sample `first` of the file."""
 
     signals: FloatArray
     channels: tuple[ChannelSpec, ...]
@@ -44,49 +48,73 @@ class Gathered:
 
 @dataclass(frozen=True)
 class _Part:
-    """Some channels of one file with one rate: their places in the study's list, and signals (n, c)."""
+    """The channels of one file with one rate: their places in the study's list, signals (n, c), and findings."""
 
     file: int
     rate_hz: float
     members: tuple[int, ...]
     signals: FloatArray
+    findings: tuple[Finding, ...] = ()
 
 
-def gather(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Robot) -> Gathered:
+@dataclass(frozen=True)
+class _Experiment:
+    """The study's section, and the files of one experiment."""
+
+    recorded: RecordedSpec
+    file: FileSpec
+    paths: tuple[Path, ...]
+
+    @property
+    def channels(self) -> tuple[ChannelSpec, ...]:
+        return self.recorded.channels
+
+    @property
+    def rate_hz(self) -> float:
+        """The study's rate, 1 where unknown."""
+        return 1.0 if isinstance(self.recorded.rate_hz, str) else float(self.recorded.rate_hz)
+
+    def key(self, channel: ChannelSpec) -> tuple[int, float]:
+        """File and rate of a channel."""
+        return channel.file, float(channel.rate_hz or self.rate_hz)
+
+
+def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Robot) -> GatheredChannels:
     """Read the logs of one experiment.
 
-    Raises StudyError for rates that have no whole number of samples in a period, DataError for channels that cannot
-    be read, never change, or of logs that have no excitation in common.
+    Raises StudyError for rates without a whole number of samples in a period, DataError for channels that cannot be
+    read, never change, or belong to logs without a common excitation.
     """
-    rate_hz = 1.0 if isinstance(recorded.rate_hz, str) else float(recorded.rate_hz)
-    paths = [base / path for path in (file.path, *file.also)]
-    findings: list[Finding] = []
-    parts = [_read(recorded, file, paths, key, rate_hz, findings) for key in _keys(recorded, rate_hz)]
+    experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
+    channels, rate_hz = recorded.channels, experiment.rate_hz
+    keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
+    parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    still = check_values(recorded.channels, [columns[i] for i in range(len(columns))], paths[0])
-    words = [*still]
+    words = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
     converted = []
     for part in parts:
-        pairs = [
-            link_side(recorded.channels[i], column, robot)
-            for i, column in zip(part.members, part.signals.T, strict=True)
-        ]
+        pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
         words += [word for _, word in pairs if word]
-        signals = np.stack([signal for signal, _ in pairs], axis=1)
-        converted.append(_Part(part.file, part.rate_hz, part.members, signals))
+        converted.append(replace(part, signals=np.stack([signal for signal, _ in pairs], axis=1)))
     period_s = period_samples(recorded, rate_hz) / rate_hz
     lowest = min(part.rate_hz for part in parts)
     N = whole_samples(period_s, lowest, recorded)
-    at_rate = [_at_rate(part, lowest, period_s, recorded, paths, findings) for part in converted]
-    aligned = _aligned(at_rate, N, recorded.channels, paths, findings)
+    at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
+    aligned, shifts = _aligned(at_rate, N, experiment)
     n = min(len(part.signals) for part in aligned)
-    signals = np.full((n, len(recorded.channels)), np.nan)
+    signals = np.full((n, len(channels)), np.nan)
     for part in aligned:
         signals[:, part.members] = part.signals[:n]
-    keep = _first_of_each(recorded.channels)
-    channels = tuple(recorded.channels[i] for i in keep)
-    first = 0 if file.samples is None else file.samples[0]
-    return Gathered(signals[:, keep], channels, lowest, N, first, tuple(words), tuple(findings))
+    keep = _first_of_each(channels)
+    return GatheredChannels(
+        signals=signals[:, keep],
+        channels=tuple(channels[i] for i in keep),
+        rate_hz=lowest,
+        period_samples=N,
+        first=0 if file.samples is None else file.samples[0],
+        notes=tuple(words),
+        findings=(*(finding for part in at_rate for finding in part.findings), *shifts),
+    )
 
 
 def period_samples(recorded: RecordedSpec, rate_hz: float) -> int:
@@ -100,7 +128,7 @@ def period_samples(recorded: RecordedSpec, rate_hz: float) -> int:
 def whole_samples(period_s: float, rate_hz: float, recorded: RecordedSpec) -> int:
     """Samples of a period at a channel's own rate; StudyError where they are not whole."""
     samples = period_s * rate_hz
-    if abs(samples - round(samples)) > _WHOLE * samples:
+    if abs(samples - round(samples)) > _WHOLE_TOLERANCE * samples:
         raise StudyError(
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples, not a whole number, so that "
             f"its channels and those at {recorded.rate_hz} Hz have no grid in common; check rate_hz of the channels"
@@ -108,37 +136,24 @@ def whole_samples(period_s: float, rate_hz: float, recorded: RecordedSpec) -> in
     return round(samples)
 
 
-def _keys(recorded: RecordedSpec, rate_hz: float) -> list[tuple[int, float]]:
-    """File and rate of each part; the first one is the log's own."""
-    keys = dict.fromkeys((c.file, float(c.rate_hz or rate_hz)) for c in recorded.channels)
-    return sorted(keys, key=lambda key: (key[0], key[1] != rate_hz))
-
-
-def _read(
-    recorded: RecordedSpec,
-    file: FileSpec,
-    paths: Sequence[Path],
-    key: tuple[int, float],
-    rate_hz: float,
-    findings: list[Finding],
-) -> _Part:
+def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
+    """The channels of one file and rate, on an even grid of samples."""
     number, own_rate_hz = key
-    members = tuple(
-        i for i, c in enumerate(recorded.channels) if (c.file, float(c.rate_hz or rate_hz)) == (number, own_rate_hz)
-    )
-    channels, path = [recorded.channels[i] for i in members], paths[number - 1]
+    recorded, file, rate_hz = experiment.recorded, experiment.file, experiment.rate_hz
+    members = tuple(i for i, c in enumerate(experiment.channels) if experiment.key(c) == key)
+    channels, path = [experiment.channels[i] for i in members], experiment.paths[number - 1]
     has_time = bool(recorded.time) and key == (1, rate_hz)
     if has_time:
         channels = [*channels, ChannelSpec("y", "", recorded.time, quantity="position")]
     values = read_channels(path, channels, recorded.text)
     if number == 1:
         values = _cut(values, file, path, own_rate_hz / rate_hz)
-    if has_time:
-        log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
-        gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
-        findings += gridded.findings
-        values = gridded.signals
-    return _Part(number, own_rate_hz, members, np.where(np.isfinite(values), values, np.nan))
+    if not has_time:
+        return _Part(number, own_rate_hz, members, np.where(np.isfinite(values), values, np.nan))
+    log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
+    gridded = on_grid(values[:, -1], values[:, :-1], rate_hz, log)
+    signals = np.where(np.isfinite(gridded.signals), gridded.signals, np.nan)
+    return _Part(number, own_rate_hz, members, signals, gridded.findings)
 
 
 def _cut(values: FloatArray, file: FileSpec, path: Path, ratio: float) -> FloatArray:
@@ -147,86 +162,78 @@ def _cut(values: FloatArray, file: FileSpec, path: Path, ratio: float) -> FloatA
     first, last = (round(sample * ratio) for sample in file.samples)
     if not 0 <= first < last <= len(values):
         raise DataError(
-            f"{path}: samples [{first}, {last}] do not lie in it; it has {len(values)} samples, the first is 0 and "
+            f"{path}: samples [{first}, {last}] are outside the file; it has {len(values)} samples, the first is 0 and "
             "last is not included"
         )
     return values[first:last]
 
 
-def _at_rate(
-    part: _Part,
-    rate_hz: float,
-    period_s: float,
-    recorded: RecordedSpec,
-    paths: Sequence[Path],
-    findings: list[Finding],
-) -> _Part:
-    """The part at the lowest of all rates, what that cannot hold kept out."""
+def _at_rate(part: _Part, rate_hz: float, period_s: float, experiment: _Experiment) -> _Part:
+    """The part at the lowest of all rates, frequencies above its range filtered out."""
     if part.rate_hz == rate_hz:
         return part
-    names = tuple(named(recorded.channels[i]) for i in part.members)
-    N, ratio = whole_samples(period_s, part.rate_hz, recorded), part.rate_hz / rate_hz
-    signals = part.signals
+    names = tuple(experiment.channels[i].full_name for i in part.members)
+    N, ratio = whole_samples(period_s, part.rate_hz, experiment.recorded), part.rate_hz / rate_hz
+    signals, findings = part.signals, part.findings
     if not np.isfinite(signals).all():
-        repaired = filled(signals, N, 1, Log(str(paths[part.file - 1]), names, part.rate_hz))
-        findings += repaired.findings
-        signals = repaired.signals
+        repaired = filled(signals, N, 1, Log(str(experiment.paths[part.file - 1]), names, part.rate_hz))
+        signals, findings = repaired.signals, (*findings, *repaired.findings)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    word = f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, right up to {0.45 * rate_hz:g} Hz"
-    findings.append(Finding(RATE_CHANGED, len(names), word))
-    return _Part(part.file, rate_hz, part.members, at_times(signals, times, N, 1 / ratio))
+    word = (
+        f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {_PASS_BAND * rate_hz:g} Hz"
+    )
+    findings = (*findings, Finding(RATE_CHANGED, len(names), word))
+    return _Part(part.file, rate_hz, part.members, at_times(signals, times, N, 1 / ratio), findings)
 
 
-def _aligned(
-    parts: Sequence[_Part],
-    N: int,
-    channels: Sequence[ChannelSpec],
-    paths: Sequence[Path],
-    findings: list[Finding],
-) -> list[_Part]:
-    """All parts in step with the first file; its start is cut where another log started later."""
+def _aligned(parts: Sequence[_Part], N: int, experiment: _Experiment) -> tuple[list[_Part], tuple[Finding, ...]]:
+    """All parts in step with the first file, the start of which is cut where another log started later; the shifts."""
+    paths, channels = experiment.paths, experiment.channels
     base = [part for part in parts if part.file == 1]
     n = min(len(part.signals) for part in base)
-    shifts: dict[int, float] = {}
-    for number in sorted({part.file for part in parts} - {1}):
-        here = [part for part in parts if part.file == number]
-        shifts[number] = _delay_of(base, here, N, channels, paths[number - 1])
-        word = (
-            f"{paths[number - 1].name} lags {paths[0].name} by {shifts[number]:.3f} samples (up to whole periods): "
-            "shifted into step"
+    shifts = {
+        number: _delay_of(base, [part for part in parts if part.file == number], N, channels, paths[number - 1])
+        for number in sorted({part.file for part in parts} - {1})
+    }
+    findings = tuple(
+        Finding(
+            ALIGNED,
+            1,
+            f"{paths[number - 1].name} lags {paths[0].name} by {shift:.3f} samples (up to whole "
+            "periods): shifted into step",
         )
-        findings.append(Finding(ALIGNED, 1, word))
+        for number, shift in shifts.items()
+    )
     start = max([0, *(int(np.ceil(-shift)) for shift in shifts.values())])
-    result = [_Part(1, part.rate_hz, part.members, part.signals[start:]) for part in base]
+    result = [replace(part, signals=part.signals[start:]) for part in base]
     for part in (part for part in parts if part.file != 1):
         shift, signals = shifts[part.file], part.signals
         if _is_one_period(part, N, channels):
             signals = np.tile(signals[:N], (n // N + 3, 1))
         times = np.arange(start, n, dtype=np.float64) + shift
         inside = times[(times >= 0) & (times <= len(signals) - 1)]
-        whole = np.allclose(inside, np.round(inside), atol=1e-3)
+        whole = np.allclose(inside, np.round(inside), atol=_WHOLE_SHIFT_TOLERANCE)
         moved = signals[np.round(inside).astype(int)] if whole else at_times(signals, inside, N)
-        result.append(_Part(part.file, part.rate_hz, part.members, moved))
-    return result
+        result.append(replace(part, signals=moved))
+    return result, findings
 
 
 def _delay_of(
     base: Sequence[_Part], here: Sequence[_Part], N: int, channels: Sequence[ChannelSpec], path: Path
 ) -> float:
-    """By how many samples a file lags the first one, from the motor whose excitation both hold and that agrees best."""
-
+    """Samples by which a file lags the first one, from the motor whose excitation agrees best in both."""
     sent = _by_motor(base, "r", N, channels)
     ours = _by_motor(base, "u", N, channels) | sent
     found = {at: delay(ours[at], r, N) for at, r in _by_motor(here, "r", N, channels).items() if at in ours}
     best = max(found, key=lambda at: found[at][1], default="")
-    if not best or found[best][1] < LEAST_CORRELATION:
+    if not best or found[best][1] < MIN_CORRELATION:
         agree = f"best correlation {found[best][1]:.2f} at {best}" if best else "it has no complete channel of role r"
         raise DataError(
-            f"{path}: nothing tells when it started ({agree}); log the excitation r of a motor in it, or one period of "
-            "that excitation alone"
+            f"{path}: its start cannot be determined ({agree}); log the excitation r of a motor in it, or one period "
+            "of that excitation alone"
         )
     shift = found[best][0]
-    # Where u stands for r the loop's own phase is in the delay: whole samples are all that can be told.
+    # Where u stands for r the phase of the loop is part of the delay: only whole samples are certain.
     return shift if best in sent else float(round(shift))
 
 
@@ -246,7 +253,7 @@ def _is_one_period(part: _Part, N: int, channels: Sequence[ChannelSpec]) -> bool
 
 
 def _first_of_each(channels: Sequence[ChannelSpec]) -> list[int]:
-    """A signal that two files hold is taken from the first."""
+    """Places of the channels, a signal that two files hold being taken from the first."""
     seen: dict[tuple[str, str], int] = {}
     for i in sorted(range(len(channels)), key=lambda i: (channels[i].file, i)):
         seen.setdefault((channels[i].role, channels[i].at), i)

@@ -1,7 +1,11 @@
-"""One channel of a log: the file's numbers checked, then in SI and on the link side; missing ones stay missing.
+"""Channels of a log in SI and on the link side; missing samples stay missing.
 
 value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque
 motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
+
+Where gears couple motors with several joints, each channel is converted by its own ratio first, then all together:
+
+    tau_a = E^T tau_m',   q_a = E^-1 q_m'        (E: robot.mixing)
 """
 
 from __future__ import annotations
@@ -14,82 +18,31 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
-from elastid.recorded.files.logs import name_in_file
 from elastid.robot import Robot
 
-# A jump between two samples that is so close to a whole turn is an encoder that starts again, in rad.
-_NEAR_A_TURN = 1.0
+# A jump between two samples this close to a whole turn, in rad, is an encoder that starts again.
+_TURN_TOLERANCE = 1.0
+# Smaller elements of E or its inverse are rounding.
+_MIN_COUPLING = 1e-12
 
 
 def link_side_factor(channel: ChannelSpec, robot: Robot) -> float:
-    """What turns the file's numbers into SI on the link side; StudyError where unit or side are wrong."""
+    """Factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
     return _own_side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[FloatArray, str]:
-    """The signal (n,) in SI on the link side, and a word if an angle had to be unwrapped (an empty text if not)."""
-    signal: FloatArray = values * _own_side_factor(channel, robot)
+    """The signal (n,) in SI on the link side, and a word if an angle was unwrapped (an empty text if not)."""
+    signal = values * _own_side_factor(channel, robot)
     turns = 0
     if channel.quantity == "position" and not robot.slides(channel.at):
         known = np.isfinite(signal)
         jumps = np.abs(np.diff(signal[known]))
         wraps = jumps > np.pi
-        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _NEAR_A_TURN):
+        if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _TURN_TOLERANCE):
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-    word = f"{turns} jumps of a whole turn were taken out of {name_in_file(channel)}" if turns else ""
+    word = f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}" if turns else ""
     return signal * _gear_factor(channel, robot), word
-
-
-def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[str, ...]:
-    """DataError where one of the channels' columns (n,), in each of which samples may be missing, never changes.
-
-    Returns a word for every input that stands still while others move: it is taken as not excited in this experiment.
-    """
-    still = []
-    for channel, column in zip(channels, columns, strict=True):
-        who = named(channel)
-        values = column[np.isfinite(column)]
-        if values.size == 0:
-            raise DataError(f"{path}: {who}: none of its {len(column)} samples is a finite number")
-        if np.ptp(values) > 0:
-            continue
-        if channel.role == "y" or not _another_moves(channel, channels, columns):
-            raise DataError(
-                f"{path}: {who} is constant at {values[0]:g} over all {len(column)} samples; nothing was logged "
-                "there, or it is another channel that is meant"
-            )
-        still.append(f"{who} is constant at {values[0]:g}: taken as not excited in this experiment")
-    return tuple(still)
-
-
-def named(channel: ChannelSpec) -> str:
-    """How words name a channel: as it is called in the file, and what it is on the robot."""
-    return f"channel {name_in_file(channel)} ({channel.role} at {channel.at})"
-
-
-def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], columns: Sequence[FloatArray]) -> bool:
-    return any(c.role == channel.role and np.nanmax(v) > np.nanmin(v) for c, v in zip(channels, columns, strict=True))
-
-
-def _own_side_factor(channel: ChannelSpec, robot: Robot) -> float:
-    try:
-        unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
-    except ValueError as error:
-        raise StudyError(f"{named(channel)}: {error}") from None
-    return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
-
-
-def _gear_factor(channel: ChannelSpec, robot: Robot) -> float:
-    if channel.side == "link":
-        return 1.0
-    kind, _, joint = channel.at.partition(" ")
-    if kind not in ("motor", "joint") or joint not in [driven.name for driven in robot.driven]:
-        raise StudyError(
-            f"channel {name_in_file(channel)}: side: motor needs a gear, and {channel.at} has none; "
-            f"there are {', '.join(robot.motor_locations)}"
-        )
-    ratio = robot.ratio(joint)
-    return ratio if channel.quantity in ("torque", "current") else 1 / ratio
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Robot) -> FloatArray:
@@ -104,9 +57,57 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Robot) -> FloatArray:
         if channel.side != "motor" or channel.at not in motors:
             continue
         mixed = (angle if channel.role == "y" else torque)[motors.index(channel.at)]
-        for source in np.flatnonzero(np.abs(mixed) > 1e-12):
+        for source in np.flatnonzero(np.abs(mixed) > _MIN_COUPLING):
             T[row, _place(channels, channel, motors[source])] = mixed[source]
     return T
+
+
+def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[str, ...]:
+    """DataError where one of the channels' columns (n,), in each of which samples may be missing, never changes.
+
+    Returns a word on every input that stands still while others move: it is taken as not excited in this experiment.
+    """
+    still = []
+    for channel, column in zip(channels, columns, strict=True):
+        values = column[np.isfinite(column)]
+        if values.size == 0:
+            raise DataError(
+                f"{path}: {channel.full_name}: none of its {len(column)} samples is a finite number; check its name"
+            )
+        if np.ptp(values) > 0:
+            continue
+        if channel.role == "y" or not _another_moves(channel, channels, columns):
+            raise DataError(
+                f"{path}: {channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
+                "sensor and its name in the file"
+            )
+        still.append(f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment")
+    return tuple(still)
+
+
+def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], columns: Sequence[FloatArray]) -> bool:
+    return any(c.role == channel.role and np.nanmax(v) > np.nanmin(v) for c, v in zip(channels, columns, strict=True))
+
+
+def _own_side_factor(channel: ChannelSpec, robot: Robot) -> float:
+    try:
+        unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
+    except ValueError as error:
+        raise StudyError(f"{channel.full_name}: {error}") from None
+    return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
+
+
+def _gear_factor(channel: ChannelSpec, robot: Robot) -> float:
+    if channel.side == "link":
+        return 1.0
+    kind, _, joint = channel.at.partition(" ")
+    if kind not in ("motor", "joint") or joint not in [driven.name for driven in robot.driven]:
+        raise StudyError(
+            f"channel {channel.name_in_file}: side: motor needs a gear, and {channel.at} has none; "
+            f"there are {', '.join(robot.motor_locations)}"
+        )
+    ratio = robot.ratio(joint)
+    return ratio if channel.quantity in ("torque", "current") else 1 / ratio
 
 
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, at: str) -> int:
@@ -116,7 +117,7 @@ def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, at: str) -> int:
         if (channel.role, channel.side, channel.at) == (like.role, "motor", at) and same_kind:
             return place
     raise StudyError(
-        f"channel {name_in_file(like)}: {like.at} is coupled by gears with {at}, of which no channel with role "
+        f"channel {like.name_in_file}: {like.at} is coupled by gears with {at}, of which no channel with role "
         f"{like.role} and side: motor{'' if like.role != 'y' else f' holds the {like.quantity}'}; log it too, or give "
         "the signal on the link side"
     )

@@ -1,6 +1,7 @@
-"""The order in which the faults of a log are mended: each step leaves what the next one relies on.
+"""The order in which the faults of a log are repaired: each step establishes what the next one relies on.
 
-clock -> lost samples -> is it periodic? -> missing samples -> spikes; limits and steps are told of what was logged.
+clock -> lost samples -> check of the period -> missing samples -> spikes; limits and steps are reported of the samples
+as they were logged.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from elastid.recorded.repair.missing import filled
 from elastid.recorded.repair.quantisation import quantised
 from elastid.recorded.repair.spikes import despiked
 
-# A resampled sample counts as missing where a missing one has this much part in it.
-_TOUCHED = 0.02
+# A resampled sample counts as missing where missing ones have this part in it.
+_MAX_MISSING_SHARE = 0.02
 
 
-def repaired(
+def repair(
     signals: FloatArray, drivers: IntArray, N: int, half_wave: bool, log: Log, check: Callable[[FloatArray], None]
 ) -> Repaired:
-    """Signals (n, c), some samples NaN, mended: whole repetitions of N samples, or of half as many where half_wave.
+    """Signals (n, c), some samples NaN, repaired: whole repetitions of N samples, or of half as many where half_wave.
 
     drivers: the columns that the generator sends.  check: refuses drivers (n, d) that are not periodic.
-    Raises DataError for what cannot be mended.
+    Raises DataError for a fault without a repair.
     """
     L, sign = (N // 2, -1) if half_wave else (N, 1)
     bridged = _bridged(signals)
@@ -40,9 +41,9 @@ def repaired(
     whole = filled(in_step.signals, L, sign, log)
     clean = despiked(whole.signals, L, sign, log)
     as_logged = bridged if clock.findings else clean.signals
-    told = (*clipped(as_logged, L, log), *quantised(as_logged, L, sign, log))
-    told += wandering(clean.signals, drivers, L, sign, log)
-    findings = (*clock.findings, *in_step.findings, *whole.findings, *clean.findings, *told)
+    reported = (*clipped(as_logged, L, log), *quantised(as_logged, L, sign, log))
+    reported += wandering(clean.signals, drivers, L, sign, log)
+    findings = (*clock.findings, *in_step.findings, *whole.findings, *clean.findings, *reported)
     return Repaired(clean.signals, findings, whole.left_out)
 
 
@@ -57,10 +58,10 @@ def _bridged(signals: FloatArray) -> FloatArray:
 
 
 def _at_the_clock(signals: FloatArray, bridged: FloatArray, drivers: IntArray, N: int, log: Log) -> Repaired:
-    """What is missing stays missing: its place is resampled along."""
+    """Resampled to the generator's clock; the places of missing samples are resampled along and stay missing."""
     missing = ~np.isfinite(signals)
     both = resampled(np.concatenate([bridged, missing], axis=1), bridged[:, drivers], N, log)
     if not both.findings:
         return Repaired(signals)
     values, touched = np.split(both.signals, 2, axis=1)
-    return replace(both, signals=np.where(np.abs(touched) > _TOUCHED, np.nan, values))
+    return replace(both, signals=np.where(np.abs(touched) > _MAX_MISSING_SHARE, np.nan, values))

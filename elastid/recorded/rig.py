@@ -1,4 +1,4 @@
-"""The rig that is a folder of lab logs: their channels as records in SI, on the link side, checked before use."""
+"""A folder of lab logs as a rig: their channels as records in SI, on the link side, checked before use."""
 
 from __future__ import annotations
 
@@ -14,22 +14,21 @@ from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.record import Motion, Record
-from elastid.recorded.channels import Gathered, gather, period_samples
-from elastid.recorded.files.logs import name_in_file
-from elastid.recorded.link_side import link_side_factor, named, to_joints
+from elastid.recorded.channels import GatheredChannels, gather_channels, period_samples
+from elastid.recorded.link_side import link_side_factor, to_joints
 from elastid.recorded.periodicity import repetition
-from elastid.recorded.repair.delay import LEAST_CORRELATION, delay
+from elastid.recorded.repair.delay import MIN_CORRELATION, delay
 from elastid.recorded.repair.finding import Log, counts
-from elastid.recorded.repair_order import repaired
+from elastid.recorded.repair_order import repair
 from elastid.robot import Robot
 
-# A lag of u behind r that is worth a word, in samples.
-_LATE = 0.75
+# A lag of u behind r, in samples, from which on it is reported.
+_MIN_REPORTED_LAG = 0.75
 
 
 @dataclass(frozen=True)
 class RecordedRig:
-    """Lab logs as a rig (see experiment.rig); their paths count from base, the folder of the study.
+    """Lab logs as a rig (see experiment.plan.rig); their paths are relative to base, the folder of the study.
 
     Raises StudyError where files, channels and robot do not fit together; measure raises DataError for a log that
     cannot be used.
@@ -40,7 +39,7 @@ class RecordedRig:
     base: Path
 
     def __post_init__(self) -> None:
-        """Check all that can be checked without reading a log."""
+        """Check everything that needs no log."""
         checked_configurations(self.spec, self.robot)
         _check_files(self.spec, self._recorded.files, self.base)
         _check_channels(self._recorded.channels, self.robot)
@@ -61,17 +60,19 @@ class RecordedRig:
         return tuple(Experiment(configurations[f.configuration], f.realisation, f.experiment) for f in files)
 
     def measure(self, experiment: Experiment) -> Record:
-        """Read one log, or several: channels in SI on the link side, mended where a rule says how, whole periods."""
+        """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
         recorded = self._recorded
         file = recorded.files[[e.name for e in self.experiments].index(experiment.name)]
-        gathered = gather(recorded, file, self.base, self.robot)
+        gathered = gather_channels(recorded, file, self.base, self.robot)
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
-        log = Log(str(self.base / file.path), tuple(named(c) for c in gathered.channels), rate_hz, gathered.first)
+        log = Log(str(self.base / file.path), tuple(c.full_name for c in gathered.channels), rate_hz, gathered.first)
         record = _record(experiment, recorded, gathered, log, self.robot)
         return replace(record, sliding=self.robot.sliding((*record.inputs, *record.outputs)))
 
 
-def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, log: Log, robot: Robot) -> Record:
+def _record(
+    experiment: Experiment, recorded: RecordedSpec, gathered: GatheredChannels, log: Log, robot: Robot
+) -> Record:
     channels, N = gathered.channels, gathered.period_samples
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
     at = [channel.at for channel in channels]
@@ -82,8 +83,8 @@ def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, 
         _check_repeat(excitation, recorded, N, log)
 
     drivers = np.array(roles["r"] or roles["u"])
-    mended = repaired(gathered.signals, drivers, N, recorded.half_wave, log, check)
-    signals, findings = mended.signals, (*gathered.findings, *mended.findings)
+    repaired = repair(gathered.signals, drivers, N, recorded.half_wave, log, check)
+    signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
     words = [*gathered.notes, *(finding.word for finding in findings)]
     words += _lags(channels, signals, N)
     lost = len(gathered.signals) - len(signals)
@@ -111,19 +112,19 @@ def _record(experiment: Experiment, recorded: RecordedSpec, gathered: Gathered, 
         notes=tuple(f"record {experiment.name}: {word}" for word in words),
         half_wave=recorded.half_wave,
         repairs=counts(findings),
-        left_out=mended.left_out,
+        left_out=repaired.left_out,
     )
 
 
 def _lags(channels: tuple[ChannelSpec, ...], signals: FloatArray, N: int) -> list[str]:
-    """A word where u follows r late: a delay of the drive, or of one of the two channels."""
+    """A word on each u that lags r: a delay of the drive, or of one of the two channels."""
     words = []
     u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
     for i, channel in enumerate(channels):
         if channel.role != "r":
             continue
         lag, correlation = delay(signals[:, i], signals[:, u[channel.at]], N)
-        if correlation >= LEAST_CORRELATION and abs(lag) >= _LATE:
+        if correlation >= MIN_CORRELATION and abs(lag) >= _MIN_REPORTED_LAG:
             words.append(
                 f"u at {channel.at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
                 "estimated with the reference only if it changes from experiment to experiment"
@@ -136,7 +137,7 @@ def _repeat(recorded: RecordedSpec, N: int) -> int:
 
 
 def _check_repeat(excitation: FloatArray, recorded: RecordedSpec, period: int, log: Log) -> None:
-    """DataError where the excitation (n, n_u) does not repeat as the study says, or is there less than twice."""
+    """DataError where the excitation (n, n_u) does not repeat as stated, or holds less than two repetitions."""
     n, path = len(excitation), log.where
     repeat, sign = _repeat(recorded, period), -1 if recorded.half_wave else 1
     if n < 2 * repeat:
@@ -165,7 +166,7 @@ def _check_repeat(excitation: FloatArray, recorded: RecordedSpec, period: int, l
 
 
 def _half_wave_hint(excitation: FloatArray, period: int, recorded: RecordedSpec, log: Log) -> str:
-    """Say so where the second half of a period is minus its first, which one period is then enough for."""
+    """The end of a message where the second half of a period is minus its first, so that one period is enough."""
     if recorded.half_wave or period % 2 or len(excitation) < period:
         return ""
     if not repetition(excitation[:period], period // 2, sign=-1).is_as_stated:
@@ -194,12 +195,13 @@ def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) 
         if key in seen:
             raise StudyError(
                 f"files {seen[key]} and {file.path} are both configuration {key[0]}, realisation {key[1]}, experiment "
-                f"{key[2]}; number them apart (experiment: same phases or another input; realisation: other phases)"
+                f"{key[2]}; give each its own numbers (experiment: same phases or another input; realisation: other "
+                "phases)"
             )
         seen[key] = file.path
         for path in (file.path, *file.also):
             if not (base / path).is_file():
-                raise StudyError(f"log file {base / path} is not there; paths count from the study's folder")
+                raise StudyError(f"log file {base / path} is not there; paths are relative to the study's folder")
 
 
 def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
@@ -208,16 +210,16 @@ def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
         link_side_factor(channel, robot)
         if channel.role in ("r", "u") and channel.at not in robot.motor_locations:
             raise StudyError(
-                f"channel {name_in_file(channel)}: {channel.role} acts at '{channel.at}', where no motor is; "
+                f"channel {channel.name_in_file}: {channel.role} acts at '{channel.at}', where no motor is; "
                 f"there are {', '.join(robot.motor_locations)}"
             )
     to_joints(channels, robot)
     places = {role: [c.at for c in channels if c.role == role] for role in ("r", "u", "y")}
-    # r may be in several files, which it brings into step.
+    # r may be in several files, which are aligned by it.
     signals = [(c.role, c.at, c.file if c.role == "r" else 1) for c in channels]
     for role, at, _ in signals:
         if signals.count((role, at, 1)) > 1:
-            raise StudyError(f"two channels have role {role} at {at}; list the one to use")
+            raise StudyError(f"two channels have role {role} at {at}; keep one of them")
     if places["r"] and set(places["r"]) != set(places["u"]):
         raise StudyError(
             f"channels with role r act at {', '.join(places['r'])}, those with role u at {', '.join(places['u'])}; "

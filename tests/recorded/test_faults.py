@@ -214,9 +214,9 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
     savemat(tmp_path / "encoder.mat", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
     files = (FileSpec("log.mat", "home", also=("encoder.mat",)),)
     y = replace(CHANNELS[2], file=2)
-    with pytest.raises(DataError, match=r"encoder.mat: nothing tells when it started \(it has no complete channel"):
+    with pytest.raises(DataError, match=r"encoder.mat: its start cannot be determined \(it has no complete channel"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], y), files=files))
-    with pytest.raises(DataError, match=r"nothing tells when it started \(best correlation 0\.\d+ at motor 1"):
+    with pytest.raises(DataError, match=r"its start cannot be determined \(best correlation 0\.\d+ at motor 1"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
 
 

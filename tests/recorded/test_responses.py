@@ -244,7 +244,7 @@ Two = dict[str, Any]
     ("variables", "changes", "message"),
     [
         ({"G": _struct(FrequencyUnit="")}, {}, "does not say the unit of its frequencies; set frequency_unit"),
-        ({"G": _struct(), "H": _struct()}, {}, r"no response '' in it \(say which with response\); .* G, H"),
+        ({"G": _struct(), "H": _struct()}, {}, r"no response '' in it \(name it with response\); .* G, H"),
         ({"x": np.arange(5)}, {}, r"responses in it: none; an idfrd object .* s = struct\('ResponseData'"),
         ({"G": {"ResponseData": np.ones((2, 2, 6))}}, {}, "has no G.Frequency beside it"),
         ({"G": _struct(Frequency=FREQ_HZ[:5])}, {}, r"5 frequencies and a response of shape \(6, 2, 2\)"),
@@ -287,7 +287,7 @@ def test_universal_files_say_what_is_missing(tmp_path: Path, monkeypatch: pytest
     with pytest.raises(DataError, match="the response of 12rz to 2rz is not in it"):
         _read(tmp_path, spec)
     channels = (*spec.channels[:2], replace(spec.channels[2], quantity="acceleration", unit=""), spec.channels[3])
-    with pytest.raises(StudyError, match="output 11rz is of quantity velocity, its channel says acceleration"):
+    with pytest.raises(StudyError, match="output 11rz is of quantity velocity, its channel states acceleration"):
         _read(tmp_path, replace(spec, channels=channels))
     monkeypatch.setitem(sys.modules, "pyuff", None)
     with pytest.raises(StudyError, match=r"pip install 'elastid\[uff\]'"):
@@ -409,7 +409,7 @@ def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> 
 
 
 @pytest.mark.parametrize("factor", [1e250, 1e-250])
-def test_sizes_that_nothing_measures_are_refused(factor: float, tmp_path: Path) -> None:
+def test_sizes_beyond_any_sensor_are_refused(factor: float, tmp_path: Path) -> None:
     """Squares of them would overflow or vanish; the element is named."""
     parts = _elements(("re", lambda g: factor * g.real), ("im", lambda g: factor * g.imag))
     _csv_of(tmp_path, parts)

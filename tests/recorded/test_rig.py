@@ -20,8 +20,8 @@ from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec, TextFormatSpec
 from elastid.record import Record
-from elastid.recorded.files.logs import contents, read_channels
-from elastid.recorded.files.text import described_format, guessed
+from elastid.recorded.files.formats import contents, read_channels
+from elastid.recorded.files.text import described_format, guess_format
 from elastid.recorded.periodicity import repetition
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring
@@ -304,7 +304,7 @@ def test_a_channel_that_a_text_log_does_not_have_is_named_with_those_it_has(
     ("name", "column", "message"),
     [
         ("rec.psi", None, r"'rec.psi' is not in it; did you mean rec.phi\? There are rec.cur \(2 x 800\)"),
-        ("rec.cur", None, "holds 2 signals of 800 samples; say which with column: 1 to 2"),
+        ("rec.cur", None, "holds 2 signals of 800 samples; give column: 1 to 2"),
         ("rec.cur", 3, "has no column 3; it has 2, the first is column 1"),
         ("rec.note", None, "channel rec.note is no signal but <U5"),
         ("fs", None, "channel fs is no signal but"),
@@ -335,7 +335,7 @@ def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
         _measure(tmp_path, _spec("log.csv"))
     lines[101] = "1.0,2.0"
     (tmp_path / "log.csv").write_text("\n".join(lines))
-    with pytest.raises(DataError, match=r"line 102: it has 2 columns, column 3 \('phi'\) is wanted"):
+    with pytest.raises(DataError, match=r"line 102: it has 2 columns, column 3 \('phi'\) is needed"):
         _measure(tmp_path, _spec("log.csv"))
 
 
@@ -345,7 +345,7 @@ def test_files_that_are_no_logs_are_refused(tmp_path: Path) -> None:
     (tmp_path / "words.csv").write_text("no,numbers\nin,here\n")
     (tmp_path / "empty.csv").write_text("\n")
     for name, text, error, message in (
-        ("bad.mat", TextFormatSpec(), DataError, "not a MATLAB file that can be read"),
+        ("bad.mat", TextFormatSpec(), DataError, "damaged, cut short or no MATLAB file"),
         ("words.csv", TextFormatSpec(), DataError, "no numbers in its 2 lines"),
         ("empty.csv", TextFormatSpec(), DataError, "the file is empty"),
         ("words.csv", TextFormatSpec(",", ","), StudyError, "delimiter and decimal are both ','"),
@@ -466,8 +466,8 @@ def test_inspect_and_messages_tell_how_a_text_log_is_written(
     numbers = np.random.default_rng(0).standard_normal((50, 3))
     rows = [delimiter.join(("u", "°C", "yl")), *(delimiter.join(f"{x:.6f}" for x in row) for row in numbers)]
     path.write_text("\n".join([rows[0], *(row.replace(".", decimal) for row in rows[1:])]), encoding=encoding)
-    assert contents(path, guessed(path)) == dict.fromkeys(("u", "°C", "yl"), (50,))
-    page, text = inspected(path), guessed(path)
+    assert contents(path, guess_format(path)) == dict.fromkeys(("u", "°C", "yl"), (50,))
+    page, text = inspected(path), guess_format(path)
     assert page.count("50") == 3
     if text == TextFormatSpec():
         return
@@ -487,7 +487,7 @@ def test_headings_that_are_given_twice_or_elsewhere_are_not_guessed_at(tmp_path:
 
     assert read("x", 2) == [2, 5]
     assert read("y", 3) == read("y", None) == [3, 6]
-    with pytest.raises(DataError, match="'x' is the heading of column 1, 2; say which one"):
+    with pytest.raises(DataError, match="'x' is the heading of column 1, 2; give column, too"):
         read("x", None)
     with pytest.raises(DataError, match="column 1 is not headed 'y', but column 3 is"):
         read("y", 1)
@@ -499,5 +499,5 @@ def test_an_hdf5_log_that_is_cut_short_is_named(tmp_path: Path) -> None:
     with h5py.File(path, "w") as file:
         file["u"] = np.arange(5000.0)
     path.write_bytes(path.read_bytes()[:20000])
-    with pytest.raises(DataError, match=r"cut\.h5: damaged or cut short"):
+    with pytest.raises(DataError, match=r"cut\.h5: damaged, cut short or no HDF5 file .* copy it or export it again"):
         contents(path, TextFormatSpec())

@@ -5,16 +5,10 @@ from __future__ import annotations
 from typing import Literal
 
 from elastid.base.section import section
-from elastid.base.units import (
-    Frequency,
-    Time,
-    TorqueConstant,
-    factor,
-    of_translation,
-)
+from elastid.base.units import Frequency, Time, TorqueConstant, factor, of_translation
 from elastid.record import MOTION_UNIT
 
-# SI units of what channels hold.
+# SI units of a channel's quantity.
 QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 
 
@@ -70,8 +64,19 @@ class ChannelSpec:
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
 
+    @property
+    def name_in_file(self) -> str:
+        """The channel as it is called in the file."""
+        column = "" if self.column is None else f"column {self.column}"
+        return " ".join(filter(None, (self.channel, column)))
+
+    @property
+    def full_name(self) -> str:
+        """The channel as it is called in the file, and its role and place on the robot."""
+        return f"channel {self.name_in_file} ({self.role} at {self.at})"
+
     def unit_factor(self, slides: bool) -> float:
-        """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a unit that is wrong."""
+        """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a wrong unit."""
         unit = QUANTITY_UNIT[self.quantity]
         if self.unit == "g" and self.quantity == "acceleration":
             raise ValueError("unit 'g' is the gram; for multiples of gravity give scale: 9.80665 and unit: m/s^2")

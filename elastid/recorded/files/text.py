@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import codecs
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,10 +13,11 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.recorded.files.log import missing_channel
 
-# The usual ways to write numbers in columns, the most usual first: delimiter and decimal.
-_WRITTEN: tuple[tuple[str, Literal[".", ","]], ...] = (
+# The usual delimiters and decimals of numbers in columns, the most usual first.
+_FORMATS: tuple[tuple[str, Literal[".", ","]], ...] = (
     (",", "."),
     (";", "."),
     (";", ","),
@@ -24,16 +26,16 @@ _WRITTEN: tuple[tuple[str, Literal[".", ","]], ...] = (
     ("whitespace", "."),
     ("whitespace", ","),
 )
-# Bytes at the start of a log that tell how it is written, and how many whole lines at their end.
-_LOOKED_AT = 65536
-_LINES_LOOKED_AT = 20
+# A format is guessed from the last lines of the first bytes of a file.
+_GUESS_BYTES = 65536
+_GUESS_LINES = 20
 
 
 @dataclass(frozen=True)
 class TextLog:
-    """The lines of a text log, its headings (none: an empty tuple), where its data start and how many columns it has.
+    """The lines of a text log.
 
-    number_lines are the lines as numbers are written in code: with decimal points.
+    number_lines: with decimal points.  headings: of the columns, or none.  first: line (from 0) where the data start.
     """
 
     path: Path
@@ -43,8 +45,17 @@ class TextLog:
     first: int
     n_columns: int
 
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Every column with its length, by heading or else by number."""
+        names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
+        return dict.fromkeys(names, (len(self.number_lines) - self.first,))
+
+    def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
+        """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""
+        return self.columns([self._column(channel) for channel in channels])
+
     def columns(self, wanted: Sequence[int]) -> FloatArray:
-        """Columns (n_samples, len(wanted)), counted from 0; DataError names the file line of what is not a number."""
+        """Columns (n_samples, len(wanted)), counted from 0; DataError with the line of a text that is not a number."""
         needed = sorted(set(wanted))
         try:
             data: FloatArray = np.loadtxt(
@@ -67,22 +78,53 @@ class TextLog:
                 if column >= len(fields):
                     return (
                         f"{self.path}, line {number}: it has {len(fields)} columns, column {column + 1}{title} is "
-                        "wanted; mend the line, or leave it out with samples"
+                        "needed; correct the line, or leave it out with samples"
                     )
                 if not _is_number(fields[column]):
                     return (
                         f"{self.path}, line {number}, column {column + 1}{title}: '{fields[column]}' is not a number; "
-                        "check delimiter and decimal under text, or mend the line"
+                        "check delimiter and decimal under text, or correct the line"
                     )
         return ""
 
+    def _column(self, channel: ChannelSpec) -> int:
+        """The column, from 0, of a channel."""
+        column = channel.column
+        if channel.channel and (self.headings or column is None):
+            headed = [i for i, heading in enumerate(self.headings, start=1) if heading == channel.channel]
+            if not headed:
+                raise DataError(self._not_headed(channel))
+            if column not in (headed if len(headed) > 1 else (None, *headed)):
+                listed = ", ".join(map(str, headed))
+                raise DataError(
+                    f"{self.path}: '{channel.channel}' is the heading of column {listed}; give column, too"
+                    if column is None
+                    else f"{self.path}: column {column} is not headed '{channel.channel}', but column {listed} is"
+                )
+            return (column or headed[0]) - 1
+        column = column or 1
+        if column > self.n_columns:
+            raise DataError(f"{self.path}: there is no column {column}; it has {self.n_columns}, the first is column 1")
+        return column - 1
 
-def open_text(path: Path, text: TextFormatSpec) -> TextLog:
-    """Find headings and data of a text log; DataError where there are no numbers, StudyError for a mixed-up format."""
+    def _not_headed(self, channel: ChannelSpec) -> str:
+        """The headings in the place of a channel that is not there, and the line where the data were taken to start."""
+        start = f"; data were taken to start in line {self.first + 1} (text.header_lines says otherwise)"
+        return missing_channel(self.path, channel, self.shapes()) + start + otherwise_written(self.path, self.format)
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """A file of no other format is taken as text."""
+    return True
+
+
+@contextmanager
+def opened(path: Path, text: TextFormatSpec) -> Iterator[TextLog]:
+    """A text log; DataError where there are no numbers, StudyError for a format that contradicts itself."""
     delimiter = _delimiter(text)
     if delimiter == text.decimal:
         raise StudyError(
-            f"text: delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is mostly ';'"
+            f"text: delimiter and decimal are both '{text.decimal}'; with decimal commas the delimiter is usually ';'"
         )
     lines = _decoded(path.read_bytes()).splitlines()
     numbers = tuple(line.replace(",", ".") for line in lines) if text.decimal == "," else tuple(lines)
@@ -90,27 +132,27 @@ def open_text(path: Path, text: TextFormatSpec) -> TextLog:
     while first < len(numbers) and not any(_is_number(field) for field in _fields(numbers[first], text)):
         first += 1
     if not any(line.strip() for line in lines):
-        raise DataError(f"{path}: the file is empty; write it again, or name another one")
+        raise DataError(f"{path}: the file is empty; export it again, or name another one")
     if first >= len(numbers):
         raise DataError(
             f"{path}: no numbers in its {len(lines)} lines after header_lines: {text.header_lines} with delimiter "
             f"'{text.delimiter}'; set delimiter, decimal and header_lines under text{otherwise_written(path, text)}"
         )
     n_columns = len(_fields(numbers[first], text))
-    return TextLog(path, text, numbers, _headings(lines[:first], text, n_columns), first, n_columns)
+    yield TextLog(path, text, numbers, _headings(lines[:first], text, n_columns), first, n_columns)
 
 
-def guessed(path: Path) -> TextFormatSpec:
-    """How a text log seems to be written: the delimiter and decimal that make most of its fields numbers."""
+def guess_format(path: Path) -> TextFormatSpec:
+    """The format of a text log: the delimiter and decimal with which most of its fields are numbers."""
     with path.open("rb") as file:
-        lines = _decoded(file.read(_LOOKED_AT)).splitlines()[-_LINES_LOOKED_AT - 1 : -1]
-    formats = [TextFormatSpec(delimiter, decimal) for delimiter, decimal in _WRITTEN]
+        lines = _decoded(file.read(_GUESS_BYTES)).splitlines()[-_GUESS_LINES - 1 : -1]
+    formats = [TextFormatSpec(delimiter, decimal) for delimiter, decimal in _FORMATS]
     return max(formats, key=lambda text: sum(_numbers_less_words(line, text) for line in lines))
 
 
 def otherwise_written(path: Path, text: TextFormatSpec) -> str:
-    """The end of a message about a log that cannot be read as stated: how it seems to be written, if otherwise."""
-    seems = guessed(path)
+    """The end of a message about a log that cannot be read as stated: the format that it seems to have, if another."""
+    seems = guess_format(path)
     if (seems.delimiter, seems.decimal) == (text.delimiter, text.decimal):
         return ""
     return f"; it seems to be written with {described_format(seems)}"
@@ -127,7 +169,7 @@ def _numbers_less_words(line: str, text: TextFormatSpec) -> int:
 
 
 def _decoded(raw: bytes) -> str:
-    """UTF-8, UTF-16 with a byte order mark, or what Windows loggers in Europe write."""
+    """UTF-8, UTF-16 with a byte order mark, or the code page of Windows loggers in Europe."""
     if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return raw.decode("utf-16", errors="replace")
     try:

@@ -1,4 +1,4 @@
-"""How much later a second log has seen a signal that both have: y(t) = x(t - delay), periodic with N samples."""
+"""Delay between two logs that hold the same signal: y(t) = x(t - delay), periodic with N samples."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.recorded.repair.repeats import blocks
 
-# Signals that agree less than this, correlated at the best delay, are not the same.
-LEAST_CORRELATION = 0.5
+# Correlation at the best delay at least; below, the signals are not the same.
+MIN_CORRELATION = 0.5
 
 
 def delay(first: FloatArray, second: FloatArray, N: int) -> tuple[float, float]:

@@ -3,11 +3,12 @@
     G = f_y / f_u (j omega)^k G_file
 
 f_y, f_u turn the file's numbers into SI on the link side (scale, sign, unit, torque constant, gear), k its quantity
-into the one that is wanted.
+into the requested one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,41 +17,42 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, Motion
-from elastid.recorded.files.logs import name_in_file, opened_log
-from elastid.recorded.files.text import TextLog, guessed
+from elastid.recorded.files.formats import opened_log
+from elastid.recorded.files.log import ArrayLog, Log, StoredArray
+from elastid.recorded.files.text import TextLog, guess_format
 from elastid.recorded.link_side import link_side_factor, to_joints
-from elastid.recorded.responses.arrays_of_files import dataset_table, struct_table, structs_in
+from elastid.recorded.responses.arrays import dataset_table, struct_table, structs_in
 from elastid.recorded.responses.table import ResponseTable
 from elastid.recorded.responses.text import text_table
-from elastid.recorded.responses.uff import SUFFIXES, uff_contents, uff_table
+from elastid.recorded.responses.uff import is_universal_file, uff_contents, uff_table
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
 
-# Beyond these, squares and their products overflow or vanish.
-_SMALLEST, _LARGEST = 1e-60, 1e60
+# Outside these limits squares and their products overflow or vanish.
+_MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
-    """What the file holds; DataError where it holds no such response."""
-    if path.suffix.lower() in SUFFIXES:
+    """The frequency response in a file; DataError where there is none of that name."""
+    if path.is_file() and is_universal_file(path):
         return uff_table(path, spec.channels)
     with opened_log(path, spec.text) as log:
         if isinstance(log, TextLog):
             return text_table(path, log, spec)
+        arrays = _arrays(log)
         is_matlab = path.suffix.lower() == ".mat"
-        if structs_in(log) or (is_matlab and spec.columns.response not in log):
-            return struct_table(path, log, response)
-        return dataset_table(path, log, spec)
+        if structs_in(arrays) or (is_matlab and spec.columns.response not in arrays):
+            return struct_table(path, arrays, response)
+        return dataset_table(path, arrays, spec)
 
 
 def contents_of(path: Path) -> tuple[str, ...]:
-    """A line for each frequency response in a file; none where there is none."""
-    if path.suffix.lower() in SUFFIXES:
+    """A line for each frequency response in a file."""
+    if is_universal_file(path):
         return uff_contents(path)
-    with opened_log(path, guessed(path)) as log:
-        if isinstance(log, TextLog):
-            return ()
-        tables = [(name, struct_table(path, log, name)) for name in structs_in(log)]
+    with opened_log(path, guess_format(path)) as log:
+        arrays = _arrays(log)
+        tables = [(name, struct_table(path, arrays, name)) for name in structs_in(arrays)]
     return tuple(
         f"response {name or '(its own variables)'}: {table.G.shape[1]} outputs x {table.G.shape[2]} inputs, "
         f"{len(table.freq)} lines, {table.freq[0]:g} to {table.freq[-1]:g} {table.frequency_unit or '(no unit)'}"
@@ -59,12 +61,17 @@ def contents_of(path: Path) -> tuple[str, ...]:
     )
 
 
+def _arrays(log: Log) -> Mapping[str, StoredArray]:
+    """The arrays of a log; a text has none."""
+    return log.arrays if isinstance(log, ArrayLog) else {}
+
+
 def link_side_response(
     table: ResponseTable, spec: ResponsesSpec, configuration: Configuration, robot: Robot, quantity: Motion
 ) -> FrequencyResponse:
     """The table's channels in SI on the link side, all outputs as `quantity`.
 
-    Lines at 0 Hz or below and lines that are not finite are left out with a word.  The variance is the file's, else
+    Lines at 0 Hz or below and lines that are not finite are left out with a note.  The variance is the file's, else
     (relative_std |G|)^2, else none.  Raises DataError where no line is left or a channel is not in the table.
     """
     outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
@@ -74,7 +81,7 @@ def link_side_response(
     freq_hz, G = freq_hz[order], table.G[order][:, rows][:, :, columns]
     for i, j in np.argwhere(np.isnan(G).all(axis=0)):
         raise DataError(
-            f"{table.path}: the response of {name_in_file(outputs[i])} to {name_in_file(inputs[j])} is not in it"
+            f"{table.path}: the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is not in it"
         )
     f_y, f_u = (np.array([link_side_factor(c, robot) for c in side]) for side in (outputs, inputs))
     powers = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[c.quantity] for c in outputs])
@@ -107,21 +114,21 @@ def link_side_response(
 
 
 def _refuse_uncomputable(path: Path, G: ComplexArray, spec: ResponsesSpec) -> None:
-    """DataError for numbers whose squares overflow or vanish; zeros are numbers like others."""
+    """DataError for numbers whose squares overflow or vanish; zeros are allowed."""
     size = np.abs(np.where(G == 0, 1.0, G))
-    worst = np.argwhere((size < _SMALLEST) | (size > _LARGEST))
+    worst = np.argwhere((size < _MIN_COMPUTABLE) | (size > _MAX_COMPUTABLE))
     if not worst.size:
         return
     line, i, j = worst[0]
     outputs, inputs = ([c for c in spec.channels if c.role == role] for role in ("y", "u"))
     raise DataError(
-        f"{path}: the response of {name_in_file(outputs[i])} to {name_in_file(inputs[j])} is {size[line, i, j]:.3g} at "
-        f"{len(worst)} places, which nothing measures; check what the file writes where it has no value"
+        f"{path}: the response of {outputs[i].name_in_file} to {inputs[j].name_in_file} is {size[line, i, j]:.3g} at "
+        f"{len(worst)} places, which no sensor measures; check the file's placeholder for missing values"
     )
 
 
 def _noise(variance: FloatArray | None, magnitude: FloatArray, spec: ResponsesSpec) -> Covariance | None:
-    """Nobody tells how many degrees of freedom a variance from elsewhere has: it is taken as known."""
+    """Covariance of the file or of relative_std, taken as exact: a file does not hold its degrees of freedom."""
     if variance is None and spec.relative_std is not None:
         variance = (spec.relative_std * magnitude) ** 2
     return None if variance is None else Covariance(variance, float("inf"))

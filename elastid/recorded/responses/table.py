@@ -1,17 +1,16 @@
-"""ResponseTable: a frequency response as a file holds it, before the study says what its rows and columns are."""
+"""ResponseTable: a frequency response as a file holds it, before the study names its rows and columns."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.experiment.specs.recorded import ChannelSpec
 
-# One of the file's unit in Hz; MATLAB's time unit is seconds unless the file says otherwise.
+# Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
 _IN_HZ = {
     "hz": 1.0,
     "cycles/s": 1.0,
@@ -24,12 +23,13 @@ _IN_HZ = {
 }
 
 
-@dataclass(frozen=True)
+@frozen_value
 class ResponseTable:
     """G (F, rows, columns) at freq (F,) in frequency_unit; rows are outputs and columns inputs, by name or number.
 
-    variance (F, rows, columns): E|dG|^2, or None.  G = Y / U of phasors exp(+j omega t), so that a delay
-    turns its phase down.
+    variance (F, rows, columns): E|dG|^2, or None.  G = Y / U of phasors exp(+j omega t), so that a delay turns its
+    phase down.
+    Raises DataError for shapes that disagree.
     """
 
     path: Path
@@ -41,7 +41,7 @@ class ResponseTable:
     variance: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Refuse shapes that disagree; DataError."""
+        """Check the shapes."""
         F, rows, columns = (*self.G.shape, 0, 0, 0)[:3]
         if self.G.ndim != 3 or len(self.freq) != F or F == 0:
             raise DataError(f"{self.path}: {len(self.freq)} frequencies and a response of shape {self.G.shape}")
@@ -52,21 +52,20 @@ class ResponseTable:
             raise DataError(f"{self.path}: the variance has shape {self.variance.shape}, the response {self.G.shape}")
 
     def freq_hz(self, unit: str) -> FloatArray:
-        """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError where nobody tells a unit."""
+        """The frequencies (F,) in Hz; `auto` is the file's own unit.  DataError for an unknown or missing unit."""
         name = self.frequency_unit if unit == "auto" else unit
         known = name.lower().replace(" ", "").replace("seconds", "s").replace("second", "s")
         if known not in _IN_HZ:
             said = f"its unit of frequency is '{name}'" if name else "it does not say the unit of its frequencies"
             raise DataError(f"{self.path}: {said}; set frequency_unit to Hz, rad/s, kHz or rpm")
-        in_hz: FloatArray = self.freq * _IN_HZ[known]
-        return in_hz
+        return self.freq * _IN_HZ[known]
 
     def row(self, channel: ChannelSpec) -> int:
-        """Which output a channel means; DataError says which there are."""
+        """Row of an output; DataError with those that there are."""
         return self._index(channel, "output", self.outputs, self.G.shape[1])
 
     def column(self, channel: ChannelSpec) -> int:
-        """Which input a channel means; DataError says which there are."""
+        """Column of an input; DataError with those that there are."""
         return self._index(channel, "input", self.inputs, self.G.shape[2])
 
     def _index(self, channel: ChannelSpec, what: str, names: tuple[str, ...], n: int) -> int:
@@ -80,5 +79,5 @@ class ResponseTable:
 
 
 def label(channel: ChannelSpec) -> str:
-    """How a channel is called in a file of responses: by its name, else by its number."""
+    """A channel as it is called in a file of responses: by its name, else by its number."""
     return channel.channel or str(channel.column)

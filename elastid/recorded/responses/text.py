@@ -17,7 +17,7 @@ from elastid.recorded.responses.table import ResponseTable, label
 
 
 def text_table(path: Path, log: TextLog, spec: ResponsesSpec) -> ResponseTable:
-    """The elements of all channels of the study; DataError names a column that is not there, and those that are."""
+    """The elements of all channels of the study; DataError for a missing column, with those that there are."""
     columns = spec.columns
     outputs, inputs = (tuple(label(c) for c in spec.channels if c.role == role) for role in ("y", "u"))
     patterns = (columns.magnitude, columns.phase) if columns.magnitude else (columns.real, columns.imaginary)
@@ -50,7 +50,7 @@ def _columns(path: Path, log: TextLog, names: list[str]) -> FloatArray:
     if missing:
         there = ", ".join(log.headings) or f"no headings, {log.n_columns} columns (delimiter, decimal under text?)"
         raise DataError(
-            f"{path}: no column {', '.join(missing)}; say under columns how they are called ({{y}}, {{u}} stand for "
-            f"the channels). There are {there}"
+            f"{path}: no column {', '.join(missing)}; give their names under columns ({{y}}, {{u}} stand for the "
+            f"channels). There are {there}"
         )
     return log.columns([log.headings.index(name) for name in names])

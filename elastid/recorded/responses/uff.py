@@ -6,6 +6,7 @@ the same place with the other sign.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +17,27 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.recorded.responses.table import ResponseTable, label
 
-SUFFIXES = (".uff", ".unv")
+_SUFFIXES = (".uff", ".unv")
+# A universal file starts with the mark of a data set, in fixed columns, and the number of the set.
+_START = re.compile(rb"    -1 *\r?\n {1,5}\d{1,5}b?\s")
 _FREQUENCY_RESPONSE = 4
 _DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
 _QUANTITY = {8: "position", 11: "velocity", 12: "acceleration"}
 
 
+def is_universal_file(path: Path) -> bool:
+    """By its first lines, or by its suffix."""
+    if path.suffix.lower() in _SUFFIXES:
+        return True
+    with path.open("rb") as file:
+        return _START.match(file.read(200)) is not None
+
+
 def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     """All responses of a universal file as one matrix.
 
-    Raises StudyError where pyuff is not installed or the file's quantity is not what a channel says, DataError where
-    elements are missing or do not share their frequencies.
+    Raises StudyError where pyuff is not installed or the file's quantity is not that of a channel, DataError where
+    the responses do not share their frequencies.
     """
     sets = _responses(path)
     outputs, inputs = (tuple(dict.fromkeys(_place(each, side) for each in sets)) for side in ("rsp", "ref"))
@@ -35,7 +46,10 @@ def uff_table(path: Path, channels: tuple[ChannelSpec, ...]) -> ResponseTable:
     for each in sets:
         output, input_ = _place(each, "rsp"), _place(each, "ref")
         if not np.array_equal(np.asarray(each["x"]), freq):
-            raise DataError(f"{path}: the response of {output} to {input_} has other frequencies than the first one")
+            raise DataError(
+                f"{path}: the response of {output} to {input_} has other frequencies than that of {outputs[0]} to "
+                f"{inputs[0]}; export all with the same lines"
+            )
         sign = _sign(each, "rsp") * _sign(each, "ref")
         G[:, outputs.index(output), inputs.index(input_)] = sign * np.asarray(each["data"])
         _check_quantity(path, each, output, channels)
@@ -62,11 +76,15 @@ def _responses(path: Path) -> list[dict[str, Any]]:
         file = pyuff.UFF(str(path))
         wanted: IntArray = np.flatnonzero(file.get_set_types() == 58)
         sets = [file.read_sets(int(i)) for i in wanted]
-    except Exception as error:  # pyuff raises whatever a damaged file leads it to
-        raise DataError(f"{path}: not a universal file that can be read ({error})") from None
+    except Exception as error:  # a damaged file makes pyuff raise anything
+        raise DataError(
+            f"{path}: damaged, cut short or no universal file ({error}); copy it or export it again"
+        ) from error
     found = [each for each in sets if int(each["func_type"]) == _FREQUENCY_RESPONSE]
     if not found:
-        raise DataError(f"{path}: none of its {len(sets)} data sets 58 is a frequency response (function type 4)")
+        raise DataError(
+            f"{path}: none of its {len(sets)} data sets 58 is a frequency response (function type 4); export those"
+        )
     return found
 
 
@@ -84,7 +102,8 @@ def _sign(each: dict[str, Any], side: str) -> int:
 
 
 def _check_quantity(path: Path, each: dict[str, Any], output: str, channels: tuple[ChannelSpec, ...]) -> None:
+    """StudyError where the file and a channel of the study disagree on the quantity of an output."""
     says = _quantity(each)
     for channel in channels:
         if channel.role == "y" and label(channel) == output and says not in (None, channel.quantity):
-            raise StudyError(f"{path}: output {output} is of quantity {says}, its channel says {channel.quantity}")
+            raise StudyError(f"{path}: output {output} is of quantity {says}, its channel states {channel.quantity}")

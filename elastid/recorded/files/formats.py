@@ -1,0 +1,85 @@
+"""The formats of log files: one row for each reader, chosen by the first bytes of a file.
+
+A further format is one file with `recognises` and `opened`, and one row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, ElastidError, StudyError
+from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.recorded.files import hdf5, matlab_5, matlab_73, text
+from elastid.recorded.files.log import ArrayLog, Log
+
+# First bytes of a file that are looked at; HDF5 after a user block of 4096 bytes is recognised.
+_HEAD_BYTES = 4104
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of log files.
+
+    recognises: whether a file (its path and first bytes) has the format.  opened: the file as a log; it may raise any
+    exception.  advice: next step where it does.
+    """
+
+    name: str
+    recognises: Callable[[Path, bytes], bool]
+    opened: Callable[[Path, TextFormatSpec], AbstractContextManager[Log]]
+    advice: str
+
+
+# The first that recognises a file reads it.
+FORMATS = (
+    Format("MATLAB 7.3", matlab_73.recognises, matlab_73.opened, "copy it or save it again"),
+    Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
+    Format("MATLAB", matlab_5.recognises, matlab_5.opened, "copy it or save it again with -v7"),
+    Format("text", text.recognises, text.opened, "copy it or export it again"),
+)
+
+
+def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
+    """Every numeric signal of a log file, by name, with its shape; a text log without headings: its column numbers."""
+    with opened_log(path, text) as log:
+        return log.shapes()
+
+
+def read_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> FloatArray:
+    """The file's values (n_samples, len(channels)) of the channels asked for, as they stand in the file.
+
+    Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
+    """
+    with opened_log(path, text) as log:
+        return log.values(channels)
+
+
+@contextmanager
+def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
+    """A log file, whatever its format; arrays are read while it is open."""
+    if not path.is_file():
+        raise StudyError(f"log file {path} is not there; check path under files (relative to the study's folder)")
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    found = next(each for each in FORMATS if each.recognises(path, head))
+    guard = partial(_guarded, path, found)
+    with ExitStack() as stack:
+        with guard():
+            log = stack.enter_context(found.opened(path, text))
+        yield log.guarded(guard) if isinstance(log, ArrayLog) else log
+
+
+@contextmanager
+def _guarded(path: Path, found: Format) -> Iterator[None]:
+    """DataError in the place of whatever a damaged file makes a reader raise."""
+    try:
+        yield
+    except (ElastidError, MemoryError):
+        raise
+    except Exception as error:
+        raise DataError(f"{path}: damaged, cut short or no {found.name} file ({error}); {found.advice}") from error

@@ -1,0 +1,71 @@
+"""Logs in HDF5 files: datasets by their path, fields of compound datasets behind a dot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.files.log import ArrayLog, StoredArray
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+# The signature stands at the start or behind a user block, the size of which is a power of two.
+_OFFSETS = (0, 512, 1024, 2048, 4096)
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """By its signature."""
+    return any(head.startswith(_SIGNATURE, offset) for offset in _OFFSETS)
+
+
+@contextmanager
+def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """All datasets, read when they are used."""
+    with opened_file(path) as file:
+        yield ArrayLog(path, dict(datasets(file, separator="/", is_transposed=False)))
+
+
+@contextmanager
+def opened_file(path: Path) -> Iterator[Any]:
+    """An HDF5 file of another program; those of elastid are read by its store."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        yield file
+
+
+def datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") -> Iterator[tuple[str, StoredArray]]:
+    """Name and array of every dataset, or field of a compound one, below a group; MATLAB's references are left out."""
+    import h5py
+
+    for key, item in group.items():
+        name = f"{prefix}{key}"
+        if isinstance(item, h5py.Group) and not key.startswith("#"):
+            yield from datasets(item, separator, is_transposed, f"{name}{separator}")
+        elif isinstance(item, h5py.Dataset) and item.dtype.names is not None:
+            yield from ((f"{name}.{field}", _stored(item, field, is_transposed)) for field in item.dtype.names)
+        elif isinstance(item, h5py.Dataset):
+            yield name, _stored(item, "", is_transposed)
+
+
+def _stored(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
+    units = dataset.attrs.get("units", "")
+    # An empty dataset has no shape.
+    shape = tuple(dataset.shape or ())
+    return StoredArray(
+        shape[::-1] if is_transposed else shape,
+        dataset.dtype[field] if field else dataset.dtype,
+        partial(_read, dataset, field, is_transposed),
+        units.decode() if isinstance(units, bytes) else str(units),
+    )
+
+
+def _read(dataset: Any, field: str, is_transposed: bool) -> NDArray[Any]:
+    values = np.asarray(dataset.fields(field)[()] if field else dataset[()])
+    return values.T if is_transposed else values

@@ -1,0 +1,129 @@
+"""A log file of another program: its signals, by the names that they have in it.
+
+Every reader gives a `Log`.  Readers of formats that hold named arrays give an `ArrayLog`: names of members of structs
+are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torque`, of cells `run{2}`, HDF5 paths
+`axis1/torque`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError
+from elastid.experiment.specs.recorded import ChannelSpec
+
+# A message lists so many signals of a file.
+_MAX_LISTED = 40
+
+
+class Log(Protocol):
+    """An open log file."""
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Every numeric signal with its shape; column numbers where a text has no headings."""
+
+    def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
+        """Values (n_samples, n_c) of the channels as they stand in the file; DataError where one cannot be read."""
+
+
+@dataclass(frozen=True)
+class StoredArray:
+    """An array of a file, read when it is used.  units: as the file states them, or an empty text."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    read: Callable[[], NDArray[Any]]
+    units: str = ""
+
+    @property
+    def is_signal(self) -> bool:
+        """Whether it holds several numbers."""
+        return self.dtype.kind in "fiub" and len(self.shape) > 0 and max(self.shape) > 1
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.read(), dtype=dtype)
+
+
+@dataclass(frozen=True)
+class ArrayLog:
+    """A log of named arrays."""
+
+    path: Path
+    arrays: Mapping[str, StoredArray]
+
+    def guarded(self, guard: Callable[[], AbstractContextManager[None]]) -> ArrayLog:
+        """The same with every read inside a guard."""
+
+        def inside(read: Callable[[], NDArray[Any]]) -> NDArray[Any]:
+            with guard():
+                return read()
+
+        arrays = {name: replace(array, read=partial(inside, array.read)) for name, array in self.arrays.items()}
+        return ArrayLog(self.path, arrays)
+
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Every numeric signal with its shape."""
+        return {name: array.shape for name, array in self.arrays.items() if array.is_signal}
+
+    def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
+        """Values (n_samples, n_c) of the channels.
+
+        Raises DataError for a channel that is not in the file (with those that are), is not numeric, differs in length
+        from the others, or names a column that it does not have.
+        """
+        signals = [self._signal(channel) for channel in channels]
+        lengths = [len(signal) for signal in signals]
+        if len(set(lengths)) > 1:
+            table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
+            raise DataError(
+                f"{self.path}: the channels differ in length: {table} samples; all must come from one recording"
+            )
+        return np.stack(signals, axis=1)
+
+    def _signal(self, channel: ChannelSpec) -> FloatArray:
+        name, shapes = channel.channel.strip("/"), self.shapes()
+        if not name and len(shapes) == 1:
+            (name,) = shapes
+        if name not in self.arrays:
+            raise DataError(missing_channel(self.path, channel, shapes))
+        if name not in shapes:
+            array = self.arrays[name]
+            raise DataError(
+                f"{self.path}: channel {name} is no signal but {array.dtype} of shape {array.shape}; "
+                f"there are {', '.join(shapes)}"
+            )
+        values = np.squeeze(np.asarray(self.arrays[name], dtype=np.float64))
+        if values.ndim > 2:
+            raise DataError(f"{self.path}: channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2")
+        # Samples outnumber signals: a matrix with its samples along a row is transposed.
+        matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
+        n, columns = matrix.shape
+        if channel.column is None and columns > 1:
+            raise DataError(
+                f"{self.path}: channel {name} holds {columns} signals of {n} samples; give column: 1 to {columns}"
+            )
+        if channel.column is not None and channel.column > columns:
+            raise DataError(
+                f"{self.path}: channel {name} has no column {channel.column}; it has {columns}, the first is column 1"
+            )
+        return matrix[:, (channel.column or 1) - 1]
+
+
+def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple[int, ...]]) -> str:
+    """The message about a channel that is not in a file, with those that are."""
+    listed = [f"{name} ({' x '.join(str(n) for n in shape)})" for name, shape in shapes.items()]
+    more = f" and {len(listed) - _MAX_LISTED} more" if len(listed) > _MAX_LISTED else ""
+    close = difflib.get_close_matches(channel.channel, shapes, n=1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    what = f"channel '{channel.channel}' is not in it" if channel.channel else "give the name of a channel"
+    return f"{path}: {what}; {hint}There are {', '.join(listed[:_MAX_LISTED])}{more}"
