@@ -35,7 +35,7 @@ _PASS_BAND = 0.45
 
 @dataclass(frozen=True)
 class GatheredChannels:
-    """Signals (n, c) of channels, missing samples NaN, at rate_hz (1 where unknown), from sample `first` of the file."""
+    """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file."""
 
     signals: FloatArray
     channels: tuple[ChannelSpec, ...]
