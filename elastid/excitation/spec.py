@@ -142,3 +142,12 @@ class MultisineSpec:
     def is_new_in_every_realisation(self) -> bool:
         """Whether further realisations tell more than the first: their phases are drawn afresh."""
         return self.phases in _NEW_IN_EVERY_REALISATION
+
+    def realisation_refusal(self, realisations: int) -> str:
+        """Why so many realisations make no sense with these phases; empty where they do."""
+        if realisations < 2 or self.is_new_in_every_realisation:
+            return ""
+        return (
+            f"{self.phases} gives the same signal in each of {realisations} realisations, which does not show "
+            "nonlinear distortion; set experiment.realisations: 1, or phases: random or optimised"
+        )

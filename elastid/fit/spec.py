@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
 from typing import Literal, TypeAlias
 
@@ -150,6 +151,21 @@ class FactorSpec:
         if not 0 <= self.factor < math.inf:
             raise ValueError(f"factor is {self.factor:g}; it multiplies a weight: 0 or more, commonly 0.1 to 10")
         _check_band(self.band_hz)
+
+
+def misnamed(
+    spec: MaskSpec | FactorSpec, known: Mapping[str, Collection[str]]
+) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
+    """The names that a mask or factor has wrong: key path, noun, name.  known: by the key, those that exist.
+
+    Outputs that nobody knows yet are not checked.
+    """
+    for i, name in enumerate(spec.configurations):
+        if name not in known["configurations"]:
+            yield ("configurations", i), "configuration", name
+    for key, name in (("output", spec.output), ("input", spec.input)):
+        if name and known[key] and name not in known[key]:
+            yield (key,), key, name
 
 
 @section

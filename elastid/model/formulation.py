@@ -22,11 +22,8 @@ def formulate(robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] =
     geometry: names of robot.geometry that are parameters of the model beside robot.parameters(); others do not count.
     """
     formulation = spec.formulation or ("constrained" if robot.loops else "serial")
-    if formulation == "serial" and robot.loops:
-        raise StudyError(
-            f"model.formulation: robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), which "
-            "the serial formulation would leave open; take constrained or minimal"
-        )
+    if refused := spec.loop_refusal(robot):
+        raise StudyError(f"model.formulation: {refused}")
     if formulation == "serial":
         return serial(robot, geometry)
     return constrained(robot, geometry) if formulation == "constrained" else minimal(robot, spec, geometry)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
 from typing import Literal, TypeAlias
 
+from elastid.base.errors import did_you_mean
 from elastid.base.section import section
+from elastid.robot import Robot
 
 Formulation: TypeAlias = Literal["serial", "constrained", "minimal"]
 Variant: TypeAlias = Literal[
@@ -37,3 +40,19 @@ class ModelSpec:
         for key, given in (("variant", self.variant != "exact"), ("independent", bool(self.independent))):
             if given and self.formulation != "minimal":
                 raise ValueError(f"{key} is a choice of the minimal formulation; set formulation: minimal")
+
+    def loop_refusal(self, robot: Robot) -> str:
+        """Why the formulation is not for this robot; empty where it is."""
+        if self.formulation != "serial" or not robot.loops:
+            return ""
+        loops = ", ".join(loop.name for loop in robot.loops)
+        return (
+            f"robot {robot.name} has loops ({loops}), which the serial formulation would leave open; take constrained "
+            "or minimal"
+        )
+
+    def independent_refusals(self, coordinates: Collection[str]) -> Iterator[tuple[int, str]]:
+        """The entries of independent that are no coordinates, with their places."""
+        for i, name in enumerate(self.independent):
+            if name not in coordinates:
+                yield i, f"'{name}' is no coordinate; {did_you_mean(name, coordinates)}"

@@ -10,9 +10,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from elastid.base.errors import StudyError
-from elastid.study.checks.checks import check, line_problems
+from elastid.study.checks import check_lines, check_study
 from elastid.study.messages import booleans, problems, study_error
-from elastid.study.quantities import in_si
+from elastid.study.quantities import convert_to_si
 from elastid.study.robots import robot_file, with_robot_value
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath, Place, YamlSource, parse, read_source
@@ -50,9 +50,9 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
     found = booleans(source.data, Study)
     if found:
         raise study_error(source, found)
-    study, unresolved = in_si(study)
-    found = [*check(study, path.parent), *unresolved]
-    found = found or list(line_problems(study))
+    study, unresolved = convert_to_si(study)
+    found = [*check_study(study, path.parent), *unresolved]
+    found = found or list(check_lines(study))
     if found:
         raise study_error(source, found)
     return LoadedStudy(study, path, source.text, tuple(overrides))

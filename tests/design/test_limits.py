@@ -272,7 +272,7 @@ def test_a_plan_refuses_sets_that_its_lines_or_realisations_do_not_allow() -> No
     with pytest.raises(StudyError, match="excitation: 1 lines for 2 motors; take a period at least 2 times as long"):
         make_plan(few, experiment(), arm(), 0)
     twice = replace(EXCITATION, torque_rms=1.0, phases="schroeder")
-    with pytest.raises(StudyError, match="schroeder gives the same signal in every realisation"):
+    with pytest.raises(StudyError, match="schroeder gives the same signal in each of 2 realisations"):
         make_plan(twice, experiment(realisations=2), arm(), 0)
     assert make_plan(replace(twice, orthogonal="hadamard"), experiment(), arm(), 0).R.shape[1] == 1
 

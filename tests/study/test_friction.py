@@ -133,7 +133,7 @@ def test_wrong_friction_is_refused_at_its_line(tiny: Path, old: str, new: str, w
         ("controller: {kind: pid}", "expected one of pd, cascade"),
         ("controller: {kind: cascade, integral_time: -1}", "integral_time is -1 s"),
         ("torque_ripple: [{amplitude: 1, periods: 0}]", "periods is 0"),
-        ("saturation: true", "no joint has a limit of its torque"),
+        ("saturation: true", "no joint has limits.torque"),
         ("warming: {time_constant: 5, temperature: [20, 30]}", "no friction of the robot depends on temperature"),
         ("warming: {time_constant: 5, spread: 2}", "spread is 2; it must be within [0, 0.3)"),
     ],

@@ -92,7 +92,7 @@ WRONG = [
     ("    k_1: {}", "    k_7*: {}", "fit.parameters.k_7*", "no parameter of the robot"),
     ("    k_1: {}", "    k_1:", "fit.parameters.k_1", "expected a mapping ({} for the defaults)"),
     ("    k_1: {}", "    k_1: {start: 1 kg}", "fit.parameters.k_1.start", "unit 'kg' measures kg"),
-    ("    k_1: {}", "    k_1: {bounds: [1, 2]}", "fit.parameters.k_1.bounds", "the start 50 N*m/rad of k_1 is outside"),
+    ("    k_1: {}", "    k_1: {bounds: [1, 2]}", "fit.parameters.k_1.bounds", "the start 50 N*m/rad is outside"),
     ("    k_1: {}", "    k_1: {bounds: [2, 1]}", "fit.parameters.k_1.bounds", "not below the upper bound"),
     ("    k_1: {}", "    k_1: {start: 0}", "fit.parameters.k_1", "give a positive one"),
     ("    k_1: {}", "    k_1: {tie: {to: d_l}}", "fit.parameters.k_1.tie.to", "did you mean 'd_1'?"),

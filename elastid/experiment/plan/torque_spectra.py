@@ -66,11 +66,8 @@ def torque_spectra(
     inputs = robot.motor_locations
     if refused := line_count_refusal(len(lines), len(inputs), "motors"):
         raise StudyError(f"excitation: {refused}")
-    if len(draws) > 1 and not excitation.is_new_in_every_realisation:
-        raise StudyError(
-            f"excitation.phases: {excitation.phases} gives the same signal in every realisation, which does not show "
-            "nonlinear distortion; set experiment.realisations: 1, or phases: random or optimised"
-        )
+    if refused := excitation.realisation_refusal(len(draws)):
+        raise StudyError(f"excitation.phases: {refused}")
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
     relative = shape(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)

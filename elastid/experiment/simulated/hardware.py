@@ -12,7 +12,13 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.sensors import logged_quantity, output_stds
-from elastid.experiment.specs.simulated import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
+from elastid.experiment.specs.simulated import (
+    EncoderRippleSpec,
+    NoiseSpec,
+    TorqueRippleSpec,
+    WarmingSpec,
+    saturation_refusal,
+)
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.measurement_chain import LagElement, sensor_elements, torque_elements
 from elastid.robot import Robot
@@ -64,11 +70,8 @@ def drives(
     """The drives of a robot, link side; StudyError where torques are to be clipped and no joint has a limit."""
     ratio = np.array([robot.ratio(joint.name) for joint in robot.driven])
     limit = np.array([joint.limits.torque if saturation else math.inf for joint in robot.driven])
-    if saturation and not np.isfinite(limit).any():
-        raise StudyError(
-            "experiment.simulated.saturation: no joint has limits.torque, so that nothing can be clipped; give "
-            "limits: {torque: ...} in the robot's file"
-        )
+    if saturation and (refused := saturation_refusal(robot)):
+        raise StudyError(f"experiment.simulated.saturation: {refused}")
     resolution = 2 * np.pi / (encoder_counts * np.abs(ratio)) if encoder_counts else np.zeros(len(ratio))
     T = robot.chain.torque_lag
     lags = [Lag(one.coefficients, T) for one in torque_elements(robot.chain) if T is not None]

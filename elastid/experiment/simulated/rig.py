@@ -21,7 +21,7 @@ from elastid.experiment.simulated.plant import Plant, check_steps, plant_of, tru
 from elastid.experiment.simulated.run_notes import clipped, exceeded, opened
 from elastid.experiment.simulated.sensors import logged_quantity, planned, sensed
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.record import Record
 from elastid.robot import Robot
@@ -58,11 +58,8 @@ class SimulatedRig:
             )
         for place in self.outputs:
             self.robot.check_location(place)
-        if self.robot.chain.differentiator is not None:
-            raise StudyError(
-                f"robot {self.robot.name}: chain.differentiator: the simulated rig logs positions, which nothing "
-                "differentiates; leave it out of the robot's chain"
-            )
+        if refused := chain_refusal(self.robot):
+            raise StudyError(refused)
         if self.simulated.carrier is not None:
             check_movement(self.simulated.carrier, self.plan, self.robot)
 

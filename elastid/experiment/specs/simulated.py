@@ -22,6 +22,7 @@ from elastid.base.units import (
     Torque,
 )
 from elastid.model.spec import ModelSpec
+from elastid.robot import Robot
 from elastid.simulation.spec import StabilisationSpec
 
 
@@ -278,6 +279,23 @@ class SimulatedSpec:
             raise ValueError(f"outputs names a place twice ({', '.join(self.outputs)}); its lines would count twice")
         if self.substeps < 1:
             raise ValueError(f"substeps is {self.substeps}; it must be at least 1")
+
+
+def saturation_refusal(robot: Robot) -> str:
+    """Why torques of this robot cannot be clipped; empty where they can."""
+    if any(math.isfinite(joint.limits.torque) for joint in robot.driven):
+        return ""
+    return "no joint has limits.torque, so that nothing can be clipped; give limits: {torque: ...} in the robot's file"
+
+
+def chain_refusal(robot: Robot) -> str:
+    """Why a rig that logs positions cannot have the robot's measurement chain; empty where it can."""
+    if robot.chain.differentiator is None:
+        return ""
+    return (
+        f"robot {robot.name}: chain.differentiator: the simulated rig logs positions and differentiates nothing; leave "
+        "it out of the robot's chain"
+    )
 
 
 def carrier_refusal(carrier: CarrierSpec, lines: IntArray, spacing_hz: float, n_u: int) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError, StudyError, did_you_mean
-from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec
+from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
 from elastid.fit.weights.full_covariance import correlated_noise
 from elastid.fit.weights.smoothed_variance import smoothed
 from elastid.response import Covariance, FrequencyResponse
@@ -200,16 +200,12 @@ def check_masks(responses: Sequence[FrequencyResponse], spec: FitSpec) -> None:
 
 
 def _check_places(responses: Sequence[FrequencyResponse], key: str, masks: Sequence[MaskSpec | FactorSpec]) -> None:
-    there = {
-        "configuration": {r.configuration.name for r in responses},
+    measured = {
+        "configurations": {r.configuration.name for r in responses},
         "output": {name for r in responses for name in r.outputs},
         "input": {name for r in responses for name in r.inputs},
     }
-    for place, mask in enumerate(masks):
-        asked = [("configuration", name) for name in mask.configurations]
-        asked += [(kind, name) for kind, name in (("output", mask.output), ("input", mask.input)) if name]
-        for kind, name in asked:
-            if name not in there[kind]:
-                raise StudyError(
-                    f"{key}[{place}]: no {kind} '{name}' was measured; {did_you_mean(name, sorted(there[kind]))}"
-                )
+    for i, mask in enumerate(masks):
+        for path, noun, name in misnamed(mask, measured):
+            known = did_you_mean(name, sorted(measured[str(path[0])]))
+            raise StudyError(f"{key}[{i}]: no {noun} '{name}' was measured; {known}")

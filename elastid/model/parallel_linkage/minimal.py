@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import casadi as ca
 
-from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.errors import StudyError
 from elastid.model.elastic import ElasticModel
 from elastid.model.open_chain import by_name, elastic_model, open_chain
 from elastid.model.parallel_linkage.approximations import STIFF, elastic_joints_within, series_stiffness, unbent
@@ -46,9 +46,8 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
         of = cut(of, found)
         stretched = elastic(found)
         rows = [closure.rows for closure in found if closure not in stretched]
-    for name in spec.independent:
-        if name not in of.coordinates:
-            raise StudyError(f"model.independent: '{name}' is no coordinate; {did_you_mean(name, of.coordinates)}")
+    for _, refused in spec.independent_refusals(of.coordinates):
+        raise StudyError(f"model.independent: {refused}")
     return elastic_model(robot, replace(of, phi=ca.vertcat(of.phi, *rows)), spec.independent)
 
 

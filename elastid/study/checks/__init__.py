@@ -1,1 +1,48 @@
-"""What only the sections of a study together can tell, one file a section."""
+"""Contradictions between the sections of a study, one file a section: names, counts, limits, units, files.
+
+A check yields a Problem with the key path at which it stands. A rule that a section or a stage enforces as well is a
+function of theirs, called here for its place in the file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from elastid.study.checks.design import check_design
+from elastid.study.checks.excitation import check_excitation, check_lines
+from elastid.study.checks.experiment import check_experiment
+from elastid.study.checks.fit import check_fit
+from elastid.study.checks.model import check_model
+from elastid.study.checks.names import check_names
+from elastid.study.checks.recorded import check_recorded, check_responses
+from elastid.study.checks.simulated import check_simulated
+from elastid.study.messages import Problem
+from elastid.study.sections import Study
+
+__all__ = ["check_lines", "check_study"]
+
+
+def check_study(study: Study, base: Path) -> Iterator[Problem]:
+    """Every contradiction between the sections of a study whose files are relative to `base`."""
+    experiment = study.experiment
+    yield from check_experiment(study)
+    yield from check_excitation(study)
+    yield from check_design(study, base)
+    if experiment.simulated is not None:
+        yield from check_simulated(study, experiment.simulated)
+    if experiment.recorded is not None:
+        yield from check_recorded(study, experiment.recorded, base)
+    if experiment.responses is not None:
+        yield from check_responses(study, experiment.responses, base)
+    yield from check_model(("model",), study.model, study.robot)
+    yield from check_fit(study)
+    yield from _check_validation(study)
+
+
+def _check_validation(study: Study) -> Iterator[Problem]:
+    """Configurations that are left out exist, and leave some to the fit."""
+    configurations, left_out = list(study.experiment.configurations), study.validation.left_out
+    yield from check_names(("validation", "left_out"), "configuration", left_out, configurations)
+    if configurations and study.design is None and set(left_out) >= set(configurations):
+        yield Problem(("validation", "left_out"), "every configuration is left out; leave at least one to the fit")

@@ -1,4 +1,4 @@
-"""What only the sections together can tell about a study's design."""
+"""The section `design` against robot, experiment and fit: room in the robot time, candidates, earlier measurements."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from pathlib import Path
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.design.robot_time import robot_time_refusal
-from elastid.design.spec import DesignSpec, interest
+from elastid.design.spec import CandidateSpec, DesignSpec, interest
 from elastid.fit.setup.parameter_choice import choose
+from elastid.study.checks.names import check_name, check_units
 from elastid.study.messages import Problem
-from elastid.study.sections import Study, check_file_name
+from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
 
 _DESIGN: KeyPath = ("design",)
@@ -29,11 +30,11 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
         problem = "the experiment is recorded: what was measured cannot be chosen any more; drop this section"
         yield Problem(_DESIGN, problem, at_key=True)
     if study.excitation is not None and study.experiment.simulated is not None:
-        refused = robot_time_refusal(design, study.excitation, study.experiment, len(study.robot.driven))
-        if refused:
+        n_u = len(study.robot.driven)
+        if refused := robot_time_refusal(design, study.excitation, study.experiment, n_u):
             yield Problem((*_DESIGN, "robot_time"), refused)
-    yield from _parameters(study, design)
-    yield from _candidates(study, design)
+    yield from _check_parameters(study, design)
+    yield from _check_candidates(study, design.candidates)
     earlier: list[tuple[KeyPath, str]] = [((*_DESIGN, "measured", i), path) for i, path in enumerate(design.measured)]
     if design.noise.frf:
         earlier.append(((*_DESIGN, "noise", "frf"), design.noise.frf))
@@ -49,19 +50,11 @@ def responses_file(base: Path, path: str) -> Path:
     return given / "frf.h5" if given.is_dir() or not given.suffix else given
 
 
-def chosen_names(study: Study) -> list[str]:
-    """Names that configurations chosen by the design may get."""
-    if study.design is None:
-        return []
-    numbered = study.design.count or 99
-    return [*study.design.candidates.given, *(f"c{i + 1}" for i in range(numbered))]
-
-
-def _parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
+def _check_parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
     try:
         names = choose(study.fit, study.robot).free_names
-    except StudyError:  # said where fit.parameters is checked
-        return
+    except StudyError:
+        return  # reported where fit.parameters is checked
     for i, pattern in enumerate(design.parameters):
         try:
             interest(names, [pattern])
@@ -69,23 +62,21 @@ def _parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
             yield Problem((*_DESIGN, "parameters", i), str(error))
 
 
-def _candidates(study: Study, design: DesignSpec) -> Iterator[Problem]:
-    spec, robot = design.candidates, study.robot
-    refused = robot.count_refusal(len(spec.grid), "numbers") if isinstance(spec.grid, tuple) else ""
-    if refused:
+def _check_candidates(study: Study, spec: CandidateSpec) -> Iterator[Problem]:
+    robot = study.robot
+    if isinstance(spec.grid, tuple) and (refused := robot.count_refusal(len(spec.grid), "numbers")):
         yield Problem((*_CANDIDATES, "grid"), refused)
+    yield from check_units((*_CANDIDATES, "margin"), spec.margin, robot)
     for name, angles in spec.given.items():
         path: KeyPath = (*_CANDIDATES, "given", name)
-        try:
-            check_file_name(name)
-        except ValueError as error:
-            yield Problem(path, str(error), at_key=True)
+        yield from check_name(path)
+        yield from check_units(path, angles, robot)
         if refused := robot.count_refusal(len(angles)):
             yield Problem(path, refused)
         if name in study.experiment.configurations:
-            yield Problem(path, f"{name} is the name of a configuration under experiment.configurations already", True)
-    bodies = [body.name for body in study.robot.bodies]
+            yield Problem(path, f"{name} is a configuration of experiment.configurations already; rename one", True)
+    bodies = [body.name for body in robot.bodies]
     for name in spec.points:
         if name not in bodies:
-            known = did_you_mean(name, bodies)
-            yield Problem((*_CANDIDATES, "points", name), f"no body is called '{name}'; {known}", at_key=True)
+            message = f"no body is called '{name}'; {did_you_mean(name, bodies)}"
+            yield Problem((*_CANDIDATES, "points", name), message, at_key=True)

@@ -1,0 +1,101 @@
+"""The section `experiment` against robot, excitation and estimator: number of experiments, angles of configurations."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from elastid.robot import Joint
+from elastid.study.checks.names import check_name
+from elastid.study.messages import Problem
+from elastid.study.sections import Study
+from elastid.study.yaml_source import KeyPath
+
+# Positions beyond which a joint without limits was given in another unit: two turns in rad, and a long rail in m.
+MAX_ANGLE = 4 * math.pi
+MAX_TRAVEL = 50.0
+
+
+def check_experiment(study: Study) -> Iterator[Problem]:
+    """Experiments of a realisation, and configurations."""
+    yield from _check_count(study)
+    yield from _check_configurations(study)
+
+
+def _check_count(study: Study) -> Iterator[Problem]:
+    """As many experiments in a realisation as motors at most, and enough for the estimator."""
+    experiment, excitation, estimator = study.experiment, study.excitation, study.estimator
+    given, n_u, path = experiment.experiments, len(study.robot.driven), ("experiment", "experiments")
+    if given is None:
+        return
+    if experiment.simulated is None:
+        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
+        yield Problem(path, message, at_key=True)
+        return
+    if given > n_u:
+        yield Problem(
+            path,
+            f"{given} experiments in a realisation, but an orthogonal set for {n_u} motors has {n_u}; give {n_u} at "
+            "most, and more realisations instead",
+        )
+    needed = estimator.experiments_needed(n_u, experiment.realisations)
+    if given < needed:
+        yield Problem(
+            path,
+            f"{given} experiments in each of {experiment.realisations} realisations, but estimator.method "
+            f"{estimator.method} needs at least {needed} to separate {n_u} motors; give {needed}, or take "
+            "estimator.method local_rational, local_polynomial or auto",
+        )
+    if excitation is None or given >= n_u or excitation.orthogonal == "zippered":
+        return
+    if not excitation.is_new_in_every_realisation:
+        yield Problem(
+            path,
+            f"with {excitation.phases} phases all motors move in proportion in each of {given} experiments, so that "
+            f"neighbouring lines do not separate {n_u} motors; take random phases, orthogonal: zippered, or {n_u} "
+            "experiments",
+        )
+
+
+def _check_configurations(study: Study) -> Iterator[Problem]:
+    """One angle for each driven joint, in its unit and within its limits, the swing of a carrier included."""
+    robot, swings = study.robot, _swings(study)
+    for name, angles in study.experiment.configurations.items():
+        path: KeyPath = ("experiment", "configurations", name)
+        yield from check_name(path)
+        if refused := robot.count_refusal(len(angles)):
+            yield Problem(path, refused)
+            continue
+        for i, (angle, joint, swing) in enumerate(zip(angles, robot.driven, swings, strict=True)):
+            if refused := joint.refusal_of(angle) or _angle_refusal(angle, joint, swing):
+                yield Problem((*path, i), refused)
+
+
+def _swings(study: Study) -> list[float]:
+    """Amplitude of the carrier at each driven joint; 0 where there is none, or a wrong number of them."""
+    n_u, simulated = len(study.robot.driven), study.experiment.simulated
+    carrier = simulated.carrier if simulated is not None else None
+    if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
+        return [0.0] * n_u
+    return list(carrier.amplitudes(n_u).tolist())
+
+
+def _angle_refusal(angle: float, joint: Joint, swing: float) -> str:
+    """Why a joint cannot be at a position, in rad or m, and swing about it; empty where it can."""
+    low, high = joint.limits.angle
+    if math.isinf(high - low) and abs(angle) > (MAX_TRAVEL if joint.slides else MAX_ANGLE):
+        other = f"{angle:g} mm" if joint.slides else f"{angle:g} deg"
+        far = f"{angle:g} m" if joint.slides else f"{angle:g} rad, {abs(angle) / (2 * math.pi):.2g} turns,"
+        return (
+            f"joint {joint.name} at {far} is farther than robots go; a number without a unit is in {joint.unit}: write "
+            f"'{other}' if that is meant, or give the joint its limits"
+        )
+    if low <= angle - swing <= angle + swing <= high:
+        return ""
+    reach = f" with the carrier's {swing:.4g} {joint.unit} to either side" if swing else ""
+    return (
+        f"joint {joint.name} at {angle:.4g} {joint.unit}{reach} is outside its limits [{low:.4g}, {high:.4g}] "
+        f"{joint.unit}"
+    )

@@ -1,0 +1,82 @@
+"""Names that several sections refer to: configurations, places on the robot, inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.robot import Robot
+from elastid.study.messages import Problem
+from elastid.study.sections import Study, check_file_name
+from elastid.study.yaml_source import KeyPath
+
+# A design that fits as many configurations as it can into a robot_time may use this many names.
+MAX_CHOSEN = 99
+
+
+def unknown(path: KeyPath, noun: str, name: str, known: Iterable[str]) -> Problem:
+    """A name that stands for nothing."""
+    return Problem(path, f"no {noun} is called '{name}'; {did_you_mean(name, known)}")
+
+
+def check_names(path: KeyPath, noun: str, names: Sequence[str], known: Sequence[str]) -> Iterator[Problem]:
+    """Each entry of a list of names is known."""
+    for i, name in enumerate(names):
+        if name not in known:
+            yield unknown((*path, i), noun, name, known)
+
+
+def check_name(path: KeyPath) -> Iterator[Problem]:
+    """A key that the study chooses can name a file."""
+    try:
+        check_file_name(str(path[-1]))
+    except ValueError as error:
+        yield Problem(path, str(error), at_key=True)
+
+
+def check_place(path: KeyPath, location: str, robot: Robot) -> Iterator[Problem]:
+    """A location is on the robot."""
+    try:
+        robot.check_location(location)
+    except StudyError as error:
+        yield Problem(path, str(error))
+
+
+def check_units(path: KeyPath, values: object, robot: Robot) -> Iterator[Problem]:
+    """A number for all motors, or one for each, has the unit of its joint's motion."""
+    each = values if isinstance(values, tuple) else (values,) * len(robot.driven)
+    for i, (value, joint) in enumerate(zip(each, robot.driven, strict=False)):
+        refused = joint.refusal_of(value) if isinstance(value, float) else ""
+        if refused and isinstance(values, tuple):
+            yield Problem((*path, i), refused)
+        elif refused:
+            yield Problem(path, f"{refused}, or one number for each motor")
+            return
+
+
+def list_configurations(study: Study) -> list[str]:
+    """Names of configurations, given ones first, then those that a design may choose."""
+    given = list(study.experiment.configurations)
+    if study.design is None:
+        return given
+    numbered = (f"c{i + 1}" for i in range(study.design.count or MAX_CHOSEN))
+    return [*given, *study.design.candidates.given, *numbered]
+
+
+def list_inputs(study: Study) -> list[str]:
+    """Locations of the inputs."""
+    return [channel.at for channel in _channels(study) if channel.role == "u"] or list(study.robot.motor_locations)
+
+
+def list_outputs(study: Study) -> list[str]:
+    """Locations of the outputs; none where only the frf.h5 of another run names them."""
+    simulated, channels = study.experiment.simulated, _channels(study)
+    if channels or study.experiment.kind == "responses":
+        return [channel.at for channel in channels if channel.role == "y"]
+    return list(simulated.outputs if simulated is not None and simulated.outputs else study.robot.motor_locations)
+
+
+def _channels(study: Study) -> tuple[ChannelSpec, ...]:
+    recorded, responses = study.experiment.recorded, study.experiment.responses
+    return next((kind.channels for kind in (recorded, responses) if kind is not None), ())

@@ -1,0 +1,90 @@
+"""The sections `experiment.recorded` and `experiment.responses` against robot and disk: files and channels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from elastid.base.errors import did_you_mean
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.study.checks.names import check_place, unknown
+from elastid.study.messages import Problem
+from elastid.study.sections import Study
+from elastid.study.yaml_source import KeyPath
+
+# A folder with more files than this is not listed in a message.
+MAX_LISTED = 20
+
+
+def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
+    """Log files exist, no run of the robot is given twice; channels are on the robot."""
+    path: KeyPath = ("experiment", "recorded")
+    yield from _check_files(study, recorded.files, path, base)
+    yield from _check_channels(study, recorded.channels, path)
+    seen: dict[tuple[str, int, int], str] = {}
+    for i, file in enumerate(recorded.files):
+        run = (file.configuration, file.realisation, file.experiment)
+        if run in seen:
+            yield Problem(
+                (*path, "files", i),
+                f"{file.path} and {seen[run]} both claim configuration {run[0]}, realisation {run[1]}, experiment "
+                f"{run[2]}; give each file its own realisation or experiment",
+            )
+        seen[run] = file.path
+
+
+def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
+    """Files of responses exist, one for each configuration; channels are on the robot."""
+    path: KeyPath = ("experiment", "responses")
+    yield from _check_files(study, responses.files, path, base)
+    yield from _check_channels(study, responses.channels, path)
+    seen: dict[str, str] = {}
+    for i, file in enumerate(responses.files):
+        if file.configuration in seen:
+            yield Problem(
+                (*path, "files", i),
+                f"{seen[file.configuration]} and {file.path} both claim configuration {file.configuration}; one "
+                "response of each can be fitted: leave one out, or give it a configuration of its own",
+            )
+        seen[file.configuration] = file.path
+
+
+def _check_files(
+    study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
+) -> Iterator[Problem]:
+    """Files exist and are of configurations that exist; each configuration has one."""
+    configurations = study.experiment.configurations
+    for i, file in enumerate(files):
+        place = base / file.path
+        if not place.is_file():
+            beside = sorted(p.name for p in place.parent.iterdir() if p.is_file()) if place.parent.is_dir() else []
+            hint = f"; {did_you_mean(place.name, beside[:MAX_LISTED])}" if beside else ""
+            yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}")
+        if file.configuration not in configurations:
+            yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, configurations)
+    for name in configurations:
+        if name not in {file.configuration for file in files}:
+            message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
+            yield Problem(("experiment", "configurations", name), message, at_key=True)
+
+
+def _check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
+    """Channels are on the robot, in units of their quantity, and one signal each."""
+    robot, motors = study.robot, study.robot.motor_locations
+    seen: set[tuple[str, str, int]] = set()
+    for i, channel in enumerate(channels):
+        here: KeyPath = (*path, "channels", i)
+        if channel.role != "y" and channel.at not in motors:
+            yield unknown((*here, "at"), "motor", channel.at, motors)
+        else:
+            yield from check_place((*here, "at"), channel.at, robot)
+        try:
+            channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
+        except ValueError as error:
+            yield Problem((*here, "unit"), str(error))
+        # r may be in several files, which it synchronises.
+        signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
+        if signal in seen:
+            yield Problem((*here, "at"), f"two channels of role {channel.role} at '{channel.at}'; leave one out")
+        seen.add(signal)
