@@ -1,10 +1,8 @@
 """A study small enough to be run many times: one elastic joint, simulated in a second."""
 
-import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -68,26 +66,3 @@ def tiny(tmp_path: Path) -> Path:
 def tiny_texts() -> tuple[str, str]:
     """The texts of the study and of its robot."""
     return TINY_STUDY, TINY_ROBOT
-
-
-# Without background traffic: a page that opens offline must not wait for anything.
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-QUIET = [
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
-
-
-@pytest.fixture
-def browser() -> Iterator[Any]:
-    """A real one, without a window."""
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine")
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as engine:
-        chromium = engine.chromium.launch(executable_path=CHROMIUM, args=QUIET)
-        yield chromium
-        chromium.close()

@@ -1,4 +1,4 @@
-"""What a report shows, made up: responses, a fit, a plan."""
+"""The content of a report, made up: responses, a fit, a plan, modes, replays."""
 
 import math
 from dataclasses import replace
@@ -9,38 +9,40 @@ from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Tie
 from elastid.record import Configuration
-from elastid.report.content import ModeRow, ReportContent
+from elastid.report.content import ReportContent
+from elastid.report.modes.mode_row import ModeRow
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.agreement import validate
+from elastid.validation.results import Fold, Replay
 
 FREQ_HZ = np.arange(2.1, 60.0, 0.8)
 
 
-def chain(n_u, n_y=None, stiffness=3e5):
-    """Acceleration of the first n_y of n_u motors and as many links, each link hung on the next (F, n_y, n_u)."""
+def chain(n_u, n_y=None, stiffness=3e5, freq_hz=FREQ_HZ):
+    """Acceleration (F, n_y, n_u) of the first n_y masses of a chain of n_u motors and as many links."""
     n = 2 * n_u
     M, K, D = np.diag(np.r_[np.full(n_u, 30.0), np.full(n_u, 25.0)]), np.zeros((n, n)), 20.0 * np.eye(n)
     pairs = [(i, n_u + i) for i in range(n_u)] + [(n_u + i, n_u + i + 1) for i in range(n_u - 1)]
     for i, j in pairs:
         v = np.eye(n)[i] - np.eye(n)[j]
         K, D = K + stiffness * np.outer(v, v), D + 500 * np.outer(v, v)
-    s = 2j * np.pi * FREQ_HZ[:, None, None]
+    s = 2j * np.pi * freq_hz[:, None, None]
     return (s**2 * np.linalg.inv(M * s**2 + D * s + K))[:, : n_y or n_u, :n_u]
 
 
-def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0):
+def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0, freq_hz=FREQ_HZ):
     """A measured response with noise and total covariance, and a model that is a little off."""
     rng = np.random.default_rng(seed)
-    G, model = chain(n_u, n_y), chain(n_u, n_y, 3.03e5)
+    G, model = (chain(n_u, n_y, stiffness, freq_hz) for stiffness in (3e5, 3.03e5))
     noise, total = np.full(G.shape, 4e-8), 4e-8 + (0.03 * np.abs(G)) ** 2
     Ghat = G + np.sqrt(total / 2) * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape))
     inputs = tuple(f"motor {i + 1}" for i in range(n_u))
     outputs = tuple(f"place {i + 1}" for i in range(G.shape[1]))
     common = (inputs, outputs, "acceleration", Configuration(name, np.radians([10.0] * n_u)))
     measured = FrequencyResponse(
-        FREQ_HZ, Ghat, *common, Covariance(noise, 11), Covariance(total, 9), rate_is_known, (f"a note on {name}",)
+        freq_hz, Ghat, *common, Covariance(noise, 11), Covariance(total, 9), rate_is_known, (f"a note on {name}",)
     )
-    return measured, FrequencyResponse(FREQ_HZ, model, *common, rate_is_known=rate_is_known)
+    return measured, FrequencyResponse(freq_hz, model, *common, rate_is_known=rate_is_known)
 
 
 PARAMETERS = ParameterSet(
@@ -107,3 +109,58 @@ def report_content(**changes):
         plan=plan(2),
     )
     return replace(content, **changes)
+
+
+def modes(configuration="c1"):
+    """Two modes of four coordinates, the second with damping that turns the phase."""
+    return ModeRow(
+        configuration,
+        np.array([9.125, 14.2]),
+        np.array([0.04, 0.06]),
+        np.array([0.012, 0.1]),
+        np.array([0.002, 0.01]),
+        ("joint 1", "joint 2", "motor 1", "motor 2"),
+        np.array([[1.0, 0.2], [-0.75, 1.0], [0.1, -0.4 + 0.1j], [0.0, 0.6]]),
+    )
+
+
+def replays(configuration="c1", seed=0):
+    """Two records of two outputs, the model a tenth too small."""
+    measured = np.random.default_rng(seed).standard_normal((400, 2))
+    fit = np.array([[90.0, 89.5], [88.0, 91.0]])
+    return Replay(
+        configuration,
+        ("r1", "r2"),
+        ("place 1", "place 2"),
+        "acceleration",
+        ("rad/s^2", "m/s^2"),
+        (2.0, 60.0),
+        fit,
+        np.array([[99.0, 98.0], [99.5, 97.0]]),
+        0.1 * np.ones((2, 2)),
+        "r2",
+        250.0,
+        True,
+        measured,
+        0.9 * measured,
+    )
+
+
+def full_content():
+    """A report of everything."""
+    content = report_content(modes=(modes("c1"), modes("c2")))
+    content = replace(content, model_std=tuple(0.01 * np.abs(G.G) for _, G in content.frf))
+    validation = replace(
+        content.validation,
+        cost="The cost is what the noise alone would leave.",
+        replays=(replays("c1"), replays("c2", 1)),
+        replayed="Replayed, the model explains 90 %.",
+        folds=(Fold("c1", 1.21, 0.5, 2.5), Fold("c2", math.nan, math.nan, math.nan, "no start led anywhere")),
+        folded="Left out in turn, 0.5 dB.",
+    )
+    return replace(content, validation=validation)
+
+
+def lines_of(axes):
+    """Lines of a panel by label."""
+    return {line.get_label(): line for line in axes.get_lines()}

@@ -1,0 +1,26 @@
+"""The catalogue of figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from plants.arm_modes import mode_row
+from plants.report_values import full_content, report_content
+
+from elastid.report.figures.drawings import drawings
+
+
+def test_every_figure_of_a_full_report_is_drawn_once():
+    """Names are file names and so unique; each belongs to a section of the page."""
+    names = [drawing.name for drawing in drawings(full_content())]
+    assert len(set(names)) == len(names)
+    assert {"errors", "frf-c1-singular-values", "frf-c2-replay", "frf-c1-modes"} <= set(names)
+
+
+def test_a_report_draws_sticks_where_there_are_any_and_bars_elsewhere() -> None:
+    """Under one name; the energy in words above the bars as well."""
+    bench = replace(mode_row("c2"), drawing=None)
+    found = {d.name: d.figure for d in drawings(report_content(modes=(mode_row(), bench))) if d.name.endswith("modes")}
+    assert [len(axes.patches) for axes in found["frf-c2-modes"].axes] == [5] * len(bench.frequency_hz)
+    assert found["frf-c2-modes"].axes[0].get_title(loc="left") == "92 % gear 2, 8 % rod"
+    assert len(found["frf-c1-modes"].axes) == 1

@@ -1,0 +1,18 @@
+"""Bars of a mode shape."""
+
+from __future__ import annotations
+
+import numpy as np
+from plants.report_values import modes
+
+from elastid.report.figures.mode_shapes import mode_shapes
+
+
+def test_the_bars_of_a_mode_are_its_shape():
+    """A row a mode, a bar a coordinate, its height the real part."""
+    row = modes()
+    figure = mode_shapes(row, "c1", True)
+    assert len(figure.axes) == 2
+    for m, axes in enumerate(figure.axes):
+        np.testing.assert_allclose([bar.get_height() for bar in axes.patches], row.shapes[:, m].real)
+    assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == list(row.coordinates)

@@ -1,0 +1,69 @@
+"""Names of springs, energies of modes by configuration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.arm_modes import ANGLES, ARM, MOTOR, swinging
+from plants.report_values import fit_result
+
+from elastid.app.summaries import modes_of
+from elastid.fit.fitted_model import FittedModel
+from elastid.model.formulation import formulate
+from elastid.parameters import Parameter, ParameterSet
+from elastid.record import Configuration
+from elastid.report.modes.mode_row import load_name, shares_in_words, spring_names
+from elastid.response import FrequencyResponse
+from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
+
+
+def test_springs_are_called_what_they_are() -> None:
+    """Gears, shafts, what bends or twists amid a link, other joints, rods, and the weight."""
+    names = spring_names(ARM)
+    assert (names["k_2"], names["km_2"], names["k_b"], names["k_t"]) == (
+        "gear 2",
+        "shaft of motor 2",
+        "bending b",
+        "torsion t",
+    )
+    foot = Body("foot", joints=(Joint("y", "y", Spring(1e6)), Joint("1", "z", Spring(1e5), MOTOR)), inertia=1.0)
+    ends = (Anchor("foot"), Anchor("base", (1, 0, 0)))
+    loops = (Loop("coupler", ends, rod=Rod(1.0, stiffness=1e6)), Loop("rod", ends, rod=Rod(1.0, stiffness=1e6)))
+    robot = Robot("foot", (foot,), loops=loops, compensators=(Compensator("c", ends, CoilSpring(1.0)),))
+    names = spring_names(robot)
+    assert (names["k_y"], names["k_coupler"], names["k_rod"]) == ("joint y", "rod coupler", "rod")
+    assert (load_name(ARM), load_name(robot)) == ("weight", "weight and compensators")
+    assert set(formulate(ARM).springs) <= set(spring_names(ARM))
+    assert shares_in_words(["a", "b"], np.array([np.nan, np.nan])) == ""
+
+
+def test_energies_follow_the_numbers_of_a_configuration() -> None:
+    """A gear that is softer when warm holds more of the energy there; everything else is the same."""
+    parameters = ParameterSet(
+        (
+            *(Parameter(name, value, free=False) for name, (value, _) in ARM.parameters().items()),
+            Parameter("delay", 0.0, "s", free=False),
+            Parameter("k_2@warm", 2e5, log=True, only=("warm",)),
+        )
+    )
+    result = replace(
+        fit_result(), parameters=parameters, x=parameters.x, covariance=1e-4 * np.eye(1), at_bound=np.zeros(1, bool),
+        starts=(), singular_values=np.ones(1),
+    )  # fmt: skip
+    freq_hz = np.array([5.0, 10.0])
+    places, nothing = ARM.motor_locations, np.zeros((2, 3, 3), complex)
+    responses = [
+        FrequencyResponse(freq_hz, nothing, places, places, "acceleration", Configuration(name, np.array(ANGLES)))
+        for name in ("cold", "warm")
+    ]
+    cold, warm = modes_of(FittedModel.of(result, ARM, responses))
+    assert cold.stores == ("gear 1", "gear 2", "bending b", "torsion t", "gear 3", "weight")
+    for row in (cold, warm):
+        np.testing.assert_allclose(row.energy.sum(axis=0), 1.0)
+        assert row.drawing is not None
+    _, all_soft, *_ = swinging(ARM.with_parameters({"k_2": 2e5}))
+    np.testing.assert_allclose(warm.frequency_hz, all_soft, rtol=1e-9)
+    gear = cold.stores.index("gear 2")
+    assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)

@@ -1,0 +1,241 @@
+"""The page and its files: complete, escaped, reproducible, self-contained."""
+
+from __future__ import annotations
+
+import io
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+from plants.arm_modes import mode_row
+from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
+
+from elastid.parameters import ParameterSet
+from elastid.report.figures.responses import frf_magnitude
+from elastid.report.numbers import number
+from elastid.report.page.page import EmbeddedFigure, fewer_colors, html, rendered, within, write_report
+from elastid.report.parameter_rows import parameter_rows
+from elastid.validation.agreement import validate
+
+
+class Page(HTMLParser):
+    """Tags, addresses and text of a page."""
+
+    def __init__(self, source):
+        super().__init__()
+        self.tags, self.addresses, self.text = [], [], ""
+        self.feed(source)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attrs if name in ("src", "href", "srcset", "data", "action")]
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def small_content(**changes):
+    """One element of one configuration: few figures."""
+    frf = (pair(1),)
+    return report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]), plan=None, **changes)
+
+
+def test_the_page_shows_every_warning_parameter_and_configuration(report_folder):
+    """Warnings of the stages and of the fit, estimates with the truth, errors, modes, notes, study, provenance."""
+    content = report_content()
+    text = Page((report_folder / "report.html").read_text("utf-8")).text
+    assert len(content.all_warnings) == 5
+    for warning in content.all_warnings:
+        assert text.count(warning) == 1
+    for row in parameter_rows(content.result, TRUTH):
+        assert row.name in text
+        assert number(row.truth, 5) in text
+    for given in ("d_2", "2.000 × d_1", "mass", "25.000", "left out", "9.125", "4.000 %"):
+        assert given in text
+    for given in (content.title, content.verdict, content.validation.verdict, content.study_text, "17"):
+        assert given in text
+    assert (
+        text.index(content.warnings[0]) < text.index(content.verdict) < text.index("k_1", text.index("95 % interval"))
+    )
+
+
+def test_the_page_counts_what_was_mended_in_the_records():
+    """A row for each configuration with repairs, a column for each kind; no table where nothing was mended."""
+    (first, model), (second, other) = pair(1, name="c1"), pair(1, name="c2")
+    first = replace(first, repairs={"missing samples filled": 21})
+    second = replace(second, repairs={"spikes replaced": 3, "missing samples filled": 4})
+    shown = html(report_content(frf=((first, model), (second, other))), [])
+    table = shown[
+        shown.index("Repairs of the records") : shown.index("</table>", shown.index("Repairs of the records"))
+    ]
+    assert "<th>missing samples filled</th><th>spikes replaced</th>" in table
+    assert "<td>c1</td><td>21</td><td>0</td>" in table
+    assert "<td>c2</td><td>4</td><td>3</td>" in table
+    assert "Repairs of the records" not in html(report_content(), [])
+
+
+def test_the_page_needs_nothing_from_outside(report_folder):
+    """No script or style sheet but its own, no address but embedded images and places on the page."""
+    source = (report_folder / "report.html").read_text("utf-8")
+    page = Page(source)
+    assert 'src="http' not in source
+    assert "<script src" not in source
+    assert not {"link", "iframe", "object", "base"} & set(page.tags)
+    assert page.tags.count("img") == 11
+    assert all(address.startswith(("data:image/png;base64,", "#")) for address in page.addresses)
+    without_images = re.sub(r"base64,[A-Za-z0-9+/=]+|<script>.*?</script>", "", source, flags=re.DOTALL)
+    assert "://" not in without_images
+    assert "url(" not in without_images
+    places = re.findall(r'id="([^"]+)"', without_images)
+    assert {address[1:] for address in page.addresses if address.startswith("#")} <= set(places)
+
+
+def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
+    """HTML, a formula, a path and a letter that the font lacks, as names: text on the page, files in the folder."""
+    evil, formula = "<script>alert(1)</script>", r"$\frac{"
+    parameters = ParameterSet(
+        tuple(replace(p, name=new) for p, new in zip(PARAMETERS.free, (evil, formula, "度", 'a"b'), strict=True))
+    )
+    frf = (pair(1, name="../../" + evil), pair(1, name=".. .. script-alert-1-script-"), pair(1, name=formula + "度"))
+    content = report_content(
+        title=evil,
+        warnings=(f"{evil} & 'quotes'",),
+        result=fit_result(parameters),
+        frf=frf,
+        validation=validate(*zip(*frf, strict=True), left_out=[]),
+        study_text=evil,
+        provenance={evil: evil},
+        truth=None,
+    )
+    page = Page(write_report(content, tmp_path / "run", ("png", "pdf")).read_text("utf-8"))
+    assert page.tags.count("script") == 3  # the data, the plotting library, the page's own
+    for name in (*parameters.names, *content.warnings, frf[0][0].configuration.name):
+        assert name in page.text
+    files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
+    assert all(re.fullmatch(r"run/(report\.(html|pdf)|figures/[A-Za-z0-9_.-]+\.(png|pdf))", file) for file in files)
+    assert len(files) == 2 + 2 * (3 * len(frf) + 5)
+
+
+def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
+    """Page, PNG and PDF: no date, no version, no random name."""
+    write_report(report_content(), tmp_path, ("png", "pdf"))
+    folders = (report_folder, tmp_path)
+    first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
+    assert len(first) == 24
+    assert first == second
+
+
+def test_only_the_formats_asked_for_are_written(tmp_path):
+    """PDF only: no PNG beside the page, which embeds its own."""
+    write_report(small_content(), tmp_path, ("pdf",))
+    assert {path.suffix for path in (tmp_path / "figures").iterdir()} == {".pdf"}
+
+
+def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, monkeypatch):
+    """A full disk at the end of a file: the error is raised, the old page stays, no half file."""
+    page = write_report(small_content(), tmp_path, ())
+    before = page.read_bytes()
+
+    def full(_):
+        raise OSError("no space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(OSError, match="no space"):
+        write_report(small_content(title="Another"), tmp_path, ("png",))
+    assert page.read_bytes() == before
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [page]
+
+
+def test_options_load_neither_matplotlib_nor_jinja():
+    """`elastid check` reads the sections of a study and must not pay for figures."""
+    code = (
+        "import sys, elastid.report.spec, elastid.validation.spec\n"
+        "print([m for m in ('matplotlib', 'jinja2', 'scipy') if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert out.strip() == "[]"
+
+
+def test_the_page_shows_replays_folds_modes_and_the_reason_of_the_cost():
+    """Each with its numbers; what moves in a mode is named, the furthest first."""
+    text = Page(html(full_content(), [])).text
+    for given in ("The cost is what the noise", "Replayed, the model explains 90 %", "Left out in turn, 0.5 dB"):
+        assert given in text
+    for given in ("no start led anywhere", "1.10", "joint 1 +1.00, joint 2 -0.75", "joint 2 +1.00, motor 2 +0.60"):
+        assert given in text
+    assert "9.125" in text
+    assert "0.012" in text
+
+
+def test_the_page_shows_further_intervals_and_what_informs_a_parameter():
+    """Profile and bootstrap beside the interval; a dash where one was not asked for; the most telling configuration."""
+    n = len(PARAMETERS.free)
+    share = np.full((2, n), np.nan)
+    share[:, :2] = [[0.3, 0.9], [0.7, 0.1]]
+    profile = np.full((n, 2), np.nan)
+    profile[0] = 2.91e5, 3.17e5
+    result = replace(
+        fit_result(),
+        profile95=profile,
+        bootstrap95=np.tile([1.0, 2.0], (n, 1)),
+        configurations=("c1", "c2"),
+        share=share,
+        informing_hz=np.tile([12.0, 25.0], (n, 1)),
+        weakest=np.ones(n),
+    )
+    text = html(report_content(result=result), [])
+    assert "by profile" in text
+    assert "291000 … 317000" in text
+    table = text[text.index("Information on each parameter") :]
+    table = table[: table.index("</table>")]
+    assert table.count("<tr><td>") == 2
+    assert '<td>k_1</td><td class="text">c2</td><td>70 %</td><td>12.0 … 25.0</td>' in table
+    assert "by profile" not in html(report_content(), [])
+
+
+def test_figures_without_room_on_the_page_are_linked_to():
+    """The largest of single configurations first; others stay whatever they cost."""
+    figures = [
+        EmbeddedFigure("parameters", "parameters", "all", "x" * 900, "figures/parameters.png"),
+        EmbeddedFigure("a", "configuration c1", "first", "x" * 500, "figures/a.png"),
+        EmbeddedFigure("b", "configuration c1", "second", "x" * 100, "figures/b.png"),
+    ]
+    assert [bool(figure.png) for figure in within(figures, 1500)] == [True, True, True]
+    assert [bool(figure.png) for figure in within(figures, 1499)] == [True, False, True]
+    assert [bool(figure.png) for figure in within(figures, 10)] == [True, False, False]
+    page = Page(html(report_content(), within(figures, 1000)))
+    assert "figures/a.png" in page.addresses
+    assert "report.formats" in html(report_content(), [replace(figures[1], png="", file="")])
+
+
+def test_fewer_colors_are_the_same_picture():
+    """No pixel of a figure is further off than the eye can see, half of the bytes are gone."""
+    image = pytest.importorskip("PIL.Image")
+    png = rendered(frf_magnitude(*pair(3), "c1"), "png")
+    small = fewer_colors(png)
+    assert len(small) < 0.5 * len(png)
+    before, after = (np.asarray(image.open(io.BytesIO(data)).convert("RGB"), dtype=float) for data in (png, small))
+    assert np.sqrt(np.mean((before - after) ** 2)) < 3
+
+
+def test_the_page_fits_a_phone_and_paper(visit, report_folder):
+    """No wider than a phone; on paper without the explorer."""
+    phone = visit(report_folder / "report.html")
+    phone.set_viewport_size({"width": 390, "height": 800})
+    assert phone.evaluate("document.documentElement.scrollWidth") <= 390
+    phone.emulate_media(media="print")
+    assert not phone.locator("#explorer").is_visible()
+    assert phone.pdf().startswith(b"%PDF")
+
+
+def test_the_page_says_where_the_energy_is() -> None:
+    text = html(report_content(modes=(mode_row(),)), []).replace("\u00a0", " ")
+    assert "92 % gear 2, 8 % rod" in text
+    assert "mode-viewer" in text
+    plain = html(report_content(modes=(replace(mode_row(), drawing=None),)), [])
+    assert "mode-data" not in plain
+    assert "PERIOD" not in plain
