@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.note import Note
 from elastid.base.units import of_translation
 
 Hold: TypeAlias = Literal["band-limited", "zero-order"]
@@ -74,7 +75,7 @@ class Record:
     y: FloatArray
     r: FloatArray | None = None
     rate_is_known: bool = True
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = field(default=())
     hold: Hold = "band-limited"
     half_wave: bool = False
     repairs: Mapping[str, int] = field(default_factory=dict)

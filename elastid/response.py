@@ -14,6 +14,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.base.note import Note
 from elastid.record import MOTION_ORDER, Configuration, Motion, motion_unit
 
 
@@ -163,7 +164,7 @@ class FrequencyResponse:
     noise: Covariance | None = None
     total: Covariance | None = None
     rate_is_known: bool = True
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[Note, ...] = field(default=())
     distortion: Covariance | None = None
     quality: Quality | None = None
     repairs: Mapping[str, int] = field(default_factory=dict)

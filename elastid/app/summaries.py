@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from elastid.base.note import Note, grouped
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.fit.setup.parameter_choice import choose
@@ -78,9 +79,10 @@ def summary(
     result: FitResult,
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
-    warnings: Sequence[str],
+    notes: Sequence[Note],
 ) -> dict[str, Any]:
-    """The content of summary.json."""
+    """The content of summary.json; notes of the measured responses come after those of the fit."""
+    groups = grouped((*result.notes, *notes))
     return {
         "schema": 1,
         "study": study.name,
@@ -110,7 +112,16 @@ def summary(
             }
             for agreement in agreements
         ],
-        "warnings": list(dict.fromkeys([*result.warnings, *warnings])),
+        "warnings": [str(group) for group in groups],
+        "notes": [
+            {
+                "code": group.first.code,
+                "severity": group.first.severity,
+                "places": list(group.places),
+                "text": group.first.text,
+            }
+            for group in groups
+        ],
     }
 
 
@@ -131,6 +142,7 @@ def failure(study: Study, message: str) -> dict[str, Any]:
         "modes": [],
         "frf_error": [],
         "warnings": [],
+        "notes": [],
     }
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.execution import Execution
+from elastid.base.note import Note
 from elastid.design.amplitudes import best_spectra_of, with_torques, with_typical_spectrum
 from elastid.design.choice import Choice, InformationTask, choose_configurations
 from elastid.design.forecast import Forecast, check_line_count, forecast
@@ -137,13 +138,16 @@ def _task(problem: DesignProblem, periods: int, count: int, x: FloatArray) -> In
     return InformationTask(problem.prospect(probe, len(probe.configurations) - 1), count, known)
 
 
-def _shared_lines(plan: Plan) -> tuple[str, ...]:
+def _shared_lines(plan: Plan) -> tuple[Note, ...]:
     """A note where fewer experiments than inputs are run."""
     E, n_u = plan.R.shape[2], len(plan.inputs)
     if n_u <= E:
         return ()
     return (
-        f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs are "
-        "separated by neighbouring lines only, and the loss of a local method by that, and by transients, is not "
-        "counted",
+        Note(
+            "approximate-forecast",
+            f"the expected deviations are an approximation: with {E} of {n_u} experiments in a realisation the inputs "
+            "are separated by neighbouring lines only, and the loss of a local method by that, and by transients, is "
+            "not counted",
+        ),
     )

@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.errors import StudyError
+from elastid.base.note import Note
 from elastid.design.expected_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
@@ -48,7 +49,7 @@ class Forecast:
     freq_hz: FloatArray
     share: FloatArray
     blind: FloatArray
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     choice: str = ""
 
     def __post_init__(self) -> None:
@@ -155,41 +156,52 @@ def _span(lower: float, upper: float, value: float) -> float:
     return upper - lower if np.isfinite(upper - lower) else abs(value) or 1.0
 
 
-def _too_few(blind: int, unknowns: int, configurations: int, lines: int) -> list[str]:
+def _too_few(blind: int, unknowns: int, configurations: int, lines: int) -> list[Note]:
     """One sentence where the plan does not determine all unknowns."""
     if not blind:
         return []
     many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
     return [
-        f"{many} with {lines} lines cannot determine the {unknowns} unknowns: {blind} of them, or combinations, "
-        "stay unseen; measure more configurations (`design` chooses those that tell most), log more places, excite "
-        "more, or fix some of fit.parameters"
+        Note(
+            "too-few-lines",
+            f"{many} with {lines} lines cannot determine the {unknowns} unknowns: {blind} of them, or combinations, "
+            "stay unseen; measure more configurations (`design` chooses those that tell most), log more places, excite "
+            "more, or fix some of fit.parameters",
+        )
     ]
 
 
-def _unseen(blind: FloatArray, names: Sequence[str]) -> list[str]:
+def _unseen(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     sentences = []
     for direction in blind:
         largest = np.argsort(-np.abs(direction), kind="stable")
         parts = [i for i in largest if abs(direction[i]) > NAMED]
         who = ", ".join(names[i] for i in parts)
         if len(parts) == 1:
-            sentences.append(f"this plan cannot see {who}: fix it, or measure where it moves something")
+            sentences.append(
+                Note("unseen-parameter", f"this plan cannot see {who}: fix it, or measure where it moves something")
+            )
             continue
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         sentences.append(
-            f"this plan cannot see the combination {terms} (relative changes) of {who}: fix or tie one of them, or "
-            "measure a configuration that tells them apart"
+            Note(
+                "unseen-combination",
+                f"this plan cannot see the combination {terms} (relative changes) of {who}: fix or tie one of them, or "
+                "measure a configuration that tells them apart",
+            )
         )
     return sentences
 
 
-def _tied(covariance: FloatArray, names: Sequence[str]) -> list[str]:
+def _tied(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
     std = np.sqrt(np.diag(covariance))
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.triu(np.nan_to_num(covariance / np.outer(std, std)), 1)
     return [
-        f"{names[i]} and {names[j]} will hardly be told apart: their estimates will be correlated by "
-        f"{correlation[i, j]:.3f}"
+        Note(
+            "correlated",
+            f"{names[i]} and {names[j]} will hardly be told apart: their estimates will be correlated by "
+            f"{correlation[i, j]:.3f}",
+        )
         for i, j in np.argwhere(np.abs(correlation) > CORRELATED)
     ]

@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.note import Note
 from elastid.excitation.multisine import synthesise
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -45,7 +46,7 @@ def friction_level(
 STICKING = 1 / 3
 
 
-def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[str, ...]:
+def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
     """A word for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
 
     Under a carrier joints slide whatever the multisine.
@@ -60,8 +61,11 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[str
         if coulomb > STICKING * torque:
             unit = "N" if joint.slides else "N*m"
             words.append(
-                f"Coulomb friction of motor {joint.name} ({coulomb:.3g} {unit}) is more than a third of its rms torque "
-                f"({torque:.3g} {unit}): the joint sticks, and friction looks like stiffness; raise "
-                "excitation.torque_rms or add experiment.simulated.carrier"
+                Note(
+                    "sticking-motor",
+                    f"Coulomb friction of motor {joint.name} ({coulomb:.3g} {unit}) is more than a third of its rms "
+                    f"torque ({torque:.3g} {unit}): the joint sticks, and friction looks like stiffness; raise "
+                    "excitation.torque_rms or add experiment.simulated.carrier",
+                )
             )
     return tuple(words)

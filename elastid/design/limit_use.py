@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.note import Note
 from elastid.base.units import of_translation
 
 # `turning back`: how far a motor's speed falls below that of a carrier of constant velocity, which is the limit, in the
@@ -28,7 +29,7 @@ class LimitUse:
     limit: FloatArray
     factor: FloatArray
     margin: float
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     nearest: str = ""
     sliding: tuple[str, ...] = ()
 

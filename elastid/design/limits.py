@@ -17,6 +17,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
+from elastid.base.note import Note
 from elastid.design.limit_use import QUANTITIES, LimitUse, unit_of
 from elastid.design.rehearsed_peaks import (
     largest_peaks,
@@ -208,10 +209,14 @@ def _rehearse(
     )
 
 
-def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[str, ...]:
+def _notes(plan: Plan, factor: FloatArray, margin: float) -> tuple[Note, ...]:
     return tuple(
-        f"configuration {c.name}: excitation.torque_rms was lowered to {f[0]:.1%}, so that {margin:.0%} of every limit "
-        "stays free in the rehearsal"
+        Note(
+            "torque-lowered",
+            f"excitation.torque_rms was lowered to {f[0]:.1%}, so that {margin:.0%} of every limit "
+            "stays free in the rehearsal",
+            f"configuration {c.name}",
+        )
         for c, f in zip(plan.configurations, factor, strict=True)
         if f[0] < 1
     )

@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
 from elastid.design.prospect import Prospect
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.spring_preload import preloads
@@ -54,7 +55,7 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
     return Stiffening(configuration.name, load.joints, sigma, k_eq / load.tangent - 1)
 
 
-def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[str, ...]:
+def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[Note, ...]:
     """A sentence for each spring that the planned amplitude changes by more than it should; x (n_x,)."""
     if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
         return ()
@@ -63,15 +64,18 @@ def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configurati
     return tuple(word for i, joint in enumerate(found[0].joints) for word in _word(joint, units[joint], found, i))
 
 
-def _word(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[str]:
+def _word(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[Note]:
     worst = max(found, key=lambda one: abs(one.change[i]))
     change = float(worst.change[i])
     if abs(change) > WORTH_A_WORD:
         yield (
-            f"the multisine deflects the spring of joint {joint} by {worst.sigma[i]:.2g} {unit} rms in "
-            f"{worst.configuration}, which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the "
-            "tangent at rest that the model has, and biases the estimates by as much; lower excitation.torque_rms of "
-            f"its motors by a factor of {np.sqrt(abs(change) / WORTH_A_WORD):.1f} or more"
+            Note(
+                "stiffened-spring",
+                f"the multisine deflects the spring of joint {joint} by {worst.sigma[i]:.2g} {unit} rms in "
+                f"{worst.configuration}, which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} "
+                "than the tangent at rest that the model has, and biases the estimates by as much; lower "
+                f"excitation.torque_rms of its motors by a factor of {np.sqrt(abs(change) / WORTH_A_WORD):.1f} or more",
+            )
         )
 
 

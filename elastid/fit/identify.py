@@ -16,6 +16,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.execution import Execution
+from elastid.base.note import Note
 from elastid.fit.diagnosis.diagnosis import diagnosed, with_status
 from elastid.fit.diagnosis.findings import at_bound
 from elastid.fit.problem.elastic import ElasticFit
@@ -92,7 +93,7 @@ def _searched(
     assembly = Assembly.of(responses, robot, spec, parameters, model)
     fit = assembly.at(parameters.x, spec.criterion)
     if fit.n_residuals == 0:
-        reason = "; ".join(assembly.notes) or "band, masks and the factors of fit.weights leave no line"
+        reason = "; ".join(map(str, assembly.notes)) or "band, masks and the factors of fit.weights leave no line"
         raise DataError(f"nothing is left to fit: {reason}")
     if fit.problem.dof < 1:
         raise DataError(
@@ -118,7 +119,7 @@ def _settled(
     return settled, sure, _result(settled, sure, ranked, hits)
 
 
-def _notes(assembly: Assembly, settled: RelinearisedOptimum) -> tuple[str, ...]:
+def _notes(assembly: Assembly, settled: RelinearisedOptimum) -> tuple[Note, ...]:
     """What is known before the result is looked at: what counts twice, what was left out, what still moves."""
     responses = assembly.responses
     twice = alike_words(responses) or posture_words(responses, assembly.parameters, assembly.spec.robots)

@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen
+from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
@@ -62,7 +63,7 @@ class FitResult:
     at_bound: BoolArray
     singular_values: FloatArray
     criterion: str
-    warnings: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     profile95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     bootstrap95: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     configurations: tuple[str, ...] = ()

@@ -19,6 +19,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter, added
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
@@ -114,7 +115,7 @@ def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) ->
     return Covariance(variance, dof, matrix=matrix)
 
 
-def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[str]:
+def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[Note]:
     """A word where a covariance is more or less than the Kronecker form, by its degrees of freedom."""
     words = []
     for what, covariance in (("noise", noise), ("total", total)):
@@ -126,7 +127,9 @@ def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[
             if covariance.form == "diagonal"
             else f"the full covariance of its {n_y * n_u} elements, from {covariance.dof:g} complex degrees of freedom"
         )
-        words.append(f"configuration {where}: the {what} of G has {kept}")
+        words.append(
+            Note("covariance-form", f"the {what} of G has {kept}", f"configuration {where}", severity="information")
+        )
     return words
 
 

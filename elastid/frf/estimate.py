@@ -9,6 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.checks.exchanged_channels import pairing_words
 from elastid.frf.checks.quality import input_words, measured_quality, output_words
@@ -66,7 +67,7 @@ def _from_periods(
     groups: Sequence[Sequence[Record]],
     spec: EstimatorSpec,
     method: str,
-    reason: tuple[str, ...],
+    reason: tuple[Note, ...],
     planned_lines: IntArray | None,
 ) -> FrequencyResponse:
     """By a mean over realisations, or a method that pools them: each line on its own, from its periods."""
@@ -99,7 +100,7 @@ def _from_periods(
     )
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, words = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])
-    notes += [f"configuration {where}: {note}" for note in found.notes]
+    notes += [replace(note, place=f"configuration {where}") for note in found.notes]
     notes += [*words, *input_words(where, first.inputs, data, quality), *output_words(where, first.outputs, quality)]
     return replace(response, notes=(*notes, *pairing_words(response)))
 
@@ -116,7 +117,7 @@ def _estimate(method: str, data: MeanSpectra, first: Record) -> Estimate:
         ) from error
 
 
-def choose_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[str, ...]]:
+def choose_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tuple[Method, tuple[Note, ...]]:
     """The method that the spec names; for `auto` the one for closed-loop robot data, with the reason as a note."""
     if spec.method != "auto":
         return spec.method, ()
@@ -124,21 +125,36 @@ def choose_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
     total = sum(map(len, groups))
     if total < n_u:
         return "local_rational", (
-            f"configuration {where}: estimator.method auto takes local_rational: {total} experiments separate {n_u} "
-            "inputs only with the help of neighbouring lines",
+            Note(
+                "method-chosen",
+                f"estimator.method auto takes local_rational: {total} experiments separate {n_u} "
+                "inputs only with the help of neighbouring lines",
+                f"configuration {where}",
+                severity="information",
+            ),
         )
     if any(len(group) < n_u for group in groups):
         known = all(record.r is not None for group in groups for record in group)
         pooling: Method = "joint" if known else "errors_in_variables"
         return pooling, (
-            f"configuration {where}: estimator.method auto takes {pooling}, over all realisations together: a single "
-            "one has fewer experiments than inputs and so no response to be averaged, and h1 is biased by the noise "
-            "and friction that feedback brings into u",
+            Note(
+                "method-chosen",
+                f"estimator.method auto takes {pooling}, over all realisations together: a single "
+                "one has fewer experiments than inputs and so no response to be averaged, and h1 is biased by the "
+                "noise and friction that feedback brings into u",
+                f"configuration {where}",
+                severity="information",
+            ),
         )
     return "arithmetic", (
-        f"configuration {where}: estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
-        "of torque and motion, while noise and friction in the loop bias h1; the harmonic mean fails where friction "
-        "sticks, and the logarithmic one agrees with the arithmetic one",
+        Note(
+            "method-chosen",
+            "estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
+            "of torque and motion, while noise and friction in the loop bias h1; the harmonic mean fails where "
+            "friction sticks, and the logarithmic one agrees with the arithmetic one",
+            f"configuration {where}",
+            severity="information",
+        ),
     )
 
 
@@ -162,7 +178,7 @@ def _detected(
 
 def _with_covariances(
     response: FrequencyResponse, data: MeanSpectra, found: Estimate, levels: Detected | None, lines: IntArray
-) -> tuple[FrequencyResponse, list[str]]:
+) -> tuple[FrequencyResponse, list[Note]]:
     """Noise, total and distortion of G, and the nonlinear levels in the outputs."""
     blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
     noise = noise_covariance(blocks, found, C_V, data.scatter.dof)

@@ -9,6 +9,7 @@ from functools import cached_property, reduce
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.note import Note
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, amplitude_scale, period_spectra, reference_spectrum
@@ -82,7 +83,7 @@ class MeanSpectra:
 
     blocks: tuple[Block, ...]
     scatter: Scatter
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def periods(self) -> FloatArray:
@@ -152,7 +153,7 @@ def gather_spectra(
     excited = np.isin(everywhere, lines)
     sums = _ScatterSum(amplitude_scale(realisations[0][0].record, everywhere, spec.quantity))
     blocks: list[Block] = []
-    notes: list[str] = []
+    notes: list[Note] = []
     for group in realisations:
         power, dof = sums.power(), sums.dof
         means, R, periods = [], [], []

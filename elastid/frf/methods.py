@@ -21,6 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, added, pooled
 
 # Power signal-to-noise ratio of one block's element above which its logarithm is safe: 8 dB.
@@ -35,7 +36,7 @@ class Estimate:
 
     G: ComplexArray
     W: tuple[ComplexArray, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @cached_property
     def left(self) -> ComplexArray:
@@ -67,9 +68,11 @@ def logarithmic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     G, W = _each(blocks)
     safe = log_is_safe(G)
     mean = arithmetic_mean(G)
-    note = (
+    note = Note(
+        "logarithmic-mean",
         f"logarithmic mean at {100 * safe.mean():.3g} % of lines and elements, arithmetic where an element is less "
-        "than 8 dB above its scatter over the realisations"
+        "than 8 dB above its scatter over the realisations",
+        severity="information",
     )
     return Estimate(np.where(safe, logarithmic_mean(G), mean), W, () if safe.all() else (note,))
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 
@@ -126,7 +127,7 @@ def _median_of_others(apart: FloatArray, good: IntArray) -> FloatArray:
     return median
 
 
-def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float) -> tuple[int, tuple[str, ...]]:
+def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float) -> tuple[int, tuple[Note, ...]]:
     """How many periods at the start are a transient."""
     P = len(spectra.periods)
     later = np.arange(P - max(2, -(-P // 2)), P)
@@ -136,25 +137,25 @@ def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float)
     leading = int(np.argmin(np.append(found.far[: later[0]], False)))
     if leading == 0:
         return 0, ()
-    word = _word(spectra, np.arange(leading), found, "a transient")
+    note = _note(spectra, np.arange(leading), found, "a transient")
     if leading == later[0]:
-        word += "; it may last longer than half of the record: measure more periods"
-    return leading, (word,)
+        note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
+    return leading, (note,)
 
 
 def _outliers(
     spectra: PeriodSpectra, compared: Compared, settled: IntArray, outlier_sigma: float
-) -> tuple[IntArray, tuple[str, ...]]:
+) -> tuple[IntArray, tuple[Note, ...]]:
     """Those of the settled periods (indices) that are far from the others."""
     none = settled[:0]
     if len(settled) < _FEWEST_FOR_OUTLIERS:
         return none, ()
     found = distances(compared, settled, outlier_sigma)
     far = settled[found.far[settled]]
-    return far, (_word(spectra, far, found, "no repetition of the others"),) if len(far) else ()
+    return far, (_note(spectra, far, found, "no repetition of the others"),) if len(far) else ()
 
 
-def _word(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: str) -> str:
+def _note(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: str) -> Note:
     record = spectra.record
     kind = "half period" if record.half_wave else "period"
     channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
@@ -166,10 +167,12 @@ def _word(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: st
         length = record.repeat_samples / record.rate_hz
         when = f" (from {_listed([f'{(n - 1) * length:.6g} s' for n in numbers])})"
     by = _listed([f"{100 * d:.2g} %" for d in found.D[left_out, worst]])
-    return (
-        f"record {record.name}: {kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
+    return Note(
+        "periods-left-out",
+        f"{kind}{'s' if len(numbers) > 1 else ''} {_listed([str(n) for n in numbers])} of {total}"
         f"{when} left out as {what}: {by} away from the other periods in {channels[worst]}, "
-        f"where {100 * found.typical[worst]:.2g} % is usual"
+        f"where {100 * found.typical[worst]:.2g} % is usual",
+        f"record {record.name}",
     )
 
 

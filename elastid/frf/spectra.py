@@ -15,6 +15,7 @@ from scipy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
 
@@ -87,7 +88,7 @@ class PeriodSpectra:
     y: ComplexArray
     u: ComplexArray
     scale: ComplexArray
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def Y(self) -> ComplexArray:

@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
+from elastid.base.note import Note
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 from elastid.model.nonlinear_springs import deflections, tangents
@@ -41,14 +42,14 @@ def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingP
     return tuple(Preload(tuple(deflection), x.full().ravel(), k.full().ravel()) for x, k in at_points)
 
 
-def spring_words(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[str, ...]:
+def spring_words(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Note, ...]:
     """A sentence for each joint that rests inside its backlash, or where its spring pulls, with the configurations."""
     if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
     values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
     names = [point.configuration.name for point in points]
     loads = preloads(model, theta, points)
-    words: list[str] = []
+    words: list[Note] = []
     for i, joint in enumerate(loads[0].joints if loads else ()):
         x, k = (np.array([getattr(load, what)[i] for load in loads]) for what in ("deflection", "tangent"))
         words += [*_in_the_gap(model, joint, values, names, x, k), *_pulling(model, joint, names, x, k)]
@@ -57,7 +58,7 @@ def spring_words(model: ElasticModel, theta: FloatArray, points: Sequence[Operat
 
 def _in_the_gap(
     model: ElasticModel, joint: str, values: dict[str, float], names: list[str], x: FloatArray, k: FloatArray
-) -> Iterator[str]:
+) -> Iterator[Note]:
     b = values.get(f"b_{joint}", 0.0)
     e = values.get(f"e_{joint}", 0.0) * b
     inside = np.flatnonzero(np.abs(x) < b + FLANK * e)
@@ -66,17 +67,23 @@ def _in_the_gap(
         found = ", ".join(f"{names[i]} (deflected by {x[i]:.2g} {unit})" for i in inside)
         share = k[inside] / values[f"k_{joint}"]
         yield (
-            f"joint {joint} rests inside its backlash of +-{b:.2g} {unit} in {found}: the response depends on the "
-            f"amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that the model "
-            "has at rest describes none; take configurations in which gravity presses the joint onto one flank, or "
-            "leave these out"
+            Note(
+                "inside-backlash",
+                f"joint {joint} rests inside its backlash of +-{b:.2g} {unit} in {found}: the response depends on the "
+                f"amplitude there, and the stiffness of {share.min():.0%} to {share.max():.0%} of k_{joint} that the "
+                "model has at rest describes none; take configurations in which gravity presses the joint onto one "
+                "flank, or leave these out",
+            )
         )
 
 
-def _pulling(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[str]:
+def _pulling(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[Note]:
     unit = model.robot.parameters()[f"k_{joint}"][1]
     for i in np.flatnonzero(k < 0):
         yield (
-            f"the spring of joint {joint} is unstable in {names[i]}: deflected by {x[i]:.2g} it pulls further, with "
-            f"{k[i]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic"
+            Note(
+                "unstable-spring",
+                f"the spring of joint {joint} is unstable in {names[i]}: deflected by {x[i]:.2g} it pulls further, "
+                f"with {k[i]:.3g} {unit}; bound its quadratic terms so that quadratic^2 < 3 k cubic",
+            )
         )

@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
@@ -85,13 +86,19 @@ def _record(
     drivers = np.array(roles["r"] or roles["u"])
     repaired = repair(gathered.signals, drivers, N, recorded.half_wave, log, check)
     signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
-    words = [*gathered.notes, *(finding.word for finding in findings)]
-    words += _lags(channels, signals, N)
+    where = f"record {experiment.name}"
+    notes = [Note("channels", word, where) for word in gathered.notes]
+    notes += [Note(finding.what.replace(" ", "-"), finding.word, where) for finding in findings]
+    notes += [Note("late-torque", word, where) for word in _lags(channels, signals, N)]
     lost = len(gathered.signals) - len(signals)
     if lost > 0:
-        words.append(
-            f"the last {lost} of {len(gathered.signals)} samples are no whole period of {_repeat(recorded, N)} samples "
-            "and are left out"
+        notes.append(
+            Note(
+                "incomplete-period",
+                f"the last {lost} of {len(gathered.signals)} samples are no whole period of {_repeat(recorded, N)} "
+                "samples and are left out",
+                where,
+            )
         )
     rate_is_known = not isinstance(recorded.rate_hz, str)
     signals = signals @ to_joints(channels, robot).T
@@ -109,7 +116,7 @@ def _record(
         y=signals[:, roles["y"]],
         r=signals[:, roles["r"]] if roles["r"] else None,
         rate_is_known=rate_is_known,
-        notes=tuple(f"record {experiment.name}: {word}" for word in words),
+        notes=tuple(notes),
         half_wave=recorded.half_wave,
         repairs=counts(findings),
         left_out=repaired.left_out,

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.arrays import FloatArray
+from elastid.base.note import NoteGroup, grouped
 from elastid.design.forecast import Forecast
 from elastid.design.limit_use import LimitUse
 from elastid.experiment.plan.plan import Plan
@@ -30,7 +31,6 @@ class ReportContent:
 
     title: str
     verdict: str
-    warnings: tuple[str, ...]
     result: FitResult
     frf: tuple[tuple[FrequencyResponse, FrequencyResponse], ...]
     validation: Validation
@@ -52,7 +52,7 @@ class ReportContent:
         return {measured.configuration.name: dict(measured.repairs) for measured, _ in self.frf if measured.repairs}
 
     @property
-    def all_warnings(self) -> tuple[str, ...]:
-        """The warnings given, those of the fit and the notes of the measured responses, each once."""
+    def notes(self) -> tuple[NoteGroup, ...]:
+        """Those of the fit, then those of the measured responses; the same from many places once, with a count."""
         notes = (note for measured, _ in self.frf for note in measured.notes)
-        return tuple(dict.fromkeys((*self.warnings, *self.result.warnings, *notes)))
+        return grouped((*self.result.notes, *notes))

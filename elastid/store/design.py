@@ -15,7 +15,7 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.record import Configuration
-from elastid.store.files import attributes, key, opened, scale, text_file, texts, variable
+from elastid.store.files import attributes, key, opened, read_notes, scale, text_file, texts, variable, write_notes
 
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
 
@@ -68,7 +68,7 @@ def write_peaks(file: Any, peaks: LimitUse, configurations: Any, inputs: Any) ->
     variable(group, "limit", peaks.limit, axes, "limit, infinite where there is none")
     variable(group, "factor", peaks.factor, [configurations, inputs], "factor on the amplitudes that the study gives")
     group.attrs["nearest"] = peaks.nearest
-    scale(group, "note", peaks.notes, "note")
+    write_notes(group, peaks.notes)
 
 
 def read_peaks(path: Path) -> LimitUse:
@@ -82,7 +82,7 @@ def read_peaks(path: Path) -> LimitUse:
             group["limit"][:],
             group["factor"][:],
             float(group.attrs["margin"]),
-            texts(group, "note"),
+            read_notes(group),
             str(group.attrs["nearest"]),
             texts(file, "sliding") if "sliding" in file else (),
         )
@@ -133,7 +133,7 @@ def write_forecast(group: Any, forecast: Forecast) -> None:
     axes = [configuration, frequency, parameter]
     variable(group, "share", forecast.share, axes, "part of what is known about a parameter that comes from here")
     variable(group, "blind", forecast.blind, [blind, parameter], "relative change that the plan does not see")
-    scale(group, "note", forecast.notes, "note")
+    write_notes(group, forecast.notes)
     if forecast.choice:
         group.attrs["choice"] = forecast.choice
 
@@ -154,6 +154,6 @@ def read_forecast(path: Path) -> Forecast | None:
             freq_hz=group["freq_hz"][:],
             share=group["share"][:],
             blind=group["blind"][:],
-            notes=texts(group, "note"),
+            notes=read_notes(group),
             choice=str(attributes(group).get("choice", "")),
         )

@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 
 _TEXT = h5py.string_dtype()
 
@@ -200,3 +201,19 @@ def _axes(dataset: Any) -> str:
 def _words(dataset: Any) -> str:
     units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
     return f": {long_name}" + (f" [{units}]" if units else "")
+
+
+def write_notes(group: Any, notes: Sequence[Note]) -> None:
+    """The notes of a value, their texts beside code, place and severity."""
+    scale(group, "note", [note.text for note in notes], "note")
+    for field in ("code", "place", "severity"):
+        scale(group, f"note_{field}", [getattr(note, field) for note in notes], f"{field} of each note")
+
+
+def read_notes(group: Any) -> tuple[Note, ...]:
+    """What `write_notes` wrote."""
+    columns = [texts(group, name) for name in ("note_code", "note", "note_place", "note_severity")]
+    return tuple(
+        Note(code, text, place, "warning" if severity == "warning" else "information")
+        for code, text, place, severity in zip(*columns, strict=True)
+    )

@@ -16,7 +16,19 @@ from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.record import Configuration, Record
 from elastid.response import LINE_ARRAYS, Covariance, FrequencyResponse, Levels, Quality
 from elastid.store.design import GROUP, write_forecast, write_peaks, write_references, write_rehearsal
-from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.store.files import (
+    NO_STAMP,
+    Stamp,
+    attributes,
+    created,
+    key,
+    opened,
+    read_notes,
+    scale,
+    texts,
+    variable,
+    write_notes,
+)
 
 _LEVELS = {
     "excited": "outputs at the excited lines",
@@ -174,7 +186,7 @@ def _write_record(group: Any, record: Record) -> None:
         variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", "N*m")
     _write_configuration(group, record.configuration)
     _write_sliding(group, record.sliding)
-    scale(group, "note", record.notes, "note")
+    write_notes(group, record.notes)
     scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that are no measurement")
     _write_repairs(group, record.repairs)
 
@@ -190,7 +202,7 @@ def _read_record(group: Any, name: str) -> Record:
         u=group["u"][:],
         y=group["y"][:],
         r=group["r"][:] if "r" in group else None,
-        notes=texts(group, "note"),
+        notes=read_notes(group),
         repairs=attributes(group["repairs"]),
         left_out=tuple(group["left_out"][:].tolist()),
         sliding=_read_sliding(group),
@@ -251,7 +263,7 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
     write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
     _write_sliding(group, response.sliding)
-    scale(group, "note", response.notes, "note")
+    write_notes(group, response.notes)
     _write_repairs(group, response.repairs)
 
 
@@ -267,7 +279,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         _read_covariance(group, "noise"),
         _read_covariance(group, "total"),
         known["rate_is_known"],
-        texts(group, "note"),
+        read_notes(group),
         _read_covariance(group, "distortion"),
         read_quality(group),
         repairs=attributes(group["repairs"]),

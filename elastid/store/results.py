@@ -10,7 +10,19 @@ import numpy as np
 
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
-from elastid.store.files import NO_STAMP, Stamp, attributes, created, key, opened, scale, texts, variable
+from elastid.store.files import (
+    NO_STAMP,
+    Stamp,
+    attributes,
+    created,
+    key,
+    opened,
+    read_notes,
+    scale,
+    texts,
+    variable,
+    write_notes,
+)
 from elastid.validation.resonances import Peak
 from elastid.validation.results import Agreement, Fold, Replay, Validation
 
@@ -34,7 +46,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         variable(file, "singular_values", result.singular_values, [singular], "of the Jacobian, columns scaled")
         _write_starts(file, result, free)
         _write_further(file, result, free)
-        scale(file, "warning", result.warnings, "warning")
+        write_notes(file, result.notes)
 
 
 def read_fit(path: Path) -> FitResult:
@@ -48,7 +60,7 @@ def read_fit(path: Path) -> FitResult:
             starts=_read_starts(file),
             at_bound=file["at_bound"][:],
             singular_values=file["singular_values"][:],
-            warnings=texts(file, "warning"),
+            notes=read_notes(file),
             **_read_further(file),
             **{name: known[name] for name in _FIT_ATTRIBUTES},
         )

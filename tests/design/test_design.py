@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
@@ -309,10 +310,10 @@ def test_what_a_plan_cannot_see_is_named_with_its_direction() -> None:
     # I changes by dI, m by dm: dI / I * 0.1 + dm / m * 5 * 0.2^2 = 0, so that the ratio is -2.
     direction = dict(zip(told.parameters, told.blind[0], strict=True))
     assert direction["I_upper"] / direction["m_upper"] == pytest.approx(-2.0, rel=1e-3)
-    assert "cannot see the combination +0.89 I_upper -0.45 m_upper" in told.notes[0]
-    assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in told.notes[1]
+    assert "cannot see the combination +0.89 I_upper -0.45 m_upper" in said(told.notes)[0]
+    assert "1 configuration with 29 lines cannot determine the 3 unknowns: 1 of them" in said(told.notes)[1]
     alone = replace(fit, parameters={"k_2": ParameterSpec(), "c_upper_z": ParameterSpec()})
-    note = design(replace(problem, fit=alone)).forecast.notes[0]
+    note = said(design(replace(problem, fit=alone)).forecast.notes)[0]
     assert "cannot see c_upper_z: fix it" in note
 
 
@@ -454,5 +455,5 @@ def test_a_motor_that_friction_holds_is_told_with_the_forecast() -> None:
     sticky = replace(body, joints=(replace(body.joints[0], motor=replace(motor, coulomb=0.1)),))
     robot = replace(TWO, bodies=(sticky, fore))
     experiment = ExperimentSpec({"a": (0.1, 0.2)}, ramp=0.0, simulated=simulated)
-    notes = design(replace(PROBLEM, robot=robot, experiment=experiment)).forecast.notes
+    notes = said(design(replace(PROBLEM, robot=robot, experiment=experiment)).forecast.notes)
     assert notes[0].startswith("Coulomb friction of motor 1 (3 N*m) is more than a third of its rms torque (5 N*m)")

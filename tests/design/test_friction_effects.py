@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from plants.notes import said
 
 from elastid.design.friction_effects import sticking
 from elastid.experiment.plan.plan import make_plan
@@ -24,8 +25,8 @@ def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_told(tiny: Path, c
     assert joint.motor is not None
     geared = replace(joint, motor=replace(joint.motor, ratio=-2.0, coulomb=coulomb / 2))
     robot = replace(study.robot, bodies=(replace(body, joints=(geared,)),))
-    found = sticking(plan, robot, None)
+    found = said(sticking(plan, robot, None))
     assert len(found) == words
     for word in found:
         assert f"motor 1 ({coulomb:g} N*m) is more than a third of its rms torque (0.1 N*m): the joint sticks" in word
-    assert sticking(plan, robot, CarrierSpec(amplitude=0.1)) == ()
+    assert said(sticking(plan, robot, CarrierSpec(amplitude=0.1))) == ()

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.notes import said
 from scipy.linalg import expm
 
 from elastid.base.errors import DataError, StudyError
@@ -245,7 +246,7 @@ def test_ten_coordinates_cost_few_instructions() -> None:
 def test_limits_of_torque_and_speed_are_reported() -> None:
     """The simulation does not clip; the record says which motor went how far."""
     simulated = three_axes(rms=300.0, limits=Limits(velocity=0.01, torque=100.0))
-    notes = simulated.measure(simulated.experiments[0]).notes
+    notes = said(simulated.measure(simulated.experiments[0]).notes)
     assert len(notes) == 6
     assert "N*m, beyond its limit of 100 N*m" in notes[0]
     assert "rad/s, beyond its limit of 0.01 rad/s" in notes[1]

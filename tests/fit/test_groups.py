@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.fitted_model import FittedModel
@@ -196,7 +197,7 @@ def test_a_configuration_of_another_robot_is_named(data):
     others = [measure(bench(), name, rng) for name in ("c4", "c5")]
     foreign = measure(bench(k=60.0), "c6", rng)
     result = identify([*data, *others, foreign], bench(), FitSpec(starts=3))
-    assert any(w.startswith("configuration c6: its residuals are") and "same robot" in w for w in result.warnings)
+    assert any(w.startswith("configuration c6: its residuals are") and "same robot" in w for w in said(result.notes))
 
 
 @pytest.mark.parametrize("foreign", [("c4",), ("c4", "c5")])
@@ -205,13 +206,13 @@ def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, for
     rng = np.random.default_rng(4)
     other = bench(k=20.0, d=0.3, viscous=5e-3)
     result = identify([*data, *(measure(other, name, rng) for name in foreign)], bench(), FitSpec(starts=3))
-    said = (
+    sentences = (
         f"without configuration {' and '.join(foreign)} the model fits the others far better",
         f"configuration {foreign[0]}: its residuals",
         f"configurations c1, c2, c3 on the one side and {', '.join(foreign)} on the other disagree",
     )
-    assert any(word.startswith(said) for word in result.warnings), result.warnings
-    alone = identify(data, bench(), FitSpec(starts=3)).warnings
+    assert any(word.startswith(sentences) for word in said(result.notes)), said(result.notes)
+    alone = said(identify(data, bench(), FitSpec(starts=3)).notes)
     assert not any("far better" in word or "disagree" in word for word in alone)
 
 
@@ -220,7 +221,7 @@ def test_a_bound_that_holds_most_starts_is_named(data):
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)
     result = identify(data, bench(d=0.2), spec)
     assert result.status == "at_bound"
-    assert any("d_2 ended at its lower bound of 0.09" in warning for warning in result.warnings)
+    assert any("d_2 ended at its lower bound of 0.09" in warning for warning in said(result.notes))
 
 
 def test_profiles_and_bootstrap_of_a_study_are_in_the_result(data):
@@ -249,7 +250,7 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     profiled = [name for name, row in zip(names, result.profile95, strict=True) if not np.isnan(row).any()]
     assert {name for name in names if result.std[name] > 0.15 * result.values[name]} <= set(profiled)
     assert {"fm_1", "fm_2"} <= set(profiled)
-    assert any(f"{', '.join(profiled)}: known too roughly" in warning for warning in result.warnings)
+    assert any(f"{', '.join(profiled)}: known too roughly" in warning for warning in said(result.notes))
     assert not len(identify(noisy, bench(), replace(spec, profile=(), seed=1)).profile95)
     well = identify(data, bench(), replace(spec, seed=1))
     springs = [i for i, name in enumerate(names) if name.startswith(("k_", "d_"))]
@@ -319,7 +320,7 @@ def test_an_inertia_tensor_is_found():
     x = np.array([parameter.to_x(truth[parameter.name][0]) for parameter in result.parameters.free])
     assert result.status == "converged"
     assert np.all(np.abs(result.x - x) < 4 * std)
-    assert not any("no body can have" in warning for warning in result.warnings)
+    assert not any("no body can have" in warning for warning in said(result.notes))
 
 
 def test_an_inertia_stays_one_that_a_body_can_have():
@@ -329,7 +330,7 @@ def test_an_inertia_stays_one_that_a_body_can_have():
     spec = FitSpec(parameters=held | {"I_arm_zz": ParameterSpec(start=0.03), "k_1": ParameterSpec()}, starts=2)
     result = identify([of_body(sheet, np.random.default_rng(1))], bodied((0.018, 0.027, 0.03, 0.0, 0.0, 0.0)), spec)
     assert 0.044 < result.values["I_arm_zz"] < 0.045
-    assert any("body arm: the data want an inertia that no body can have" in w for w in result.warnings)
+    assert any("body arm: the data want an inertia that no body can have" in w for w in said(result.notes))
 
 
 def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():

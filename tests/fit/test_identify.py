@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.app.stages.stages import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
@@ -200,7 +201,7 @@ def test_an_estimate_at_its_bound_says_so():
     result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
     assert result.status == "at_bound"
     np.testing.assert_array_equal(result.at_bound, [True, False])
-    assert any("k_1 ended at its upper bound of 95 N*m/rad" in warning for warning in result.warnings)
+    assert any("k_1 ended at its upper bound of 95 N*m/rad" in warning for warning in said(result.notes))
     assert result.model_error > 1.5
 
 
@@ -209,7 +210,7 @@ def test_a_weakly_determined_parameter_is_reported_with_its_interval():
     robot = pendulum().with_parameters({"d_1": 1e-6})
     (response,) = measure(robot, [(0.0,)], np.random.default_rng(1))
     result = identify([response], robot, FitSpec(parameters={"k_1": ParameterSpec(), "d_1": ParameterSpec()}, starts=2))
-    assert any(warning.startswith("d_1 is weakly determined: ") for warning in result.warnings)
+    assert any(warning.startswith("d_1 is weakly determined: ") for warning in said(result.notes))
 
 
 def test_a_prior_decides_what_the_data_do_not():
@@ -249,7 +250,7 @@ def test_what_was_left_out_is_said():
         G[:, i, j], variance[:, i, j] = noise[:, i, j], 1e-12
     result = identify([replace(responses[0], G=G, total=Covariance(variance, 6.0))], robot, FitSpec(starts=2))
     assert result.dof == 2 * 2 * len(FREQ) - 6
-    assert "motor 1 from motor 2, motor 2 from motor 1" in result.warnings[0]
+    assert "motor 1 from motor 2, motor 2 from motor 1" in said(result.notes)[0]
     assert deviations(result, robot).max() < 3.5
 
 
@@ -265,7 +266,7 @@ def test_without_a_measured_variance_the_residuals_set_the_intervals():
     reference = identify([known], pendulum(), replace(spec, weights=WeightSpec(floor=0.0)))
     assert 0.8 < result.std["k_1"] / reference.std["k_1"] < 3
     assert deviations(result, pendulum()).max() < 3
-    assert "no variance is known" in result.warnings[0]
+    assert "no variance is known" in said(result.notes)[0]
 
 
 OUTPUTS = ("motor 1", "motor 2", "joint 2")
@@ -291,22 +292,22 @@ def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
     result = fitted(output, source)
     assert result.status not in TRUSTED  # whether such a fit converges is chance
     name = f"y at {output}" if output else f"u at {source}"
-    assert result.warnings[0].startswith(f"{name} fits far better with the other sign (V = ")
+    assert said(result.notes)[0].startswith(f"{name} fits far better with the other sign (V = ")
 
 
 def test_input_and_output_of_the_only_motor_are_named_together() -> None:
     """With one channel of each kind, the data cannot tell which of the two is wrong."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
     result = identify([turned(response, "motor 1")], pendulum(), FitSpec(starts=2))
-    assert result.warnings[0].startswith("y at motor 1 or u at motor 1 fits far better with the other sign")
+    assert said(result.notes)[0].startswith("y at motor 1 or u at motor 1 fits far better with the other sign")
 
 
 def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
     """Torques in the wrong unit: nothing is explained, and not by a sign but by a factor."""
     result = fitted(times=20.0)
     assert result.status == "model_error"
-    assert result.warnings[0].startswith("the responses fit far better with channels scaled (V falls to ")
-    factors = [float(one) for one in re.findall(r"u at motor \d times ([\d.]+)", result.warnings[0])]
+    assert said(result.notes)[0].startswith("the responses fit far better with channels scaled (V falls to ")
+    factors = [float(one) for one in re.findall(r"u at motor \d times ([\d.]+)", said(result.notes)[0])]
     np.testing.assert_allclose(factors, [20, 20], rtol=0.1)
 
 
@@ -337,7 +338,7 @@ def test_what_was_written_otherwise_is_named(
     response = response if noise == "known" else replace(response, total=None)
     result = identify([response], started_elsewhere(pendulum(), 2.0), FitSpec(starts=3, seed=3))
     assert result.status == "model_error"
-    assert result.warnings[0].startswith(f"the responses fit far better {says} (V = ")
+    assert said(result.notes)[0].startswith(f"the responses fit far better {says} (V = ")
     assert "another reading of them far more" in result.message
 
 
@@ -346,7 +347,7 @@ def test_a_robot_that_is_known_only_roughly_is_no_misreading(noisy) -> None:
     robot = arm().with_parameters({"Jm_1": 1.4 * 2.5e-3})
     result = identify(noisy, robot, FitSpec(starts=3, weights=WeightSpec(floor=0.0), seed=2))
     assert result.model_error > 5
-    assert not any("fit far better" in word or "fits far better" in word for word in result.warnings)
+    assert not any("fit far better" in word or "fits far better" in word for word in said(result.notes))
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(2 * np.pi, "rad/s"), (1 / (2 * np.pi), "Hz")])
@@ -356,25 +357,25 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
     response = replace(response, freq_hz=factor * response.freq_hz)
     result = identify([response], started_elsewhere(pendulum(), 1.5), FitSpec(starts=10, start_factor=60.0, seed=1))
     assert result.model_error < 2
-    assert f"are the frequencies of the responses in {unit}" in result.warnings[0]
+    assert f"are the frequencies of the responses in {unit}" in said(result.notes)[0]
 
 
 def test_springs_that_start_far_off_are_no_wrong_unit(noisy) -> None:
     far = arm().with_parameters({"k_1": 3e5 / 40, "k_2": 1.8e5 / 2, "k_1x": 4e5 * 3, "k_2z": 1e5})
     result = identify(noisy, far, FitSpec(starts=6, seed=1))
-    assert not any("are the frequencies" in word for word in result.warnings)
+    assert not any("are the frequencies" in word for word in said(result.notes))
 
 
 def test_one_measurement_under_two_names_is_named(noisy) -> None:
     """A file given for another posture, too; two measurements of one posture differ by their noise."""
     again = replace(noisy[0], configuration=Configuration("again", noisy[1].configuration.angles))
     result = identify([*noisy, again], started_elsewhere(arm(), 1.5), FitSpec(starts=2, seed=1))
-    said = "configurations c1 and again hold the very same numbers at 60 of 60 lines"
-    assert any(word.startswith(said) for word in result.warnings)
+    sentence = "configurations c1 and again hold the very same numbers at 60 of 60 lines"
+    assert any(word.startswith(sentence) for word in said(result.notes))
     apart = measure(arm(), rng=np.random.default_rng(12))[1]
     repeated = replace(apart, configuration=again.configuration)
     result = identify([*noisy, repeated], started_elsewhere(arm(), 1.5), FitSpec(starts=2, seed=1))
-    assert not any("the very same numbers" in word for word in result.warnings)
+    assert not any("the very same numbers" in word for word in said(result.notes))
 
 
 def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:
@@ -386,7 +387,7 @@ def test_small_residuals_far_beyond_a_smaller_noise_are_no_failure() -> None:
     result = identify([replace(response, G=off * response.G, noise=quiet)], pendulum(), spec)
     assert result.model_error > 100
     assert result.status == "converged"
-    assert any("the model lacks something" in warning for warning in result.warnings)
+    assert any("the model lacks something" in warning for warning in said(result.notes))
 
 
 def test_a_noisy_response_is_no_model_error() -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.fit.identify import Assembly, identify
 from elastid.fit.result import FitResult
@@ -95,7 +96,7 @@ def test_a_fit_names_the_joint_that_rests_inside_its_gap() -> None:
     result = identify(measure(truth, POSTURES, 1), started_elsewhere(truth, 1.3, 1), wanted)
     assert result.status == "converged"
     assert deviations(result, truth).max() < 3.5
-    (word,) = (warning for warning in result.warnings if "backlash" in warning)
+    (word,) = (warning for warning in said(result.notes) if "backlash" in warning)
     assert word.startswith("joint 1 rests inside its backlash of +-0.0001 rad in c4 (deflected by")
 
 

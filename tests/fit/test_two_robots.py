@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.app import cli
 from elastid.base.errors import DataError, StudyError
@@ -90,7 +91,7 @@ def test_shared_and_own_values_of_two_robots_are_found(seed: int) -> None:
     assert result.status == "converged"
     assert set(result.parameters.free_names) == {*TRUTH, "d_1", "d_2"}
     assert max(off(result, name, truth) for name, truth in TRUTH.items()) < 3.5
-    assert not [word for word in result.warnings if "same posture" in word or "disagree" in word]
+    assert not [word for word in said(result.notes) if "same posture" in word or "disagree" in word]
     place = result.parameters.index("k_1")
     assert result.theta_of("b3")[place] == result.values["k_1@B"]
     # A third robot of the type, of which nothing was fitted: the mean of those that were.
@@ -164,15 +165,15 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
     other = arm(k_1=k_1 * 3e4, k_2=k_2 * 2e4)
     plain = replace(SPEC, robots={}, parameters={})
     result = identify(both(seed, A, other), arm(k_1=2.5e4), replace(plain, seed=seed))
-    (word,) = (word for word in result.warnings if "disagree" in word)
+    (word,) = (word for word in said(result.notes) if "disagree" in word)
     assert word.startswith("configurations a1, a2, a3 on the one side and b1, b2, b3 on the other disagree")
     assert "k_1 " in word
     assert "name them in fit.robots and give what differs `per: robot`" in word
-    (same,) = (word for word in result.warnings if "same posture" in word)
+    (same,) = (word for word in said(result.notes) if "same posture" in word)
     assert same.startswith("the same posture under two names: a1 and b1, a2 and b2, a3 and b3; both count")
     named = replace(plain, robots=ROBOTS)
     told = identify(both(seed, A, other), arm(k_1=2.5e4), replace(named, seed=seed))
-    (word,) = (word for word in told.warnings if "disagree" in word)
+    (word,) = (word for word in said(told.notes) if "disagree" in word)
     assert word.endswith("these are the robots A and B: give what differs `per: robot`")
 
 
@@ -182,7 +183,7 @@ def test_one_robot_with_wrong_masses_is_not_taken_for_two(seed: int) -> None:
     data = measure(arm(mass=30.0), "a", seed, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
     result = identify(data, arm(), replace(SPEC, robots={}, parameters={}, seed=seed))
     assert result.model_error > 1.5
-    assert not [word for word in result.warnings if "disagree" in word]
+    assert not [word for word in said(result.notes) if "disagree" in word]
 
 
 def test_one_measurement_under_two_names_is_refused() -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
@@ -129,7 +130,7 @@ def test_an_element_that_is_no_more_than_noise_is_left_out_with_a_word():
     weights = weigh(replace(measured, G=values), FitSpec())
     np.testing.assert_array_equal(weights.used.all(axis=0)[:, 0], [True, False, False])
     assert np.median(np.abs(G)) < 2  # most lines of the first are below twice their noise
-    assert weights.notes == (
+    assert said(weights.notes) == (
         "configuration c1: left out, no more than noise: joint 1 from motor 1, joint 2 from motor 1",
     )
 
@@ -139,7 +140,7 @@ def test_without_a_variance_the_floor_weighs_and_says_so():
     measured = response(1.0, noise=None)
     weights = weigh(measured, FitSpec())
     np.testing.assert_allclose(weights.sigma[:, 0, 0], 0.01 * np.abs(G))
-    assert "no variance is known" in weights.notes[0]
+    assert "no variance is known" in said(weights.notes)[0]
     with pytest.raises(DataError, match=r"configuration c1: no variance .* set the floor, for example 0.01"):
         weigh(measured, NO_FLOOR)
 
@@ -148,7 +149,7 @@ def test_exact_data_without_a_floor_leave_nothing():
     """Zero variance and no floor would be an infinite weight; such lines are left out with a word."""
     weights = weigh(response(0.0), NO_FLOOR)
     assert not weights.used.any()
-    assert "200 elements of zero variance" in weights.notes[0]
+    assert "200 elements of zero variance" in said(weights.notes)[0]
 
 
 @pytest.mark.parametrize(

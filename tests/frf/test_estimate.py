@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.notes import said
 from scipy.fft import rfft
 
 from elastid.base.errors import DataError, StudyError
@@ -287,7 +288,8 @@ def test_realisations_with_the_same_phases_are_told() -> None:
     lines = np.arange(5, 50)
     records = _experiments(_plant(45, 1, 1), lines, 1, np.random.default_rng(0))
     again = replace(records[0], realisation=1)
-    assert "realisations 0 and 1 have the same phases" in estimate([*records, again], ALL_PERIODS, lines).notes[-1]
+    response = estimate([*records, again], ALL_PERIODS, lines)
+    assert "realisations 0 and 1 have the same phases" in said(response.notes)[-1]
 
 
 def test_fewer_experiments_than_inputs_are_refused_with_both_numbers() -> None:
@@ -316,7 +318,7 @@ def test_lines_without_excitation_are_left_out_with_a_word() -> None:
     records = _experiments(_plant(len(lines), 2, 2), lines, 2, rng, P=8, noise=noise)
     response = estimate(records, replace(ALL_PERIODS, lines="full", band_hz=(9.0, 116.0)))
     np.testing.assert_allclose(response.freq_hz, lines * RATE / 256)
-    assert "lines 27 (11.719 to 113.28 Hz) are left out" in response.notes[0]
+    assert "lines 27 (11.719 to 113.28 Hz) are left out" in said(response.notes)[0]
 
 
 def test_one_missing_sample_is_told_and_does_not_reach_the_response() -> None:
@@ -358,11 +360,11 @@ def test_a_sign_that_contradicts_a_passive_mechanism_is_told(quantity: Motion, d
     (record,) = _experiments(G, lines, 1, rng, P=4, N=N, noise=noise)
     record = replace(record, outputs=("motor 1",))
     spec = replace(ALL_PERIODS, quantity=quantity)
-    assert estimate([record], spec, lines).notes == ()
+    assert said(estimate([record], spec, lines).notes) == ()
     for turned in (replace(record, y=-record.y), replace(record, u=-record.u)):
-        (note,) = estimate([turned], spec, lines).notes
+        (note,) = said(estimate([turned], spec, lines).notes)
         assert "sign of y or of u at motor 1 looks wrong: Re(velocity/torque) is negative" in note
-    assert estimate([replace(record, y=-record.y, outputs=("joint 1",))], spec, lines).notes == ()
+    assert said(estimate([replace(record, y=-record.y, outputs=("joint 1",))], spec, lines).notes) == ()
 
 
 def test_lines_can_be_stated_planned_or_limited_to_a_band() -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.app.console import Console
 from elastid.app.overview import overview
@@ -86,12 +87,12 @@ def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: 
     assert read_responses(run.path("estimate"))[0].G.shape[1:] == (2, 2)
     assert result.values["k_1"] == pytest.approx(2400, rel=0.01)
     assert result.values["k_2"] == pytest.approx(700, rel=0.01)
-    assert any("1 of 2 experiments in a realisation" in note for note in forecast.notes)
+    assert any("1 of 2 experiments in a realisation" in note for note in said(forecast.notes))
     whole = Run(load(study, ["experiment.experiments=2"]), tmp_path / "whole", 1, Console(-1))
     stages.only(whole, "design")
     two = read_forecast(whole.path("design"))
     np.testing.assert_allclose(forecast.relative, np.sqrt(2) * two.relative, rtol=0.02)
-    assert not any("approximation" in note for note in two.notes)
+    assert not any("approximation" in note for note in said(two.notes))
 
 
 @pytest.mark.parametrize("orthogonal", ["dft", "zippered"])

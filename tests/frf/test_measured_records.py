@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
@@ -61,7 +62,7 @@ def test_bench_transient_and_both_bad_periods_are_found_and_no_other(bench: Reco
     response = estimate([bench], SPEC)
     kept = trusted(period_spectra(RecordSpectra(bench), np.arange(11, 251), "acceleration"), SPEC).periods
     assert sorted(set(range(20)) - set(kept.tolist())) == [0, 7, 14]
-    first, later = response.notes
+    first, later = said(response.notes)
     assert "period 1 of 20 (from 0 s) left out as a transient" in first
     assert "periods 8 and 15 of 20 (from 7 s and 14 s) left out" in later
 
@@ -103,9 +104,9 @@ def test_bench_halves_agree_within_what_their_variances_say(bench: Record) -> No
 @pytest.mark.parametrize("turned", ["u", "y"])
 def test_bench_with_a_channel_turned_round_is_told(bench: Record, turned: str) -> None:
     """The motor would feed on its load."""
-    assert not any("sign" in note for note in estimate([bench], SPEC).notes)
+    assert not any("sign" in note for note in said(estimate([bench], SPEC).notes))
     record = replace(bench, u=-bench.u) if turned == "u" else replace(bench, y=bench.y * [-1, 1])
-    assert "the sign of y or of u at motor 1 looks wrong" in estimate([record], SPEC).notes[-1]
+    assert "the sign of y or of u at motor 1 looks wrong" in said(estimate([record], SPEC).notes)[-1]
 
 
 def test_arm_has_odd_lines_with_a_noise_level_and_its_known_extremes(arm: Record) -> None:

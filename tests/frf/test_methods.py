@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.notes import said
 from scipy.fft import rfft
 from scipy.signal import csd
 from scipy.special import exp1
@@ -149,7 +150,7 @@ def test_the_logarithm_is_taken_only_where_it_is_safe() -> None:
     off = ~np.eye(n, dtype=bool)
     np.testing.assert_array_equal(found.G[:, off], plain.G[:, off])
     assert np.any(found.G[:, ~off] != plain.G[:, ~off])
-    assert found.notes[0].startswith("logarithmic mean at 33.3 % of lines and elements")
+    assert said(found.notes)[0].startswith("logarithmic mean at 33.3 % of lines and elements")
     each = np.array([block.Y @ np.linalg.inv(block.U) for block in blocks_of(U, Y)])
     ungated = np.sqrt(np.mean(np.abs(logarithmic_mean(each)[:, off]) ** 2))
     assert ungated > 3 * np.sqrt(np.mean(np.abs(found.G[:, off]) ** 2))
@@ -211,9 +212,9 @@ def test_methods_that_pool_get_by_with_fewer_experiments_than_inputs() -> None:
         records.append(record_of(U, np.einsum("fyu,fu->fy", G, U), lines, m, 0))
     np.testing.assert_allclose(estimate(records, replace(ALL_PERIODS, method="h1"), lines).G, G, atol=1e-8)
     auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
-    assert "auto takes errors_in_variables" in auto.notes[0]
+    assert "auto takes errors_in_variables" in said(auto.notes)[0]
     injected = [replace(record, r=record.u) for record in records]
-    assert "auto takes joint" in estimate(injected, replace(ALL_PERIODS, method="auto"), lines).notes[0]
+    assert "auto takes joint" in said(estimate(injected, replace(ALL_PERIODS, method="auto"), lines).notes)[0]
     for method in AVERAGED:
         with pytest.raises(DataError, match="realisation 0: 1 experiments for 2 inputs"):
             estimate(records, replace(ALL_PERIODS, method=method), lines)
@@ -325,4 +326,6 @@ def test_auto_takes_the_arithmetic_mean_and_says_why() -> None:
         records.append(record_of(U, U + 0.01 * complex_normal(rng, 36, 1), lines, m, 0))
     auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
     np.testing.assert_array_equal(auto.G, estimate(records, ALL_PERIODS, lines).G)
-    assert "auto takes the arithmetic mean: each realisation keeps its pairing of torque and motion" in auto.notes[0]
+    assert (
+        "auto takes the arithmetic mean: each realisation keeps its pairing of torque and motion" in said(auto.notes)[0]
+    )

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import synthesise
@@ -44,7 +45,7 @@ def _spectra(record: Record, lines: np.ndarray, quantity: Motion) -> PeriodSpect
 
 def _kept(record: Record, spec: EstimatorSpec = AUTO) -> tuple[list[int], tuple[str, ...]]:
     found = trusted(_spectra(record, LINES, "acceleration"), spec)
-    return found.periods.tolist(), found.notes
+    return found.periods.tolist(), said(found.notes)
 
 
 @pytest.mark.parametrize("measured", ["position", "velocity", "acceleration"])

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.notes import said
 
 from elastid.app.stages.stages import _estimated
 from elastid.excitation.multisine import orthogonal_set, synthesise
@@ -173,7 +174,7 @@ def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
     assert forms(8) == ("kronecker", 14)
     assert forms(2) == ("kronecker", 2)
     full = estimate(records, ALL_PERIODS, lines)
-    assert any("full covariance of its 4 elements, from 8 complex degrees" in note for note in full.notes)
+    assert any("full covariance of its 4 elements, from 8 complex degrees" in note for note in said(full.notes))
 
 
 def test_full_and_kronecker_covariance_agree_where_both_are_right() -> None:
@@ -251,7 +252,7 @@ def test_an_input_that_was_hardly_excited_is_named() -> None:
         u, y = (np.tile(synthesise(lines, X, N), (8, 1)) for X in (U, U))
         s = 0.1 * np.sqrt(N * 8 / 4) * 10 ** (-15 / 20)
         records.append(record_of(u + s * rng.normal(size=u.shape), y, 0, e))
-    notes = estimate(records, ALL_PERIODS, lines).notes
+    notes = said(estimate(records, ALL_PERIODS, lines).notes)
     weak = [note for note in notes if "hardly excited" in note]
     assert len(weak) == 1
     assert "input motor 2 was hardly excited: less than 20 dB above its noise" in weak[0]
@@ -260,7 +261,7 @@ def test_an_input_that_was_hardly_excited_is_named() -> None:
         U = np.ones((190, 2)) * np.exp(2j * np.pi * rng.random((190, 1))) * [1, 1 if e else 1.1]
         u = np.tile(synthesise(lines, U, N), (2, 1))
         together.append(record_of(u, u, 0, e))
-    notes = estimate(together, ALL_PERIODS, lines).notes
+    notes = said(estimate(together, ALL_PERIODS, lines).notes)
     assert any("the inputs move nearly together" in note for note in notes)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.notes import said
 from scipy.linalg import expm
 
 from elastid.base.errors import StudyError
@@ -265,12 +266,12 @@ def test_a_spring_inside_its_gap_is_named() -> None:
         equilibrium(model, model.theta, Configuration(name, (angle,)))
         for name, angle in (("level", 0.0), ("hanging", math.pi / 2), ("nearly", math.pi / 2 + 1e-2))
     ]
-    (word,) = spring_words(model, model.theta, points)
+    (word,) = said(spring_words(model, model.theta, points))
     assert word.startswith("joint 1 rests inside its backlash of +-0.0002 rad in hanging (deflected by")
     assert "nearly" in word
     assert "level" not in word
     assert "amplitude" in word
-    assert spring_words(model, model.theta, points[:1]) == ()
+    assert said(spring_words(model, model.theta, points[:1])) == ()
 
 
 def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
@@ -284,7 +285,7 @@ def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
     load = preloads(model, theta, [point])[0]
     assert load.deflection == pytest.approx(x)
     assert load.tangent == pytest.approx(-1000)
-    (word,) = spring_words(model, theta, [point])
+    (word,) = said(spring_words(model, theta, [point]))
     assert word.startswith("the spring of joint 1 is unstable in hanging: deflected by -0.0018 it pulls further, with")
 
 

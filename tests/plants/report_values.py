@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from elastid.base.note import Note
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Tie
@@ -40,7 +41,13 @@ def pair(n_u, n_y=None, name="c1", rate_is_known=True, seed=0, freq_hz=FREQ_HZ):
     outputs = tuple(f"place {i + 1}" for i in range(G.shape[1]))
     common = (inputs, outputs, "acceleration", Configuration(name, np.radians([10.0] * n_u)))
     measured = FrequencyResponse(
-        freq_hz, Ghat, *common, Covariance(noise, 11), Covariance(total, 9), rate_is_known, (f"a note on {name}",)
+        freq_hz,
+        Ghat,
+        *common,
+        Covariance(noise, 11),
+        Covariance(total, 9),
+        rate_is_known,
+        (Note("a-note", f"a note on {name}"),),
     )
     return measured, FrequencyResponse(freq_hz, model, *common, rate_is_known=rate_is_known)
 
@@ -81,7 +88,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
         at_bound=np.arange(n) == 2,
         singular_values=np.array([2.0, 1.0, 0.5, 0.01])[:n],
         criterion="complex",
-        warnings=("d_1 is at its lower bound of 250 N*m*s/rad",),
+        notes=(Note("at-bound", "d_1 is at its lower bound of 250 N*m*s/rad"),),
     )
 
 
@@ -98,7 +105,6 @@ def report_content(**changes):
     content = ReportContent(
         title="A study",
         verdict="Every stiffness is within 3 % of the truth.",
-        warnings=("c1: period 3 was left out", "k_1 and k_2 are nearly one parameter to the data"),
         result=fit_result(),
         frf=frf,
         validation=validate(*zip(*frf, strict=True), left_out=["c2"]),

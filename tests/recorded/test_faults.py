@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.notes import said
 from scipy.io import savemat
 
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -130,8 +131,8 @@ def test_the_response_of_a_mended_log_is_as_exact_as_that_of_a_clean_one(
     assert _error(clean) < 0.02
     assert _error(mended) < worse * _error(clean) + 1e-12
     assert mended.repairs == repairs
-    assert len(mended.notes) >= bool(repairs)
-    assert all(note.startswith("record home-r0-e0: ") for note in mended.notes)
+    assert len(said(mended.notes)) >= bool(repairs)
+    assert all(note.startswith("record home-r0-e0: ") for note in said(mended.notes))
 
 
 def test_without_its_repair_each_fault_would_spoil_the_response(tmp_path: Path) -> None:
@@ -150,7 +151,7 @@ def test_a_log_whose_clock_differs_gives_the_same_response(ppm: float, tmp_path:
     t = np.arange(P * N + 5) / (1 + ppm * 1e-6)
     record = _of(tmp_path, log(t, noise=1e-4))
     assert record.repairs == {"samples resampled": P * N}
-    assert f"differ by {ppm:.0f}" in record.notes[0]
+    assert f"differ by {ppm:.0f}" in said(record.notes)[0]
     assert _error(record) < 4e-3
     savemat(tmp_path / "wrong.mat", log(np.arange(P * N) / 1.002))
     with pytest.raises(DataError, match=r"does not repeat .* it repeats every 501"):
@@ -189,7 +190,7 @@ def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: fl
     channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
     record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.mat", "home", also=("encoder.mat",)),)))
     wrapped = (late + N / 2) % N - N / 2
-    assert f"encoder.mat lags log.mat by {wrapped:.2f}" in record.notes[0].replace("-0.00", "0.00")
+    assert f"encoder.mat lags log.mat by {wrapped:.2f}" in said(record.notes)[0].replace("-0.00", "0.00")
     assert record.repairs == {"logs shifted": 1}
     assert record.n_periods >= P - 2
     assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
@@ -205,7 +206,7 @@ def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_
     assert record.r is not None
     assert record.n_periods == P
     np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
-    assert "sent.mat lags log.mat by 211.000 samples" in record.notes[0]
+    assert "sent.mat lags log.mat by 211.000 samples" in said(record.notes)[0]
 
 
 def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
@@ -250,7 +251,7 @@ def test_a_slow_carrier_is_no_analysed_line_and_one_that_does_not_repeat_is_name
     for cycles, says in ((1.0, False), (1.37, True)):
         carrier = np.sin(2 * np.pi * cycles * np.arange(P * N) / N)
         record = _of(tmp_path, CLEAN | {"u": CLEAN["u"] + size[0] * carrier, "y": CLEAN["y"] + size[1] * carrier})
-        assert any("moves slowly without repeating" in note for note in record.notes) == says
+        assert any("moves slowly without repeating" in note for note in said(record.notes)) == says
         if not says:
             response = estimate([record], EstimatorSpec(quantity="position"))
             np.testing.assert_allclose(response.freq_hz, LINES * RATE / N)
@@ -260,7 +261,7 @@ def test_a_drive_that_acts_late_is_told(tmp_path: Path) -> None:
     """u and y three samples behind r: said, and the response is the same."""
     late = log(np.arange(P * N) - 3, noise=1e-4)
     record = _of(tmp_path, {"r": CLEAN["r"], "u": late["u"], "y": late["y"]})
-    (note,) = record.notes
+    (note,) = said(record.notes)
     assert re.search(r"u at motor 1 lags r by (2\.\d|3\.\d) samples", note)
     assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
 

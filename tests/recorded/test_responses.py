@@ -13,6 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from plants.notes import said
 from scipy.io import loadmat, savemat
 
 from elastid.app.console import Console
@@ -182,7 +183,7 @@ def test_every_format_gives_the_analytic_plant_in_si_on_the_link_side(
     np.testing.assert_allclose(response.freq_hz, FREQ_HZ, rtol=1e-5 if write is _uff else 1e-14)
     np.testing.assert_allclose(response.G, plant(FREQ_HZ), rtol=1e-4 if write is _uff else 1e-12)
     assert (response.inputs, response.outputs) == (("motor 1", "motor 2"), ("motor 1", "joint 2"))
-    assert (response.quantity, response.noise, response.notes) == ("acceleration", None, ())
+    assert (response.quantity, response.noise, said(response.notes)) == ("acceleration", None, ())
 
 
 def test_the_variance_of_a_file_follows_the_units_and_a_stated_one_is_relative(tmp_path: Path) -> None:
@@ -233,7 +234,7 @@ def test_lines_at_rest_or_not_finite_are_left_out_with_a_word(tmp_path: Path) ->
     s = _struct(ResponseData=np.moveaxis(G, 0, 2), Frequency=np.r_[0, FREQ_HZ[1:]], FrequencyUnit="Hz")
     savemat(tmp_path / "frf.mat", {"G": s})
     response = _read(tmp_path, _spec("frf.mat"))
-    assert response.notes == ("frf.mat: 2 of 6 lines are left out: 1 at 0 Hz and 1 not finite",)
+    assert said(response.notes) == ("frf.mat: 2 of 6 lines are left out: 1 at 0 Hz and 1 not finite",)
     np.testing.assert_allclose(response.freq_hz, FREQ_HZ[[1, 2, 4, 5]])
 
 

@@ -12,6 +12,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from plants.notes import said
 from scipy.io import savemat
 
 from elastid.app.inspection import described as inspected
@@ -169,7 +170,7 @@ def test_every_format_gives_the_same_record_in_si_on_the_link_side(
     np.testing.assert_allclose(record.y, expected_y, rtol=1e-12, atol=1e-15)
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
     assert record.rate_is_known
-    assert record.notes == ()
+    assert said(record.notes) == ()
 
 
 def test_contents_lists_every_signal_of_a_file(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -204,7 +205,7 @@ def test_an_encoder_that_starts_again_after_a_turn_is_unwrapped(tmp_path: Path, 
     _csv(tmp_path / "wrapped.csv", log | {"phi": np.mod(log["phi"], 360.0)})
     whole, wrapped = (_measure(tmp_path, _spec(f"{name}.csv")) for name in ("whole", "wrapped"))
     np.testing.assert_allclose(wrapped.y[:, 0] - wrapped.y[0, 0], whole.y[:, 0] - whole.y[0, 0], atol=1e-12)
-    assert "jumps of a whole turn were taken out of phi" in wrapped.notes[0]
+    assert "jumps of a whole turn were taken out of phi" in said(wrapped.notes)[0]
 
 
 def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
@@ -212,9 +213,9 @@ def test_an_input_that_stands_still_while_another_moves_is_taken_as_not_excited(
 ) -> None:
     """One motor at a time is a lawful experiment; the estimator judges all of them together."""
     _csv(tmp_path / "log.csv", log | {"i2": np.full(800, 0.5)})
-    notes = _measure(tmp_path, _spec("log.csv")).notes
-    said = "channel i2 (u at motor 2) is constant at 0.5: taken as not excited in this experiment"
-    assert notes == (f"record home-r0-e0: {said}",)
+    notes = said(_measure(tmp_path, _spec("log.csv")).notes)
+    sentence = "channel i2 (u at motor 2) is constant at 0.5: taken as not excited in this experiment"
+    assert notes == (f"record home-r0-e0: {sentence}",)
 
 
 def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path, log: dict[str, np.ndarray]) -> None:
@@ -222,7 +223,7 @@ def test_a_last_period_that_is_not_whole_is_left_out_with_a_word(tmp_path: Path,
     _csv(tmp_path / "log.csv", {k: v[:780] for k, v in log.items()})
     record = _measure(tmp_path, _spec("log.csv"))
     assert record.n_samples == 600
-    assert "the last 180 of 780 samples are no whole period of 200" in record.notes[0]
+    assert "the last 180 of 780 samples are no whole period of 200" in said(record.notes)[0]
     window = _spec("log.csv", files=(FileSpec("log.csv", "home", samples=(30, 450)),))
     record = _measure(tmp_path, window)
     assert record.n_samples == 400

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.experiment.plan.plan import Plan
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
@@ -73,6 +74,7 @@ def same(a, b):
     return type(a) is type(b) and a == b
 
 
+NOTE = st.builds(Note, TEXT, TEXT, TEXT, st.sampled_from(["information", "warning"]))
 CONFIGURATION = st.builds(Configuration, NAME, finite(2))
 
 
@@ -94,7 +96,7 @@ def records(draw, name=NAME, configuration=CONFIGURATION):
         draw(finite(3 * N, n_y)),
         draw(st.none() | finite(3 * N, n_u)),
         draw(st.booleans()),
-        tuple(draw(st.lists(TEXT, max_size=2))),
+        tuple(draw(st.lists(NOTE, max_size=2))),
         draw(st.sampled_from(["band-limited", "zero-order"])),
         N % 2 == 0 and draw(st.booleans()),
     )
@@ -122,7 +124,7 @@ def responses(draw, name=NAME):
         draw(covariances),
         draw(covariances),
         draw(st.booleans()),
-        tuple(draw(st.lists(TEXT, max_size=2))),
+        tuple(draw(st.lists(NOTE, max_size=2))),
         draw(covariances),
         draw(st.none() | qualities(freq_hz, n_y, n_u)),
     )
@@ -201,7 +203,7 @@ def some_fit(n_starts=2):
         np.array([False, True]),
         np.array([1.0, 0.1]),
         "complex",
-        ("a word",),
+        (Note("a-code", "a word", "a place", "information"),),
     )
 
 

@@ -22,6 +22,7 @@ from elastid.app.tables import forecast_table, parameter_table
 from elastid.base.arrays import IntArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.execution import Execution, unordered
+from elastid.base.note import Note, grouped
 from elastid.design.design import design as design_experiments
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.plan.references import references
@@ -137,7 +138,7 @@ def measure(run: Run) -> None:
     with run.console.progress("measure") as progress:
         for _ in unordered(partial(_measure, rig, folder, stamp), todo, run.jobs, progress):
             pass
-    notes: dict[str, None] = {}
+    notes: dict[Note, None] = {}
     write_records(run.path("measure"), _measured(rig, folder, notes), stamp)
     shutil.rmtree(folder)
     _pass_on(run, notes)
@@ -163,7 +164,7 @@ def _from_records(run: Run) -> list[FrequencyResponse]:
     study, path = run.study, run.path("measure")
     lines = read_plan(run.path("design")).lines if study.experiment.simulated is not None else None
     responses: list[FrequencyResponse] = []
-    said: set[str] = set()  # when the records were measured
+    said: set[Note] = set()  # when the records were measured
     names = read_configurations(path)
     with run.console.progress("estimate") as progress:
         for done, name in enumerate(names):
@@ -201,7 +202,7 @@ def fit(run: Run) -> None:
     _write_summary(run, "fit", _summary(run, result, responses))
     write_fit(run.path("fit"), result, run.stamps["fit"])
     finished.clear()
-    _pass_on(run, result.warnings)
+    _pass_on(run, result.notes)
     run.console.say(f"fit: {result.message}")
 
 
@@ -254,7 +255,6 @@ def report(run: Run) -> None:
     content = ReportContent(
         title=study.name,
         verdict=validation.verdict,
-        warnings=tuple(note for response in responses for note in response.notes),
         result=result,
         frf=tuple(zip(responses, fitted.responses, strict=True)),
         validation=validation,
@@ -303,7 +303,7 @@ def _conclude(run: Run) -> None:
 
 def _estimated(
     path: Path, configuration: str, spec: EstimatorSpec, lines: IntArray | None
-) -> tuple[FrequencyResponse, set[str]]:
+) -> tuple[FrequencyResponse, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read."""
     records = tuple(read_records(path, configuration))
     response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
@@ -339,7 +339,7 @@ def _measure(rig: Rig, folder: Path, stamp: Stamp, experiment: Experiment) -> No
     write_records(_partial_path(folder, experiment), [rig.measure(experiment)], replace(stamp, study=""))
 
 
-def _measured(rig: Rig, folder: Path, notes: dict[str, None]) -> Iterator[Record]:
+def _measured(rig: Rig, folder: Path, notes: dict[Note, None]) -> Iterator[Record]:
     """The records in the order of the plan, one at a time; their notes are gathered on the way."""
     for experiment in rig.experiments:
         for record in read_records(_partial_path(folder, experiment)):
@@ -371,6 +371,6 @@ def _write_summary(run: Run, stage: str, content: dict[str, Any]) -> None:
         file.write("\n")
 
 
-def _pass_on(run: Run, notes: Any) -> None:
-    for note in dict.fromkeys(notes):
-        run.console.warn(note)
+def _pass_on(run: Run, notes: Iterable[Note]) -> None:
+    for group in grouped(notes):
+        run.console.warn(str(group))

@@ -6,6 +6,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.base.units import of_translation
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.plant import Plant
@@ -20,7 +21,7 @@ MAX_VIOLATION_M = 1e-6
 MAX_CLIPPED_SHARE = 0.5
 
 
-def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[str, ...]:
+def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
     """A word for every motor whose measured torque u (n, n_u) was clipped; DataError where it mostly was."""
     part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
     words = []
@@ -35,26 +36,32 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[str, .
             )
         if share > 0:
             words.append(
-                f"{name} was clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the "
-                f"measured samples of configuration {experiment.configuration.name}, realisation "
-                f"{experiment.realisation}, experiment {experiment.experiment}: the response is no longer linear; "
-                "lower excitation.torque_rms"
+                Note(
+                    "clipped-torque",
+                    f"{name} was clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the "
+                    f"measured samples of configuration {experiment.configuration.name}, realisation "
+                    f"{experiment.realisation}, experiment {experiment.experiment}: the response is no longer linear; "
+                    "lower excitation.torque_rms",
+                )
             )
     return tuple(words)
 
 
-def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[str, ...]:
+def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
     """A word where the loops did not stay closed."""
     left = violation(model, trajectory.q)
     if left <= MAX_VIOLATION_M:
         return ()
     return (
-        f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; set "
-        "experiment.simulated.loops.project: true, or take more substeps",
+        Note(
+            "loops-opened",
+            f"the loops of robot {model.robot.name} opened by up to {left:.2g} m in the simulation; set "
+            "experiment.simulated.loops.project: true, or take more substeps",
+        ),
     )
 
 
-def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[str, ...]:
+def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:
     """A word for every motor that went beyond its limits; the simulation does not clip."""
     torque = np.abs(trajectory.u).max(axis=0)
     velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
@@ -70,7 +77,11 @@ def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float
             unit = of_translation(unit) if joint.slides else unit
             if peak > limit:
                 notes.append(
-                    f"motor {joint.name} went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "
-                    "lower excitation.torque_rms"
+                    Note(
+                        "beyond-limit",
+                        f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; "
+                        "lower excitation.torque_rms",
+                        f"motor {joint.name}",
+                    )
                 )
     return tuple(notes)

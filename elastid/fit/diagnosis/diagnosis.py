@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
 from elastid.fit.diagnosis.findings import findings, status_and_message
 from elastid.fit.diagnosis.misread_channels import foreign_words, frequency_words, misread_words
 from elastid.fit.diagnosis.two_robots import disagreement
@@ -35,7 +36,7 @@ def explained(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
 
 
-def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
+def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
     """A word about each configuration that the model at x explains far worse than the others."""
     level = {}
     for part in fit.parts:
@@ -46,8 +47,12 @@ def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
         return ()
     usual = float(np.median(list(level.values())))
     return tuple(
-        f"configuration {name}: its residuals are {one / usual:.0f} times those of the other configurations; is it of "
-        "the same robot, with the same load, at the angles that it claims?"
+        Note(
+            "unlike-configuration",
+            f"its residuals are {one / usual:.0f} times those of the other configurations; is it of "
+            "the same robot, with the same load, at the angles that it claims?",
+            f"configuration {name}",
+        )
         for name, one in level.items()
         if one > FAR_APART * usual
     )
@@ -70,7 +75,7 @@ def diagnosed(
     result: FitResult,
     settled: RelinearisedOptimum,
     sure: Uncertainty,
-    notes: tuple[str, ...],
+    notes: tuple[Note, ...],
     robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
     """The same, and warnings: what was misread or is of another robot first, for which it is fitted again in part.
@@ -86,7 +91,7 @@ def diagnosed(
     apart = apart or (foreign_words(fit, end.x) if suspect and not misread else ())
     found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
     words = (*misread, *frequency_words(result), *apart, *notes, *found)
-    return replace(with_status(result, settled, sure, bool(misread)), warnings=words)
+    return replace(with_status(result, settled, sure, bool(misread)), notes=words)
 
 
 def _is_suspect(result: FitResult, settled: RelinearisedOptimum) -> bool:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.note import Note
 from elastid.fit.result import FitResult, LocalOptimum, Status
 from elastid.parameters import ParameterSet
 
@@ -76,7 +77,7 @@ def status_and_message(
     return "converged", f"converged; {fit}"
 
 
-def findings(result: FitResult, unreached: BoolArray) -> tuple[str, ...]:
+def findings(result: FitResult, unreached: BoolArray) -> tuple[Note, ...]:
     """Warnings about bounds, undetermined and weakly determined parameters, correlations, hit rate, model error."""
     return (
         *_bounds(result),
@@ -89,42 +90,52 @@ def findings(result: FitResult, unreached: BoolArray) -> tuple[str, ...]:
     )
 
 
-def _bounds(result: FitResult) -> list[str]:
+def _bounds(result: FitResult) -> list[Note]:
     sentences = []
     for parameter, x, held in zip(result.parameters.free, result.x, result.at_bound, strict=True):
         if held:
             low = x - parameter.to_x(parameter.lower) < parameter.to_x(parameter.upper) - x
             side, value = ("lower", parameter.lower) if low else ("upper", parameter.upper)
             sentences.append(
-                f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: widen the bound if the "
-                "value beyond it makes sense, otherwise the data want something that the model lacks"
+                Note(
+                    "at-bound",
+                    f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: widen the bound if "
+                    "the value beyond it makes sense, otherwise the data want something that the model lacks",
+                )
             )
     return sentences
 
 
-def _held_starts(result: FitResult) -> list[str]:
+def _held_starts(result: FitResult) -> list[Note]:
     """Bounds at which most starts ended, the best one not among them."""
     ends = [start.x for start in result.starts if math.isfinite(start.cost)]
     if len(ends) < 3:
         return []
     share = np.mean([at_bound(result.parameters, x) for x in ends], axis=0)
     return [
-        f"{name} ended at a bound in {round(100 * one)} % of the starts: widen its bounds, or start it elsewhere"
+        Note(
+            "bound-in-most-starts",
+            f"{name} ended at a bound in {round(100 * one)} % of the starts: widen its bounds, or start it elsewhere",
+        )
         for name, one, held in zip(result.parameters.free_names, share, result.at_bound, strict=True)
         if one > MOST and not held
     ]
 
 
-def _undetermined(result: FitResult, unreached: BoolArray) -> list[str]:
+def _undetermined(result: FitResult, unreached: BoolArray) -> list[Note]:
     if not unreached.any():
         return []
     return [
-        f"{_listed(result.parameters.free_names, unreached)}: only some combination of them is determined (smallest "
-        f"singular value {result.singular_values[-1]:.1e}, largest {result.singular_values[0]:.1e}); fix or tie one"
+        Note(
+            "undetermined",
+            f"{_listed(result.parameters.free_names, unreached)}: only some combination of them is determined "
+            f"(smallest singular value {result.singular_values[-1]:.1e}, largest {result.singular_values[0]:.1e}); "
+            "fix or tie one",
+        )
     ]
 
 
-def _weak(result: FitResult, unreached: BoolArray) -> list[str]:
+def _weak(result: FitResult, unreached: BoolArray) -> list[Note]:
     sentences = []
     for parameter, beyond in zip(result.parameters.free, unreached, strict=True):
         if parameter.log and not beyond:
@@ -132,22 +143,26 @@ def _weak(result: FitResult, unreached: BoolArray) -> list[str]:
             if not high < WIDE * low:
                 interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
                 far = "the data hardly speak of it" if not high < HOPELESS * low else interval
-                sentences.append(f"{parameter.name} is weakly determined: {far}")
+                sentences.append(Note("weakly-determined", f"{parameter.name} is weakly determined: {far}"))
     return sentences
 
 
-def _correlated(result: FitResult) -> list[str]:
+def _correlated(result: FitResult) -> list[Note]:
     correlation, names = result.correlation, result.parameters.free_names
     pairs = [
         (i, j) for i, j in zip(*np.triu_indices(len(names), 1), strict=True) if abs(correlation[i, j]) > CORRELATED
     ]
     return [
-        f"{names[i]} and {names[j]} are hardly told apart: their estimates are correlated by {correlation[i, j]:.4f}"
+        Note(
+            "correlated",
+            f"{names[i]} and {names[j]} are hardly told apart: their estimates are correlated by "
+            f"{correlation[i, j]:.4f}",
+        )
         for i, j in pairs
     ]
 
 
-def _weakest(result: FitResult) -> list[str]:
+def _weakest(result: FitResult) -> list[Note]:
     """The combination that is known worst, where it is known far worse than the rest."""
     values = result.singular_values
     if not len(result.weakest) or len(values) < 2 or values[-1] > ILL * values[0] or values[-1] < 1e-8 * values[0]:
@@ -156,29 +171,41 @@ def _weakest(result: FitResult) -> list[str]:
     names = result.parameters.free_names
     terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
     return [
-        f"the combination {terms} (relative changes of what they do) is known worst: singular value "
-        f"{values[-1] / values[0]:.1e} of the largest; measure where these act differently, or tie them"
+        Note(
+            "weakest-combination",
+            f"the combination {terms} (relative changes of what they do) is known worst: singular value "
+            f"{values[-1] / values[0]:.1e} of the largest; measure where these act differently, or tie them",
+        )
     ]
 
 
-def _search(result: FitResult) -> list[str]:
+def _search(result: FitResult) -> list[Note]:
     sentences = []
     lost = sum(not math.isfinite(start.cost) for start in result.starts)
     if lost:
         sentences.append(
-            f"{lost} of {len(result.starts)} starts led nowhere, the first one so: "
-            f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}"
+            Note(
+                "failed-starts",
+                f"{lost} of {len(result.starts)} starts led nowhere, the first one so: "
+                f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}",
+            )
         )
     if result.hits == 1 < len(result.starts) - lost:
         second = result.starts[1].cost
         sentences.append(
-            f"only 1 of {len(result.starts)} starts reached the best cost (V = {result.starts[0].cost:.5g}, the next "
-            f"{second:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor"
+            Note(
+                "one-hit",
+                f"only 1 of {len(result.starts)} starts reached the best cost (V = {result.starts[0].cost:.5g}, the "
+                f"next {second:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
+            )
         )
     if result.model_error > MODEL_ERROR and math.isfinite(result.model_error):
         sentences.append(
-            f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
-            "the intervals are widened, but not for what is wrong alike at all lines"
+            Note(
+                "model-error",
+                f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
+                "the intervals are widened, but not for what is wrong alike at all lines",
+            )
         )
     return sentences
 

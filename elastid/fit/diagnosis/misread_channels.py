@@ -18,6 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import FitError
+from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import ROUGH, solve
@@ -48,7 +49,7 @@ class Reading:
     fit: ElasticFit
 
 
-def misread_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
+def misread_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ...]:
     """A word about the way of reading all responses that makes the fit far better, found again from its optimum x.
 
     cost: V at x.  An output and an input that do the same, as those of a single motor do, are named together.
@@ -64,10 +65,10 @@ def misread_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...
     least = best / FAR_BETTER if kind == "sign" else best
     words = [one for one, V in costs[kind].items() if min(least, FAR_BETTER * here) >= V]
     whole = min(_costs((one for one in _KINDS[kind](fit) if one.words in words), x).values())
-    return (_sentence(words, f"(V = {whole:.4g} instead of {cost:.4g})"),)
+    return (Note("misread-responses", _sentence(words, f"(V = {whole:.4g} instead of {cost:.4g})")),)
 
 
-def foreign_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
+def foreign_words(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
     """A word about one configuration, or two of a few, without which the model explains the others far better."""
     thin, Q = _thinned(fit), len(fit.parts)
     for size in range(1, 3 if Q <= FEW else 2):
@@ -81,14 +82,17 @@ def foreign_words(fit: ElasticFit, x: FloatArray) -> tuple[str, ...]:
             best = min(found, key=lambda one: found[one])
             names = " and ".join(fit.parts[i].configuration for i in best)
             return (
-                f"without configuration {names} the model fits the others far better (V of these falls to "
-                f"{100 * found[best]:.2g} %): are they of the same robot, with the same load, at the angles that they "
-                "claim?",
+                Note(
+                    "foreign-configuration",
+                    f"without configuration {names} the model fits the others far better (V of these falls to "
+                    f"{100 * found[best]:.2g} %): are they of the same robot, with the same load, at the angles that "
+                    "they claim?",
+                ),
             )
     return ()
 
 
-def frequency_words(result: FitResult) -> tuple[str, ...]:
+def frequency_words(result: FitResult) -> tuple[Note, ...]:
     r"""A word where all stiffnesses say that the frequencies are in rad/s instead of Hz, or the other way round.
 
     An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual tells.
@@ -105,8 +109,12 @@ def frequency_words(result: FitResult) -> tuple[str, ...]:
     names = ", ".join(result.parameters.free[i].name for i in stiff)
     side, unit, other = ("above", "rad/s", "Hz") if told > 0 else ("below", "Hz", "rad/s")
     return (
-        f"{names}: {factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in "
-        f"{unit}, where {other} was taken? Then all stiffnesses are off by it, and no residual shows it",
+        Note(
+            "frequency-unit",
+            f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in "
+            f"{unit}, where {other} was taken? Then all stiffnesses are off by it, and no residual shows it",
+            names,
+        ),
     )
 
 
@@ -170,7 +178,7 @@ _KINDS: dict[str, Callable[[ElasticFit], Iterator[Reading]]] = {
 }
 
 
-def _scale_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]:
+def _scale_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ...]:
     """A word about channels that are off by factors, found in turn with the parameters."""
     outputs = list(dict.fromkeys(name for part in fit.parts for name in part.kernel.model.outputs))
     inputs = list(dict.fromkeys(name for part in fit.parts for name in part.kernel.model.inputs))
@@ -194,9 +202,12 @@ def _scale_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[str, ...]
     if not off:
         return ()
     return (
-        f"the responses fit far better with channels scaled (V falls to {100 * best / cost:.2g} %), as by "
-        f"{', '.join(off)}: check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias "
-        "of the robot",
+        Note(
+            "misread-responses",
+            f"the responses fit far better with channels scaled (V falls to {100 * best / cost:.2g} %), as by "
+            f"{', '.join(off)}: check unit, scale, side (link or motor) and gear ratio of the channels, and the "
+            "inertias of the robot",
+        ),
     )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import FitError
+from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
@@ -43,7 +44,7 @@ class Lots:
 
 def disagreement(
     fit: ElasticFit, x: FloatArray, cost: float, noise_cost: float, robots: Mapping[str, Sequence[str]]
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """A sentence where two lots of configurations agree with parameters of their own, and not with common ones.
 
     x (n_x,): the optimum of all, cost: V there.  noise_cost: what the noise leaves of it.  robots: of fit.robots.
@@ -62,8 +63,11 @@ def disagreement(
     ones = ", ".join(name for name, other in zip(names, lots.in_second, strict=True) if not other)
     others = ", ".join(name for name, other in zip(names, lots.in_second, strict=True) if other)
     return (
-        f"configurations {ones} on the one side and {others} on the other disagree: fitted apart they leave V = "
-        f"{lots.cost:.4g} instead of {cost:.4g}{_differing(fit, lots)}; {_advice(ones, others, robots)}",
+        Note(
+            "two-groups",
+            f"configurations {ones} on the one side and {others} on the other disagree: fitted apart they leave V = "
+            f"{lots.cost:.4g} instead of {cost:.4g}{_differing(fit, lots)}; {_advice(ones, others, robots)}",
+        ),
     )
 
 

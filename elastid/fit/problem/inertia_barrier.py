@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
@@ -157,15 +158,19 @@ def _roundness(x: FloatArray, shapes: Sequence[Shape], parameters: ParameterSet)
     return min(shape.roundness(shape.theta(parameters, x)) for shape in shapes)
 
 
-def border_words(shapes: Sequence[Shape], parameters: ParameterSet, x: FloatArray) -> tuple[str, ...]:
+def border_words(shapes: Sequence[Shape], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
     """A word about each body whose inertia ended at the border of what a body can have."""
     words = []
     for shape in shapes:
         values = np.linalg.eigvalsh(shape.second_moment(shape.theta(parameters, x)))
         if values[0] < BORDER * values[-1]:
             words.append(
-                f"body {shape.body}: the data want an inertia that no body can have (a principal moment above the sum "
-                "of the other two); it ended at the border: check its mass, its centre of mass and the placement of "
-                "its joint"
+                Note(
+                    "impossible-inertia",
+                    "the data want an inertia that no body can have (a principal moment above the sum "
+                    "of the other two); it ended at the border: check its mass, its centre of mass and the placement "
+                    "of its joint",
+                    f"body {shape.body}",
+                )
             )
     return tuple(dict.fromkeys(words))

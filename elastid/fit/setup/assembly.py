@@ -11,6 +11,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
+from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import shapes
 from elastid.fit.problem.least_squares import LeastSquares
@@ -88,7 +89,7 @@ class Assembly:
         return cls(tuple(responses), weights, linearisation, parameters, spec)
 
     @property
-    def notes(self) -> tuple[str, ...]:
+    def notes(self) -> tuple[Note, ...]:
         """What the weights left out."""
         return tuple(note for weight in self.weights for note in weight.notes)
 
@@ -113,13 +114,13 @@ class Assembly:
             return fit.problem
         return MovingFit(partial(self.at, criterion=criterion), fit).problem
 
-    def spring_words(self, x: FloatArray) -> tuple[str, ...]:
+    def spring_words(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
         model = self.linearisation.model
         alike: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers
         for one in (response.configuration for response in self.responses):
             alike.setdefault(tuple(self.parameters.expand(x, one.name)[:-1]), {})[one.name] = one
-        words: list[str] = []
+        words: list[Note] = []
         for numbers, configurations in alike.items():
             theta = np.array(numbers)
             words += spring_words(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
@@ -148,7 +149,7 @@ class RelinearisedOptimum:
     end: LocalOptimum
     fit: ElasticFit
     weights: tuple[Weights, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
 
 
 def settle(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
@@ -165,8 +166,9 @@ def settle(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> 
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < SETTLED:
             return RelinearisedOptimum(end, fit, there.weights)
-    note = (
+    note = Note(
+        "still-moving",
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
-        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations"
+        f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
     )
     return RelinearisedOptimum(end, fit, there.weights, (note,))

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -48,7 +49,7 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
 
 def posture_words(
     responses: Sequence[FrequencyResponse], parameters: ParameterSet, robots: Mapping[str, Sequence[str]]
-) -> tuple[str, ...]:
+) -> tuple[Note, ...]:
     """A word about configurations that are one posture of one robot, with the same parameters, under two names."""
 
     def group(name: str) -> tuple[object, ...]:
@@ -60,8 +61,11 @@ def posture_words(
     if not alike:
         return ()
     return (
-        f"the same posture under two names: {', '.join(alike)}; both count, as is right where it was measured twice; "
-        "leave one out where it was not, and name them in fit.robots where they are of two robots",
+        Note(
+            "same-posture",
+            f"the same posture under two names: {', '.join(alike)}; both count, as is right where it was measured "
+            "twice; leave one out where it was not, and name them in fit.robots where they are of two robots",
+        ),
     )
 
 
@@ -75,7 +79,7 @@ def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[Fre
             yield one, other
 
 
-def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:
+def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
     """A word about every two configurations that hold the very same numbers, which two measurements never do."""
     words = []
     for one, other in combinations(responses, 2):
@@ -85,9 +89,13 @@ def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:
         same = int(np.all((one.G[here] == other.G[there]) & (one.G[here] != 0), axis=(1, 2)).sum())
         if same > ALIKE * min(one.n_lines, other.n_lines):
             words.append(
-                f"configurations {one.configuration.name} and {other.configuration.name} hold the very same numbers at "
-                f"{same} of {min(one.n_lines, other.n_lines)} lines: one measurement counts twice, which makes the "
-                "intervals too narrow, or a file is given for the wrong configuration; leave one of them out"
+                Note(
+                    "alike-responses",
+                    f"configurations {one.configuration.name} and {other.configuration.name} hold the very same "
+                    f"numbers at {same} of {min(one.n_lines, other.n_lines)} lines: one measurement counts twice, "
+                    "which makes the intervals too narrow, or a file is given for the wrong configuration; leave one "
+                    "of them out",
+                )
             )
     return tuple(words)
 

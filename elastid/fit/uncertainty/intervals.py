@@ -11,6 +11,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.execution import Execution
+from elastid.base.note import Note
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.result import QUANTILE, FitResult
 from elastid.fit.setup.assembly import RelinearisedOptimum
@@ -61,7 +62,7 @@ def further_intervals(
     execution: Execution,
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
-    x, words = settled.end.x, list(result.warnings)
+    x, words = settled.end.x, list(result.notes)
     problem, variance = settled.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = bent_names(problem, x, variance)
@@ -76,10 +77,15 @@ def further_intervals(
         draws = bootstrap(settled.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > FAILED:
-            words.append(f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out")
+            words.append(
+                Note(
+                    "bootstrap-failures",
+                    f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out",
+                )
+            )
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
-    return replace(result, warnings=tuple(words))
+    return replace(result, notes=tuple(words))
 
 
 def profile_ends(
@@ -103,7 +109,7 @@ def bent_names(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> tu
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
 
-def _bent_words(names: Sequence[str], left: Sequence[str]) -> tuple[str, ...]:
+def _bent_words(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...]:
     if not names:
         return ()
     words = (
@@ -111,7 +117,7 @@ def _bent_words(names: Sequence[str], left: Sequence[str]) -> tuple[str, ...]:
         "parameter); the interval is by profile likelihood"
     )
     more = f"; so are {', '.join(left)}, whose interval is symmetric all the same: name them in fit.profile"
-    return (words + (more if left else ""),)
+    return (Note("profiled-interval", words + (more if left else ""), severity="information"),)
 
 
 def profiled_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:

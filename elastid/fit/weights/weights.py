@@ -17,6 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
 from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.base.note import Note
 from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
 from elastid.fit.weights.full_covariance import correlated_noise
 from elastid.fit.weights.smoothed_variance import smoothed
@@ -38,7 +39,7 @@ class Weights:
     noise: Covariance | None
     scale: FloatArray
     floor: float
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     factor: FloatArray
     correlated: ComplexArray | None = None
 
@@ -78,16 +79,34 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
     used = _asked_for(response, spec) & (factor > 0)
-    notes: list[str] = []
+    notes: list[Note] = []
     if response.uncertainty is None:
-        notes.append(f"configuration {where}: no variance is known; the floor of {floor:g} alone weighs its lines")
+        notes.append(
+            Note(
+                "no-variance",
+                f"no variance is known; the floor of {floor:g} alone weighs its lines",
+                f"configuration {where}",
+            )
+        )
     mute = _no_more_than_noise(response, variance, used)
     if mute.any():
-        notes.append(f"configuration {where}: left out, no more than noise: {_element_names(response, mute)}")
+        notes.append(
+            Note(
+                "elements-left-out",
+                f"left out, no more than noise: {_element_names(response, mute)}",
+                f"configuration {where}",
+            )
+        )
         used &= ~mute
     silent = used & (sigma == 0)
     if silent.any():
-        notes.append(f"configuration {where}: left out, {int(silent.sum())} elements of zero variance and no floor")
+        notes.append(
+            Note(
+                "elements-left-out",
+                f"left out, {int(silent.sum())} elements of zero variance and no floor",
+                f"configuration {where}",
+            )
+        )
         used &= ~silent
     sigma = np.where(used, sigma, np.inf)
     correlated = correlated_noise(response, variance, sigma, spec.weights)

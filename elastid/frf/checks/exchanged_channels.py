@@ -12,6 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.note import Note
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
@@ -23,7 +24,7 @@ _FEWEST_LINES = 3
 _ENOUGH_LINES = 1000
 
 
-def sign_words(response: FrequencyResponse) -> tuple[str, ...]:
+def sign_words(response: FrequencyResponse) -> tuple[Note, ...]:
     """A word for each motor whose own response contradicts a passive mechanism and, turned round, would not."""
     words = []
     for i, name in enumerate(response.inputs):
@@ -42,9 +43,13 @@ def sign_words(response: FrequencyResponse) -> tuple[str, ...]:
         turned, negative = _passive_lines(response.freq_hz[few], -velocity[few], std[few])
         if turned - as_is >= _FEWEST_LINES and turned > 2 * as_is:
             words.append(
-                f"configuration {response.configuration.name}: the sign of y or of u at {name} looks wrong: "
-                f"Re(velocity/torque) is negative beyond noise at {negative} of {len(std[few])} lines, "
-                "so the motor would feed on its load; check sign, scale and gear ratio of its channels"
+                Note(
+                    "wrong-sign",
+                    f"the sign of y or of u at {name} looks wrong: "
+                    f"Re(velocity/torque) is negative beyond noise at {negative} of {len(std[few])} lines, "
+                    "so the motor would feed on its load; check sign, scale and gear ratio of its channels",
+                    f"configuration {response.configuration.name}",
+                )
             )
     return tuple(words)
 
@@ -68,7 +73,7 @@ _DOMINANT = 0.7
 _CLEARLY = 0.5
 
 
-def pairing_words(response: FrequencyResponse) -> tuple[str, ...]:
+def pairing_words(response: FrequencyResponse) -> tuple[Note, ...]:
     """A word where outputs (or inputs) of motors look exchanged; else one for each motor whose sign looks wrong."""
     places = [name for name in response.inputs if name in response.outputs]
     exchanged = _exchanged(response, places) if len(places) > 1 else {}
@@ -76,8 +81,12 @@ def pairing_words(response: FrequencyResponse) -> tuple[str, ...]:
         return sign_words(response)
     pairs = ", ".join(f"y at {place} answers to u at {driven}" for place, driven in exchanged.items())
     return (
-        f"configuration {response.configuration.name}: channels look exchanged between motors: at the highest lines "
-        f"{pairs}; check which channels are y (or u) at {', '.join(exchanged)}",
+        Note(
+            "exchanged-channels",
+            f"channels look exchanged between motors: at the highest lines "
+            f"{pairs}; check which channels are y (or u) at {', '.join(exchanged)}",
+            f"configuration {response.configuration.name}",
+        ),
     )
 
 

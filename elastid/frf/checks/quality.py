@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.note import Note
 from elastid.frf.experiment_blocks import MeanSpectra, added
 from elastid.frf.lines import MIN_SNR
 from elastid.response import Levels, Quality
@@ -64,33 +65,45 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
-def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[str]:
+def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[Note]:
     """A word for every output that hardly moved."""
     excited = quality.excited
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
-        f"configuration {where}: output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
-        f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque"
+        Note(
+            "output-hardly-moved",
+            f"output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
+            f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque",
+            f"configuration {where}",
+        )
         for i, name in enumerate(outputs)
         if weak[:, i].mean() > 0.5
     ]
 
 
-def input_words(where: str, inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[str]:
+def input_words(where: str, inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
     power = np.einsum("fii->fi", data.UU).real / len(data.periods)
     noise = quality.input_noise * np.mean(1 / data.periods)
     weak = power < _HARDLY * noise
     words = [
-        f"configuration {where}: input {name} was hardly excited: less than 20 dB above its noise at "
-        f"{int(weak[:, i].sum())} of {len(weak)} lines, so that its column of G is uncertain; raise its torque"
+        Note(
+            "input-hardly-excited",
+            f"input {name} was hardly excited: less than 20 dB above its noise at "
+            f"{int(weak[:, i].sum())} of {len(weak)} lines, so that its column of G is uncertain; raise its torque",
+            f"configuration {where}",
+        )
         for i, name in enumerate(inputs)
         if weak[:, i].mean() > 0.5
     ]
     if np.median(quality.condition) > _WORST_CONDITION:
         words.append(
-            f"configuration {where}: the inputs move nearly together: the condition of the input matrix, each input "
-            f"relative to its RMS, is {np.median(quality.condition):.3g} at the median line (1 is best); take "
-            "orthogonal experiments"
+            Note(
+                "inputs-move-together",
+                f"the inputs move nearly together: the condition of the input matrix, each input "
+                f"relative to its RMS, is {np.median(quality.condition):.3g} at the median line (1 is best); take "
+                "orthogonal experiments",
+                f"configuration {where}",
+            )
         )
     return words

@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, pooled
 from elastid.frf.lines import MIN_SNR, described_lines, smoothed_noise
 from elastid.frf.methods import AVERAGED
@@ -69,7 +70,7 @@ def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
     return np.asarray(least * trace < 1)
 
 
-def left_out_words(lines: IntArray, some_are_left: np.bool_, record: Record) -> str:
+def left_out_words(lines: IntArray, some_are_left: np.bool_, record: Record) -> Note:
     """A word on the lines (F,) without separate inputs; DataError where no other line is left."""
     where = f"configuration {record.configuration.name}"
     what = f"lines {described_lines(lines, record)}"
@@ -78,21 +79,27 @@ def left_out_words(lines: IntArray, some_are_left: np.bool_, record: Record) -> 
             f"{where}: no line has separate inputs in every realisation: {what} are lost in one or another; measure "
             "the weak realisations again"
         )
-    return (
-        f"{where}: {what} are left out: some combination of the inputs is less than 6 dB above its noise there, so "
-        "that outputs cannot be traced to inputs"
+    return Note(
+        "lines-left-out",
+        f"{what} are left out: some combination of the inputs is less than 6 dB above its noise there, so "
+        "that outputs cannot be traced to inputs",
+        where,
     )
 
 
-def same_phases_words(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[str]:
+def same_phases_words(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
     """A word on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
     words = []
     for m in range(1, len(blocks)):
         a, b = blocks[m - 1].U, blocks[m].U
         if a.shape == b.shape and np.linalg.norm(a - b) < _SAME_PHASES_DIFFERENCE * np.linalg.norm(a):
             words.append(
-                f"configuration {groups[m][0].configuration.name}: realisations {groups[m - 1][0].realisation} and "
-                f"{groups[m][0].realisation} have the same phases, so the total variance misses the nonlinear "
-                "distortion; draw new phases for every realisation"
+                Note(
+                    "same-phases",
+                    f"realisations {groups[m - 1][0].realisation} and "
+                    f"{groups[m][0].realisation} have the same phases, so the total variance misses the nonlinear "
+                    "distortion; draw new phases for every realisation",
+                    f"configuration {groups[m][0].configuration.name}",
+                )
             )
     return words

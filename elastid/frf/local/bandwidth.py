@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.note import Note
 
 # Power of a peak over its variance, so that noise alone does not halve it on both sides.
 _LEAST_SNR = 40.0
@@ -44,7 +45,7 @@ def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> L
     return LocalModes(f_0, width)
 
 
-def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[str]:
+def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[Note]:
     """A word on modes that windows of span_hz (F,) at freq_hz are too wide for; poles: degree d, 0 where polynomial."""
     span = np.interp(found.freq_hz, freq_hz, span_hz)
     if poles == 0:
@@ -53,9 +54,12 @@ def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, po
             return []
         worst = wide[np.argmax(span[wide] / found.bandwidth_hz[wide])]
         return [
-            f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz at "
-            f"{found.freq_hz[worst]:.4g} Hz, where the mode is {found.bandwidth_hz[worst]:.3g} Hz wide; its peak may "
-            "be flattened: take method local_rational, a longer period or more experiments"
+            Note(
+                "wide-windows",
+                f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz "
+                f"at {found.freq_hz[worst]:.4g} Hz, where the mode is {found.bandwidth_hz[worst]:.3g} Hz wide; its "
+                "peak may be flattened: take method local_rational, a longer period or more experiments",
+            )
         ]
     inside = np.array([np.sum(np.abs(found.freq_hz - f) <= s / 2) for f, s in zip(found.freq_hz, span, strict=True)])
     crowded = np.flatnonzero(inside > poles)
@@ -63,8 +67,11 @@ def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, po
         return []
     worst = crowded[np.argmax(inside[crowded])]
     return [
-        f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {found.freq_hz[worst]:.4g} Hz, which has "
-        f"poles for {poles}; take a longer period, more experiments or a higher local_order"
+        Note(
+            "crowded-window",
+            f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {found.freq_hz[worst]:.4g} Hz, which has "
+            f"poles for {poles}; take a longer period, more experiments or a higher local_order",
+        )
     ]
 
 

@@ -14,11 +14,13 @@ configuration enter one regression.  Its residual holds noise and stochastic non
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.lines import analysed_lines, described_lines
 from elastid.frf.local.bandwidth import local_modes, wide_windows
@@ -82,18 +84,26 @@ def local_response(
         )
     if not usable.all():
         notes.append(
-            f"{where_at}: lines {described_lines(lines[~usable], first)} are left out: inputs move in proportion"
+            Note(
+                "lines-left-out",
+                f"lines {described_lines(lines[~usable], first)} are left out: inputs move in proportion",
+                where_at,
+            )
         )
     G, noise, total = _responses(fit, spectra, closed, usable)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     span_hz = line_frequencies(where.span[usable], first.rate_hz, first.period_samples)
     notes.append(
-        f"{spec.method} of order {terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} "
-        f"{'Hz' if first.rate_is_known else 'of the sampling rate'}), {fit.dof:.3g} degrees of freedom"
+        Note(
+            "local-method",
+            f"{spec.method} of order {terms.order} in windows of {n_w} lines ({np.median(span_hz):.3g} "
+            f"{'Hz' if first.rate_is_known else 'of the sampling rate'}), {fit.dof:.3g} degrees of freedom",
+            severity="information",
+        )
     )
     notes += [
-        f"{where_at}: {word}"
-        for word in wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, terms.poles)
+        replace(note, place=where_at)
+        for note in wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, terms.poles)
     ]
     return FrequencyResponse(
         freq_hz=freq_hz,

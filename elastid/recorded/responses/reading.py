@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
+from elastid.base.note import Note
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.recorded.files.formats import opened_log
@@ -134,7 +135,7 @@ def _noise(variance: FloatArray | None, magnitude: FloatArray, spec: ResponsesSp
     return None if variance is None else Covariance(variance, float("inf"))
 
 
-def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[str, ...]:
+def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tuple[Note, ...]:
     if good.all():
         return ()
     if not good.any():
@@ -142,4 +143,6 @@ def _left_out(table: ResponseTable, freq_hz: FloatArray, good: BoolArray) -> tup
     static = int(np.sum(freq_hz <= 0))
     what = [f"{static} at 0 Hz" if static else "", f"{int(np.sum(~good)) - static} not finite"]
     words = " and ".join(word for word in what if word and not word.startswith("0 "))
-    return (f"{table.path.name}: {int(np.sum(~good))} of {len(good)} lines are left out: {words}",)
+    return (
+        Note("lines-left-out", f"{int(np.sum(~good))} of {len(good)} lines are left out: {words}", table.path.name),
+    )

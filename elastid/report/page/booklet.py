@@ -59,9 +59,9 @@ def booklet(file: io.BytesIO, content: ReportContent) -> Iterator[Callable[[Figu
 def _text(content: ReportContent) -> Iterator[str]:
     yield from _wrapped(content.title)
     yield ""
-    for warning in content.all_warnings:
+    for warning in content.notes:
         yield from _wrapped(f"! {warning}", "  ")
-    if content.all_warnings:
+    if content.notes:
         yield ""
     yield from _wrapped(content.verdict)
     if content.result.message != content.verdict:

@@ -14,6 +14,7 @@ import pytest
 from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
 
+from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.report.figures.responses import frf_magnitude
 from elastid.report.numbers import number
@@ -48,9 +49,9 @@ def test_the_page_shows_every_warning_parameter_and_configuration(report_folder)
     """Warnings of the stages and of the fit, estimates with the truth, errors, modes, notes, study, provenance."""
     content = report_content()
     text = Page((report_folder / "report.html").read_text("utf-8")).text
-    assert len(content.all_warnings) == 5
-    for warning in content.all_warnings:
-        assert text.count(warning) == 1
+    assert len(content.notes) == 3
+    for note in content.notes:
+        assert text.count(str(note)) == 1
     for row in parameter_rows(content.result, TRUTH):
         assert row.name in text
         assert number(row.truth, 5) in text
@@ -59,7 +60,7 @@ def test_the_page_shows_every_warning_parameter_and_configuration(report_folder)
     for given in (content.title, content.verdict, content.validation.verdict, content.study_text, "17"):
         assert given in text
     assert (
-        text.index(content.warnings[0]) < text.index(content.verdict) < text.index("k_1", text.index("95 % interval"))
+        text.index(str(content.notes[0])) < text.index(content.verdict) < text.index("k_1", text.index("95 % interval"))
     )
 
 
@@ -103,8 +104,7 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
     frf = (pair(1, name="../../" + evil), pair(1, name=".. .. script-alert-1-script-"), pair(1, name=formula + "度"))
     content = report_content(
         title=evil,
-        warnings=(f"{evil} & 'quotes'",),
-        result=fit_result(parameters),
+        result=replace(fit_result(parameters), notes=(Note("evil", f"{evil} & 'quotes'", formula),)),
         frf=frf,
         validation=validate(*zip(*frf, strict=True), left_out=[]),
         study_text=evil,
@@ -113,7 +113,7 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
     )
     page = Page(write_report(content, tmp_path / "run", ("png", "pdf")).read_text("utf-8"))
     assert page.tags.count("script") == 3  # the data, the plotting library, the page's own
-    for name in (*parameters.names, *content.warnings, frf[0][0].configuration.name):
+    for name in (*parameters.names, *map(str, content.notes), frf[0][0].configuration.name):
         assert name in page.text
     files = sorted(path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*") if path.is_file())
     assert all(re.fullmatch(r"run/(report\.(html|pdf)|figures/[A-Za-z0-9_.-]+\.(png|pdf))", file) for file in files)

@@ -1,0 +1,10 @@
+"""The sentences of notes, as a user reads them."""
+
+from collections.abc import Iterable
+
+from elastid.base.note import Note
+
+
+def said(notes: Iterable[Note]) -> tuple[str, ...]:
+    """Each note in words."""
+    return tuple(map(str, notes))
