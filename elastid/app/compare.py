@@ -24,7 +24,7 @@ from elastid.model.spec import Variant as ModelVariant
 from elastid.report.numbers import number
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import further_elastic, stiffened, without_motor_coupling
-from elastid.store import Finished, read_responses
+from elastid.store import Checkpoint, read_responses
 from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import RefitTask, Variant, held, rank, refit, restricted
@@ -172,7 +172,7 @@ def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyR
     names = [response.configuration.name for response in responses]
     parts = ((), *divide(names, run.study.compare.folds))
     tasks = [RefitTask(variant, part) for variant in models for part in parts]
-    finished, keys = Finished(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
+    finished, keys = Checkpoint(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
     there = sum(key in finished for key in keys)
     if there:
         run.console.say(f"compare: going on, {there} of {len(tasks)} fits are there")

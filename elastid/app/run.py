@@ -15,7 +15,7 @@ from elastid import __version__
 from elastid.app.console import Console
 from elastid.app.provenance import file_hash, stages_of, stamps, upstream
 from elastid.base.errors import StudyError
-from elastid.store import Finished, Stamp, read_stamp, remove_leftovers
+from elastid.store import Checkpoint, Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 ARTEFACTS = {
@@ -66,12 +66,12 @@ class Run:
         """The folder in which a stage keeps what it has finished, until its result is whole: the next goes on there."""
         return self.path(stage).with_suffix(".partial")
 
-    def finished(self, stage: str) -> Finished:
+    def finished(self, stage: str) -> Checkpoint:
         """What a stage had finished when it was stopped: of this study, by this code, from the very files it reads."""
         stamp, files = self.stamps[stage], [file_hash(self.path(name)) for name in upstream(self.study, stage)]
         key = hashlib.sha256(json.dumps([stamp.inputs, stamp.code, files]).encode()).hexdigest()
         remove_leftovers(self.partial(stage))
-        return Finished(self.partial(stage), key)
+        return Checkpoint(self.partial(stage), key)
 
     def is_current(self, stage: str) -> bool:
         """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""

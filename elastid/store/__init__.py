@@ -22,10 +22,10 @@ from elastid.store.measured import (
     write_responses,
 )
 from elastid.store.results import read_fit, read_validation, write_fit, write_validation
-from elastid.store.unfinished import Finished
+from elastid.store.unfinished import Checkpoint
 
 __all__ = [
-    "Finished",
+    "Checkpoint",
     "Stamp",
     "described",
     "kind_of",

@@ -1,4 +1,4 @@
-"""What a stopped stage had finished: a file for each part of its work, so that the next run goes on from there."""
+"""The checkpoint of an interrupted stage: a file for each finished part of its work, which the next run reads."""
 
 from __future__ import annotations
 
@@ -18,21 +18,26 @@ from elastid.fit.uncertainty.profile import Profile
 from elastid.store.files import text_file
 from elastid.validation.results import LeftOut, Refit
 
-_READ: dict[str, Callable[[dict[str, Any]], Any]] = {
-    "LocalOptimum": lambda document: LocalOptimum(**document),
-    "Profile": lambda document: Profile(
-        document["name"],
-        tuple(document["interval"]),
-        np.array(document["x"]),
-        np.array(document["cost"]),
-    ),
-    "Refit": lambda document: Refit(
-        **document | {"left_out": {name: LeftOut(**score) for name, score in document["left_out"].items()}}
-    ),
-}
 
-# Names begin with what they are.
-_WORDS = {
+def _read_profile(name: str, interval: list[float], x: list[float], cost: list[float]) -> Profile:
+    return Profile(name, (interval[0], interval[1]), np.array(x), np.array(cost))
+
+
+def _read_refit(left_out: dict[str, dict[str, float]], **numbers: Any) -> Refit:
+    return Refit(**numbers, left_out={name: LeftOut(**errors) for name, errors in left_out.items()})
+
+
+# Type, its kind in a file, and the function that makes it of its fields as JSON holds them.
+_TYPES: tuple[tuple[type, str, Callable[..., Any]], ...] = (
+    (LocalOptimum, "local optimum", LocalOptimum),
+    (Profile, "profile", _read_profile),
+    (Refit, "refit", _read_refit),
+)
+_KIND_OF = {of: kind for of, kind, _ in _TYPES}
+_READ = {kind: read for _, kind, read in _TYPES}
+
+# The first word of a name, and the singular and plural of that part of the work.
+_PARTS = {
     "start": ("start", "starts"),
     "polished": ("of them polished", "of them polished"),
     "profile": ("profile", "profiles"),
@@ -42,30 +47,31 @@ _WORDS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Finished(MutableMapping[str, Any]):
-    """Starts, profiles and refits by name, each in a file of the folder that is whole or absent.
+class Checkpoint(MutableMapping[str, Any]):
+    """Finished local optima, profiles and refits by name, each in a file of the folder that is whole or absent.
 
-    key: what they all hang on; what was finished under another key is not there. Numbers come back to the last bit.
+    key: hash of everything that they depend on; parts under another key are not there. Numbers are kept to the last
+    bit. A part of another type is a KeyError.
     """
 
     folder: Path
     key: str
 
     def __getitem__(self, name: str) -> Any:
-        """What is finished; KeyError where it is not."""
+        """The part of that name; KeyError where it is absent, damaged or of another key."""
         try:
             content = json.loads(self._path(name).read_text(encoding="utf-8"))
             if content["key"] == self.key:
-                return _READ[content["kind"]](content["value"])
+                return _READ[content["kind"]](**content["value"])
         except (OSError, ValueError, TypeError):
             pass
         raise KeyError(name)
 
     def __setitem__(self, name: str, value: Any) -> None:
-        """Keep what is finished."""
-        content = {"key": self.key, "kind": type(value).__name__, "value": asdict(value)}
+        """Keep a finished part."""
+        content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": asdict(value)}
         with text_file(self._path(name)) as file:
-            json.dump(content, file, default=_plain)
+            json.dump(content, file, default=_as_list)
 
     def __delitem__(self, name: str) -> None:
         """Forget it."""
@@ -75,28 +81,28 @@ class Finished(MutableMapping[str, Any]):
             raise KeyError(name) from None
 
     def __iter__(self) -> Iterator[str]:
-        """The names of what is there."""
+        """The names of all parts."""
         names = (unquote(path.stem) for path in sorted(self.folder.glob("*.json")))
         return (name for name in names if name in self)
 
     def __len__(self) -> int:
-        """How much is there."""
+        """Their number."""
         return sum(1 for _ in self)
 
     @property
     def words(self) -> str:
-        """How much of what is there: `12 starts, 1 profile`; empty where there is nothing."""
+        """Their number by kind: `12 starts, 1 profile`; empty without any."""
         counts = Counter(name.partition("-")[0] for name in self)
-        return ", ".join(f"{n} {words[n > 1]}" for kind, words in _WORDS.items() if (n := counts[kind]))
+        return ", ".join(f"{n} {words[n > 1]}" for part, words in _PARTS.items() if (n := counts[part]))
 
     def clear(self) -> None:
-        """Forget everything, also what was finished under other keys or not at all."""
+        """Forget everything, parts of other keys and half-written ones included."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{quote(name, safe=' ')}.json"
 
 
-def _plain(value: Any) -> Any:
-    """Arrays as lists: JSON writes the shortest text that reads back as the same number, as Python knows infinity."""
+def _as_list(value: Any) -> Any:
+    """An array as JSON: the shortest text of each number reads back as the same number, infinity and NaN included."""
     return value.tolist()

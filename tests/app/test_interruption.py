@@ -19,11 +19,8 @@ from elastid.app.run import Run
 from elastid.app.stages import stages
 from elastid.app.stages import validation as validating
 from elastid.base.execution import in_order, resumed
-from elastid.fit.result import LocalOptimum
-from elastid.fit.uncertainty.profile import Profile
-from elastid.store import Finished, read_fit
+from elastid.store import read_fit
 from elastid.study import load
-from elastid.validation.results import LeftOut, Refit
 
 OPTIONS = ("fit.starts=60", "fit.bootstrap=200", "fit.profile=[k_1]")
 
@@ -209,40 +206,3 @@ def test_work_goes_on_with_what_is_not_finished() -> None:
     assert in_order(resumed(square, items, names, kept, 1, lambda *at: told.append(at))) == [i**2 for i in items]
     assert worked == items
     assert told == [(n, 8) for n in range(3, 9)]
-
-
-START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
-PROFILE = Profile("k_1", (-np.inf, 0.3), np.array([0.1, 0.2]), np.array([1.0, np.nan]))
-REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": LeftOut(1 / 7, np.nan, 3.0)})
-
-
-@pytest.fixture
-def finished(tmp_path: Path) -> Finished:
-    """A folder with one of each."""
-    there = Finished(tmp_path / "parts", "one")
-    there.update({"start-0": START, "profile-I_a/b": PROFILE, "refit-0": REFIT})
-    return there
-
-
-def test_parts_come_back_to_the_last_bit(finished: Finished) -> None:
-    """Numbers without end, infinite and undefined ones, names with a slash."""
-    assert set(finished) == {"start-0", "profile-I_a/b", "refit-0"}
-    for name, value in (("start-0", START), ("profile-I_a/b", PROFILE), ("refit-0", REFIT)):
-        assert repr(finished[name]) == repr(value)
-    np.testing.assert_array_equal(finished["start-0"].x, START.x)
-    assert finished.words == "1 start, 1 profile, 1 fit"
-
-
-def test_parts_under_another_key_or_damaged_are_not_there(finished: Finished) -> None:
-    """Nor is what holds something else; they can be written again, and cleared."""
-    assert not Finished(finished.folder, "another")
-    for text in ("", "{", "[]", "{}", '{"key": "one"}', '{"key": "one", "kind": "Start", "value": {"x": 1}}'):
-        (finished.folder / "start-0.json").write_text(text)
-        assert "start-0" not in finished
-    finished["start-0"] = START
-    del finished["refit-0"]
-    assert sorted(finished) == ["profile-I_a/b", "start-0"]
-    with pytest.raises(KeyError):
-        del finished["refit-0"]
-    finished.clear()
-    assert not finished.folder.exists()

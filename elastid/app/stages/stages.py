@@ -41,7 +41,7 @@ from elastid.recorded.rig import RecordedRig
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
 from elastid.store import (
-    Finished,
+    Checkpoint,
     Stamp,
     read_configurations,
     read_fit,
@@ -357,7 +357,7 @@ def _summary(run: Run, result: FitResult, responses: tuple[FrequencyResponse, ..
     return summary(run.study, result, modes_of(fitted), agreements, notes)
 
 
-def _taken_up(run: Run, stage: str) -> Finished:
+def _taken_up(run: Run, stage: str) -> Checkpoint:
     """What the stage had finished when it was stopped, with a word where there is anything."""
     finished = run.finished(stage)
     if finished:

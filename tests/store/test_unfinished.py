@@ -1,0 +1,57 @@
+"""Finished parts of interrupted work come back to the last bit, and only those of the same key."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.fit.result import LocalOptimum
+from elastid.fit.uncertainty.profile import Profile
+from elastid.store import Checkpoint
+from elastid.validation.results import LeftOut, Refit
+
+START = LocalOptimum(np.array([0.1, np.pi]), np.array([1 / 3, -1e-300]), np.inf, 7, False, "none")
+PROFILE = Profile("k_1", (-np.inf, 0.3), np.array([0.1, 0.2]), np.array([1.0, np.nan]))
+REFIT = Refit("failed", "why", 3, np.inf, 2, {"a": LeftOut(1 / 7, np.nan, 3.0)})
+
+
+@pytest.fixture
+def kept(tmp_path: Path) -> Checkpoint:
+    """A folder with one of each."""
+    there = Checkpoint(tmp_path / "parts", "one")
+    there.update({"start-0": START, "profile-I_a/b": PROFILE, "refit-0": REFIT})
+    return there
+
+
+def test_parts_come_back_to_the_last_bit(kept: Checkpoint) -> None:
+    """Numbers without end, infinite and undefined ones, names with a slash."""
+    assert set(kept) == {"start-0", "profile-I_a/b", "refit-0"}
+    for name, value in (("start-0", START), ("profile-I_a/b", PROFILE), ("refit-0", REFIT)):
+        assert repr(kept[name]) == repr(value)
+    np.testing.assert_array_equal(kept["start-0"].x, START.x)
+    assert kept.words == "1 start, 1 profile, 1 fit"
+    kept["start-1"] = START
+    assert kept.words == "2 starts, 1 profile, 1 fit"
+
+
+def test_a_part_of_an_unknown_type_is_refused(kept: Checkpoint) -> None:
+    """Nothing is written that could not be read."""
+    with pytest.raises(KeyError):
+        kept["start-1"] = "text"
+    assert not (kept.folder / "start-1.json").exists()
+
+
+def test_parts_under_another_key_or_damaged_are_not_there(kept: Checkpoint) -> None:
+    """Nor is what holds something else; they can be written again, and cleared."""
+    assert not Checkpoint(kept.folder, "another")
+    wrong = [f'{{"key": "one", "kind": "{kind}", "value": {{"x": 1}}}}' for kind in ("local optimum", "another")]
+    for text in ("", "{", "[]", "{}", '{"key": "one"}', *wrong):
+        (kept.folder / "start-0.json").write_text(text)
+        assert "start-0" not in kept
+    kept["start-0"] = START
+    del kept["refit-0"]
+    assert sorted(kept) == ["profile-I_a/b", "start-0"]
+    with pytest.raises(KeyError):
+        del kept["refit-0"]
+    kept.clear()
+    assert not kept.folder.exists()
