@@ -6,7 +6,7 @@ translations along, axes of the frame reached so far. A joint is
 - driven through an elastic gear:  motor and spring   (coordinates q_a and q_m)
 - driven rigidly:                  motor, no spring   (one coordinate)
 - elastic, not driven:             spring, no motor   (q_na of the extended flexible joint; rests at angle 0)
-- passive:                         neither (it hangs, or a loop moves it)
+- passive:                         neither (moved by gravity or by a loop)
 
 Loops close the tree: two points of bodies that coincide, are pinned, or are joined by a rod.
 

@@ -46,7 +46,7 @@ class Link:
     name: str = ""
 
     def __post_init__(self) -> None:
-        """In these conventions a joint has no choice of its axis."""
+        """Refuse an axis: in these conventions it is z."""
         if self.joint.axis != "z":
             raise ValueError(
                 f"joint {self.joint.name}: its axis is z by convention, not {self.joint.axis}; leave it out"
@@ -54,7 +54,7 @@ class Link:
 
     @property
     def body_name(self) -> str:
-        """What the link is called as a body."""
+        """The name of the link as a body."""
         return self.name or self.joint.name
 
 
@@ -82,7 +82,7 @@ class DenavitHartenberg:
     payload: Payload | None = None
 
     def __post_init__(self) -> None:
-        """A robot has links, and is one that can be."""
+        """Refuse an empty table, and rows that make no robot."""
         if not self.links:
             raise ValueError("links is empty; give a row for each joint, from the base to the tool")
         self.robot()
@@ -97,7 +97,7 @@ class DenavitHartenberg:
         return Robot(self.name, tuple(bodies), self.gravity, self.source, frames, self.payload)
 
     def _body(self, link: Link, parent: str, before: Placement) -> Body:
-        """before: of the frame i - 1 in its body, which only the base's is not."""
+        """The link as a body.  before: placement of frame i - 1 in its body, the identity but for the base."""
         turn = Placement(rpy=(0.0, 0.0, link.offset))
         across = Placement((link.a, 0.0, 0.0), (link.alpha, 0.0, 0.0))
         along = Placement((0.0, 0.0, link.d))
@@ -123,7 +123,7 @@ class DenavitHartenberg:
 
 
 def _chained(*placements: Placement) -> Placement:
-    """One after the other."""
+    """The placements one after the other."""
     R, p = np.eye(3), np.zeros(3)
     for placement in placements:
         R, p = R @ placement.rotation, p + R @ np.array(placement.xyz)

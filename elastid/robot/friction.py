@@ -26,7 +26,7 @@ from elastid.base.units import (
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
 # the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
-PASSIVE = 4 * math.sqrt(2 * math.e)
+MAX_DAMPING_VELOCITY_RATIO = 4 * math.sqrt(2 * math.e)
 
 
 @section
@@ -108,13 +108,13 @@ class LoadDependence:
     stiction: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse friction that a load takes away."""
+        """Refuse friction that falls with the load."""
         _not_negative("load: coulomb", self.coulomb)
         _not_negative("load: stiction", self.of_stiction)
 
     @property
     def of_stiction(self) -> float:
-        """What each Nm adds to F_s."""
+        """Nm added to F_s by each Nm of load."""
         return self.coulomb if self.stiction is None else self.stiction
 
 
@@ -162,7 +162,7 @@ class Friction:
     temperature: TemperatureDependence | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no contact does."""
+        """Refuse laws that contradict themselves."""
         _positive("friction: coulomb (F_c)", self.coulomb)
         _not_negative("friction: quadratic (alpha_3)", self.quadratic)
         if self.stribeck_velocity is not None:
@@ -170,9 +170,8 @@ class Friction:
         if self.break_away < self.coulomb:
             unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(
-                f"friction: stiction (F_s) is {self.break_away:g} {unit}, "
-                f"below coulomb (F_c) of {self.coulomb:g} {unit}; what "
-                "sticks needs at least what slides: exchange or correct them"
+                f"friction: stiction (F_s) is {self.break_away:g} {unit}, below coulomb (F_c) of {self.coulomb:g} "
+                f"{unit}; break-away takes at least the torque of sliding: exchange or correct them"
             )
         if self.stribeck_velocity is None and (self.break_away > self.coulomb or self.has_variable_stiction):
             raise ValueError("friction: stiction needs stribeck_velocity (nu_s), over which it falls to coulomb")
@@ -188,36 +187,36 @@ class Friction:
 
     @property
     def has_variable_stiction(self) -> bool:
-        """Whether load or temperature part F_s from F_c."""
+        """Whether load or temperature change F_s by other amounts than F_c."""
         return (self.load is not None and self.load.of_stiction != self.load.coulomb) or (
             self.temperature is not None and self.temperature.stiction != 0
         )
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
-        """ValueError for a LuGre law that can give energy; viscous: f beside it, Nms/rad (slides: Ns/m), the same side.
+        """ValueError for a LuGre law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
 
         A constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
         sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'; with less, a jump from
-        slow sliding to a high v gives more energy than the bristles hold. A falling sigma_1 needs
+        slow sliding to a high v supplies more energy than the bristles hold. A falling sigma_1 needs
         v_d <= 4 sqrt(2 e) F_c / sigma_1: then sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >= 0.
         """
         if self.lugre is None or self.lugre.damping == 0:
             return
         speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
-        fastest = PASSIVE * self.coulomb / self.lugre.damping
+        fastest = MAX_DAMPING_VELOCITY_RATIO * self.coulomb / self.lugre.damping
         if self.lugre.damping_velocity is not None:
             if self.lugre.damping_velocity > fastest:
                 raise ValueError(
                     f"lugre: damping_velocity is {self.lugre.damping_velocity:.4g} {speed}; above "
-                    f"4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed} the law can give energy; lower it"
+                    f"4 sqrt(2 e) coulomb / damping = {fastest:.4g} {speed} the law can supply energy; lower it"
                 )
             return
         needed = self.lugre.damping * (self.break_away - self.coulomb) / self.coulomb
         if viscous < needed:
             raise ValueError(
-                f"lugre: not passive, it can give energy: a constant damping of {self.lugre.damping:.4g} needs viscous "
-                f">= damping (stiction - coulomb) / coulomb = {needed:.4g} {damper}, and viscous is {viscous:.4g}; "
-                f"give damping_velocity: {0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
+                f"lugre: not passive, it can supply energy: a constant damping of {self.lugre.damping:.4g} needs "
+                f"viscous >= damping (stiction - coulomb) / coulomb = {needed:.4g} {damper}, and viscous is "
+                f"{viscous:.4g}; give damping_velocity: {0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
             )
 
 

@@ -3,8 +3,8 @@ r"""Gears that couple axes: the matrix of gear ratios, and where the springs sit
 .. math:: q_m^m = \eta\, q_m^a, \qquad \tau_a = \eta^T \tau_m, \qquad \eta = \eta_1 \eta_2
 
 Niglis & Oberg (2015), eqs. (2.23), (2.25a) to (2.25c); superscripts: side on which an angle is measured. eta_2 holds
-the couplings between the joints' springs and the links. A gear without a spring of its own gives where a spring before
-the coupling turns it along, and then with that spring alone.
+the couplings between the joints' springs and the links. A gear without a spring of its own is elastic where a spring
+before the coupling moves it, by that spring alone.
 """
 
 from __future__ import annotations
@@ -15,13 +15,14 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen, frozen_value
+from elastid.base.arrays import FloatArray, frozen, frozen_value
 from elastid.base.section import section
 from elastid.robot.joint import Joint
 
-# Reciprocal condition number of eta, its rows scaled to the motors' own ratios, that rounding cannot explain.
-SINGULAR = 1e-10
+# Reciprocal condition number of eta, its rows scaled to the motors' own ratios, above which it is not singular.
+MIN_RECIPROCAL_CONDITION = 1e-10
 
 
 @section
@@ -39,7 +40,7 @@ class GearCoupling:
     springs: Literal["before", "after"] = "after"
 
     def __post_init__(self) -> None:
-        """A motor's own ratio stands with the motor."""
+        """Refuse the ratio of a motor to its own joint, which the motor has."""
         if self.motor == self.joint:
             raise ValueError(
                 f"the ratio of motor {self.motor} to its own joint stands in motor.ratio; gears hold couplings"
@@ -49,7 +50,7 @@ class GearCoupling:
 
 
 def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "") -> FloatArray:
-    """E (n_u, n_u) = diag(ratio)^-1 eta: the identity but for couplings; `only` those with springs before or after."""
+    """E (n_u, n_u) = diag(ratio)^-1 eta, the identity without couplings.  only: those with springs before or after."""
     names = [joint.name for joint in driven]
     ratio = {joint.name: joint.motor.ratio for joint in driven if joint.motor is not None}
     E = np.eye(len(names))
@@ -60,7 +61,7 @@ def mixing(driven: Sequence[Joint], gears: Sequence[GearCoupling], only: str = "
 
 
 def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> dict[str, FloatArray]:
-    """How far the joints (n_u,) turn where one spring gives by 1 rad and nothing else does, by parameter name.
+    """How far the joints (n_u,) turn where one spring deflects by 1 rad and no other does, by parameter name.
 
     `k_<joint>` on the link side, unit of its joint; `km_<joint>` on the motor side.
     """
@@ -76,10 +77,10 @@ def spring_directions(driven: Sequence[Joint], gears: Sequence[GearCoupling]) ->
 
 @frozen_value(eq=False)
 class Gearbox:
-    """Elastic gears that give way together: gears (n_g,), places among the driven joints; springs (n_s,), names k_...
+    """Elastic gears that share springs: gears (n_g,), indices of driven joints; springs (n_s,), names k_...
 
-    X (n_g, n_s): how far each gear gives per rad of a spring.  range (n_g, r), orthonormal columns: the deflections
-    that the springs allow, all of them where r = n_g.  rigid (n_g - r, n_g): what they do not allow, rigid @ delta = 0.
+    X (n_g, n_s): deflection of each gear per rad of a spring.  range (n_g, r), orthonormal columns: the deflections
+    that the springs allow, all of them where r = n_g.  rigid (n_g - r, n_g): the rest, rigid @ delta = 0.
     """
 
     gears: tuple[int, ...]
@@ -88,25 +89,25 @@ class Gearbox:
 
     @cached_property
     def is_in_series(self) -> bool:
-        """More springs than ways to give: each gives what follows from the torque, not from the gears' deflection."""
+        """More springs than independent deflections: those of the springs follow from the torque alone."""
         _, rank = self._directions
         return bool(len(self.springs) > rank)
 
     @cached_property
     def range(self) -> FloatArray:
-        """The unit matrix where the springs leave no gear rigid."""
+        """The deflections that the springs allow; the unit matrix where they leave no gear rigid."""
         U, rank = self._directions
         return frozen(np.eye(len(U)) if rank == len(U) else _without_rounding(U[:, :rank]))
 
     @cached_property
     def rigid(self) -> FloatArray:
-        """Rows of gears that turn with one another as if there were no spring."""
+        """Rows of gears that turn with one another as if rigid."""
         U, rank = self._directions
         return frozen(_without_rounding(U[:, rank:]).T)
 
     @cached_property
     def deflections(self) -> FloatArray:
-        """X^-1 (n_s, n_g), how far each spring gives per deflection of the gears, where springs are not in series."""
+        """X^-1 (n_s, n_g): deflection of each spring per deflection of the gears, where springs are not in series."""
         length = np.linalg.norm(self.X, axis=0)
         square = len(self.springs) == len(self.gears)
         inverse = np.linalg.inv(self.X) if square else np.linalg.pinv(self.X / length) / length[:, None]
@@ -114,13 +115,13 @@ class Gearbox:
 
     @cached_property
     def _directions(self) -> tuple[FloatArray, int]:
-        """Left singular vectors of X, each spring's direction of unit length, and how many of them are reached."""
+        """Left singular vectors of X, columns scaled to unit length, and its rank."""
         U, size, _ = np.linalg.svd(self.X / np.linalg.norm(self.X, axis=0))
-        return U, int(np.sum(size > SINGULAR * size[0]))
+        return U, int(np.sum(size > MIN_RECIPROCAL_CONDITION * size[0]))
 
 
 def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[Gearbox, ...]:
-    """The elastic gears, those that a spring turns together in one gearbox."""
+    """The elastic gears, those that share a spring in one gearbox."""
     directions = spring_directions(driven, gears)
     X = np.array([*directions.values()]).reshape(-1, len(driven)).T
     together = np.linalg.matrix_power((X @ X.T != 0).astype(float), len(driven)) > 0
@@ -128,8 +129,8 @@ def gearboxes(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> tuple[G
     for first in np.flatnonzero(X.any(axis=1)):
         members = np.flatnonzero(together[first])
         if members[0] == first:
-            within: BoolArray = np.any(X[members], axis=0)
-            springs = tuple(name for name, inside in zip(directions, within, strict=True) if inside)
+            within = np.any(X[members], axis=0)
+            springs = tuple(name for name, inside in zip(directions, within.tolist(), strict=True) if inside)
             boxes.append(Gearbox(tuple(members.tolist()), springs, X[np.ix_(members, within)]))
     return tuple(boxes)
 
@@ -147,18 +148,17 @@ def check_series(driven: Sequence[Joint], boxes: Sequence[Gearbox]) -> None:
 
 
 def _inverse(E: FloatArray) -> FloatArray:
-    """E^-1: an axis that is not coupled is not."""
+    """E^-1, exactly zero between axes that are not coupled."""
     return _without_rounding(np.linalg.inv(E))
 
 
-def _without_rounding(matrix: Any) -> FloatArray:
-    """The rounding residue of zeros set to zero."""
-    clean: FloatArray = np.where(np.abs(matrix) < 1e-12 * np.abs(matrix).max(initial=0.0), 0.0, matrix)
-    return clean
+def _without_rounding(matrix: NDArray[Any]) -> FloatArray:
+    """The matrix with the rounding residue of zeros set to zero."""
+    return np.where(np.abs(matrix) < 1e-12 * np.abs(matrix).max(initial=0.0), 0.0, matrix)
 
 
 def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
-    """ValueError for couplings of joints that are not there and a singular eta."""
+    """ValueError for couplings of joints without a motor and a singular eta."""
     names = [joint.name for joint in driven]
     pairs = [(gear.motor, gear.joint) for gear in gears]
     for pair in pairs:
@@ -168,9 +168,9 @@ def check_gears(driven: Sequence[Joint], gears: Sequence[GearCoupling]) -> None:
         if pairs.count(pair) > 1:
             raise ValueError(f"gears: the coupling of motor {pair[0]} with joint {pair[1]} is given twice")
     stages = [mixing(driven, gears, only) for only in ("", "before")]
-    if min(1 / np.linalg.cond(E) for E in stages) < SINGULAR:
+    if min(1 / np.linalg.cond(E) for E in stages) < MIN_RECIPROCAL_CONDITION:
         raise ValueError(
             f"gears: the matrix of gear ratios is singular (determinant {np.linalg.det(stages[0]):.3g} times the "
-            "product of the motors' own ratios): some motion of the joints turns no motor; check the ratios, "
+            "product of the motors' own ratios): some motion of the joints turns no motor; correct the ratios, "
             "eta[motor, joint] = turns of the motor per turn of the joint"
         )

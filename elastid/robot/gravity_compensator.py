@@ -41,7 +41,7 @@ class CoilSpring:
     rest_length: Length = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no coil can have."""
+        """Refuse numbers that no coil can have."""
         if not self.stiffness > 0:
             raise ValueError(f"stiffness is {self.stiffness:g} N/m; it must be positive")
         if self.rest_length < 0:
@@ -67,7 +67,7 @@ class GasSpring:
     action: Literal["push", "draw"] = "push"
 
     def __post_init__(self) -> None:
-        """Refuse what no gas spring can have."""
+        """Refuse numbers that no gas spring can have."""
         for name, unit in (("force", "N"), ("length", "m"), ("column", "m")):
             if not getattr(self, name) > 0:
                 raise ValueError(f"{name} is {getattr(self, name):g} {unit}; it must be positive")
@@ -99,7 +99,7 @@ class Compensator:
     def __post_init__(self) -> None:
         """One spring, between two bodies."""
         if (self.coil is None) == (self.gas is None):
-            raise ValueError(f"compensator {self.name}: give either coil or gas, the spring that it is")
+            raise ValueError(f"compensator {self.name}: give one of coil and gas")
         first, second = self.ends
         if first.body == second.body:
             raise ValueError(

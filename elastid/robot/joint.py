@@ -1,4 +1,4 @@
-"""A joint between two bodies, and what it may do."""
+"""A joint between two bodies, and its limits."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class Limits:
         """Refuse an empty range."""
         if not self.angle[0] < self.angle[1] or not min(self.velocity, self.torque, self.acceleration) > 0:
             raise ValueError(
-                "limits must leave something: angle [lower, upper], positive velocity, torque and acceleration"
+                f"limits leave no motion: angle [{self.angle[0]:g}, {self.angle[1]:g}] must be [lower, upper], "
+                f"velocity {self.velocity:g}, torque {self.torque:g} and acceleration {self.acceleration:g} positive"
             )
 
 
@@ -76,19 +77,21 @@ class Joint:
         if self.viscous < 0:
             raise ValueError(f"joint {self.name}: viscous friction is {self.viscous:g}; it must not be negative")
         if self.slides and any(self.point):
-            raise ValueError(f"joint {self.name}: it slides, wherever its axis is; leave out point")
+            raise ValueError(
+                f"joint {self.name}: it slides, so that the place of its axis has no effect; leave out point"
+            )
         self._check_units()
         if self.friction is not None:
             self.friction.check_passive(self.viscous, self.slides)
 
     @property
     def is_passive(self) -> bool:
-        """Neither driven nor elastic: it hangs, or a loop moves it."""
+        """Neither driven nor elastic: gravity or a loop moves it."""
         return self.motor is None and self.spring is None
 
     @property
     def is_flexible(self) -> bool:
-        """Driven through a gear with a spring, so that its motor has a coordinate; `Robot.flexible` says who else."""
+        """Driven through a gear with a spring of its own; `Robot.flexible` adds those that couplings make elastic."""
         return self.motor is not None and (self.spring is not None or self.motor.spring is not None)
 
     @property
@@ -117,7 +120,7 @@ class Joint:
         return "m" if self.slides else "rad"
 
     def refusal_of(self, number: float) -> str:
-        """Why a number, written with a unit, is none of this joint's; empty where it may be."""
+        """Why a number, written with a unit, cannot belong to this joint; empty where it can."""
         if not isinstance(number, Measured) or _turns(number.dimension) != self.slides:
             return ""
         hint = "" if self.slides else " (motion: translation makes it slide)"
@@ -127,7 +130,7 @@ class Joint:
         )
 
     def _check_units(self) -> None:
-        """A number that was written with a unit must have that of the joint's motion; its motor turns."""
+        """A number written with a unit must have one of the joint's motion; those of its motor, of a rotation."""
         owners: dict[str, object] = {"": self, "spring: ": self.spring, "limits: ": self.limits} | _friction(
             "", self.friction
         )
@@ -163,7 +166,7 @@ def _friction(part: str, friction: Friction | None) -> dict[str, object]:
 
 
 def _turns(dimension: str) -> bool:
-    """Whether a unit belongs to a rotation."""
+    """Whether a unit is one of a rotation."""
     return "rad" in dimension or "N*m" in dimension
 
 

@@ -46,7 +46,7 @@ class Rod:
     damping: AxialDamping = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what no rod can have."""
+        """Refuse numbers that no rod can have."""
         if not self.length > 0:
             raise ValueError(f"the length of the rod is {self.length:g} m; it must be positive")
         for name, value in (("mass", self.mass), ("inertia", self.inertia), ("damping", self.damping)):
@@ -96,7 +96,7 @@ class Loop:
 
     @property
     def numbers(self) -> Numbers:
-        """Of the rod; a point and a pin have none."""
+        """Those of the rod; a point and a pin have none."""
         return below("rod", self.rod.numbers(self.name)) if self.rod is not None else {}
 
     @property

@@ -1,4 +1,4 @@
-r"""The measurement chain around the mechanics: what the torque loop, sensors and filters make of a response.
+r"""The measurement chain around the mechanics: factors of torque loop, sensors and filters in a response.
 
 .. math:: H(s) = \frac{1}{P_\tau(s T_\tau)} \cdot \frac{1}{P_y(s T_y)} \cdot \frac{1 - e^{-s T_\Delta}}{s T_\Delta}
 
@@ -33,7 +33,7 @@ class Chain:
     differentiator: Time | None = None
 
     def __post_init__(self) -> None:
-        """Refuse lags that lead."""
+        """Refuse times and damping that are not positive."""
         for name in ("torque_lag", "sensor_lag", "differentiator"):
             value = getattr(self, name)
             if value is not None and not value > 0:
@@ -43,6 +43,6 @@ class Chain:
 
     @property
     def numbers(self) -> Numbers:
-        """Of the elements that are there."""
+        """The time constant of each element that is present."""
         names = ("torque_lag", "sensor_lag", "differentiator")
         return {name: ("s", (name,)) for name in names if getattr(self, name) is not None}

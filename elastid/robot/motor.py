@@ -36,13 +36,15 @@ class Motor:
     friction: Friction | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what no motor can have."""
+        """Refuse numbers that no motor can have."""
         if self.ratio == 0 or not math.isfinite(self.ratio):
             raise ValueError(f"the gear ratio is {self.ratio:g}; it must be a finite number other than 0")
         if not self.inertia > 0:
             raise ValueError(f"the motor's inertia is {self.inertia:g} kg*m^2; it must be positive")
         if self.spring is not None and not self.spring.is_linear:
-            raise ValueError("the spring of a motor's shaft has one stiffness; give backlash and the like to the joint")
+            raise ValueError(
+                "the spring of a motor's shaft must be linear; give backlash and stiffening to the spring of the joint"
+            )
         for name, friction in (("viscous", self.viscous), ("coulomb", self.coulomb)):
             if friction < 0:
                 raise ValueError(f"{name} friction is {friction:g}; it must not be negative")

@@ -1,4 +1,4 @@
-"""Directions, placements and vectors of a robot's description."""
+"""Directions, vectors and placements in the description of a robot."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Acceleration3: TypeAlias = tuple[
 ]
 
 # Cosine of a pitch below which roll and yaw turn about the same axis.
-LEVEL = 1e-9
+MIN_PITCH_COSINE = 1e-9
 _UNIT_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
@@ -45,13 +45,13 @@ class Placement:
     def of(cls, rotation: FloatArray, translation: FloatArray) -> Placement:
         """The placement with this rotation (3, 3) and translation (3,); at a pitch of +-90 deg the yaw is 0."""
         R = rotation
-        level = float(np.hypot(R[0, 0], R[1, 0]))
-        if level > LEVEL:
+        cosine = float(np.hypot(R[0, 0], R[1, 0]))
+        if cosine > MIN_PITCH_COSINE:
             roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
         else:
             roll, yaw = np.arctan2(-R[1, 2], R[1, 1]), 0.0
         x, y, z = (float(length) for length in translation)
-        return cls((x, y, z), (float(roll), float(np.arctan2(-R[2, 0], level)), float(yaw)))
+        return cls((x, y, z), (float(roll), float(np.arctan2(-R[2, 0], cosine)), float(yaw)))
 
     @property
     def rotation(self) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What of a robot gives way, and the same robot, simpler: coordinates that do not, motors that ride on nothing."""
+"""The elastic coordinates of a robot, and simpler robots: with rigid coordinates, without inertial motor coupling."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from elastid.robot.robot import Robot
 
 @dataclass(frozen=True)
 class ElasticCoordinate:
-    """What gives way by a spring and can be rigid instead; name: of its joint, or of its loop.
+    """A deflection with a spring, which can be rigid instead.  name: of its joint, or of its loop.
 
-    gear: of a driven joint, with its own spring and that of the motor's shaft.  joint: one that is not driven.
-    rod: of a loop.
+    kind: `gear` of of a driven joint, with its own spring and that of the motor's shaft; `joint` that is not driven;
+    `rod` of a loop.
     """
 
     name: str
@@ -27,7 +27,7 @@ class ElasticCoordinate:
 
     @property
     def label(self) -> str:
-        """As people read it: `gear 2`, `2x`, `rod pull`."""
+        """`gear 2`, `2x`, `rod pull`: in tables and messages."""
         return self.name if self.kind == "joint" else f"{self.kind} {self.name}"
 
 
@@ -43,24 +43,24 @@ def elastic_coordinates(robot: Robot) -> tuple[ElasticCoordinate, ...]:
 
 
 def further_elastic(robot: Robot) -> tuple[str, ...]:
-    """The joints that are elastic but not driven: what the extended flexible joint model has beyond the plain one."""
+    """The elastic joints that are not driven, which make the flexible joint model an extended one."""
     return tuple(coordinate.name for coordinate in elastic_coordinates(robot) if coordinate.kind == "joint")
 
 
 def stiffened(robot: Robot, names: Collection[str]) -> Robot:
-    """Without the springs of these coordinates, and without their parameters.
+    """The robot without the springs of these coordinates and their parameters.
 
     A driven joint turns with its rotor: ratio^2 times its inertia on the joint, with its friction; where gears couple
-    axes, with what the other motors make of it. A joint that is not driven is not there. A rod keeps its length and its
-    mass. Places, inputs and outputs among them, stay, but for those of joints that are not there.
-    StudyError for a name that is none of theirs.
+    axes, with the contributions of the other motors. A joint that is not driven is left out, and so are its places. A
+    rod keeps its length and its mass.
+    StudyError for a name that is not one of an elastic coordinate.
     """
     elastic = [coordinate.name for coordinate in elastic_coordinates(robot)]
     for name in names:
         if name not in elastic:
             kind = "loop" if any(loop.name == name for loop in robot.loops) else "joint"
             raise StudyError(
-                f"{kind} {name} has no spring that could be left out; elastic joints and rods of robot {robot.name}: "
+                f"{kind} {name} has no spring to be left out; elastic joints and rods of robot {robot.name}: "
                 f"{', '.join(elastic)}"
             )
     try:

@@ -8,7 +8,7 @@ Without backlash g_b = Delta: a stiffness k. With it, k beyond the gap of +-b an
 a gear that hardens in a kink; e -> 0 gives the sharp dead zone. Niglis & Oberg (2015), eq. (2.13) for the polynomial.
 
 The model's response is that of the tangent under gravity, the limit of small motion. A multisine that deflects the
-spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below what gravity deflects it by.
+spring by sigma rms makes a cubic one stiffer by about 3 k_3 sigma^2: keep sigma well below the deflection by gravity.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from elastid.base.section import section
 from elastid.base.units import CubicStiffness, Damping, JointPosition, QuadraticStiffness, Ratio, Stiffness
 from elastid.robot.named_numbers import Numbers
 
-# Field, parameter and unit of what a spring may have beyond stiffness and damping.
+# Field, parameter and unit of the optional terms of a spring.
 _FURTHER = (
     ("quadratic", "k2", "N*m/rad^2"),
     ("symmetric_quadratic", "k2s", "N*m/rad^2"),
@@ -51,7 +51,7 @@ class Spring:
     rounding: Ratio = 0.1
 
     def __post_init__(self) -> None:
-        """A spring repels, the more the further it is deflected: refuse what would pull."""
+        """Refuse a spring whose torque does not grow with its deflection."""
         unit, angle = self._units
         if not self.stiffness > 0:
             raise ValueError(f"stiffness is {self.stiffness:g} {unit}; it must be positive")
@@ -61,7 +61,7 @@ class Spring:
             raise ValueError(f"inner_stiffness is {self.inner_stiffness:g} {unit}; it must not be negative")
         if self.backlash is None and self.inner_stiffness > 0:
             raise ValueError(
-                "inner_stiffness is that inside the backlash, and there is none; give backlash, half a gap"
+                "inner_stiffness is that inside the backlash, and there is none; give backlash, half the gap"
             )
         if self.backlash is not None and not self.backlash > 0:
             raise ValueError(f"backlash is {self.backlash:g} {angle}, half the gap; it must be positive, or left out")

@@ -1,4 +1,4 @@
-"""A robot whose rigid part is a URDF file; springs, motors and what else a URDF does not know are given beside it.
+"""A robot whose rigid part is a URDF file, with springs, motors and other properties given beside it.
 
 Links become bodies, a fixed link without mass becomes a named frame. Revolute, continuous, prismatic and fixed joints
 are read, with their limits and damping; of a limit's effort, the torque on the link side.
@@ -14,6 +14,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.base.units import Damping
@@ -60,7 +61,7 @@ class UrdfRobot:
     payload: Payload | None = None
 
     def robot(self, folder: Path) -> Robot:
-        """The robot; `file:line` in the StudyError where the file tells of something that cannot be read."""
+        """The robot; StudyError with `file:line` where the file cannot be read as one."""
         path = folder / self.urdf
         if not path.is_file():
             raise StudyError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
@@ -135,11 +136,11 @@ def _parsed(path: Path) -> _Element:
 
 @dataclass(frozen=True)
 class _Seat:
-    """Where a link is: its body and placement in there."""
+    """A link as part of a body: rotation R (3, 3) and origin p (3,) in the body's frame."""
 
     body: str
-    R: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
-    p: np.ndarray[tuple[int, ...], np.dtype[np.float64]]
+    R: FloatArray
+    p: FloatArray
 
 
 class _Reader:
@@ -185,7 +186,9 @@ class _Reader:
         reached = {body.name for body in bodies} | {frame.name for frame in frames}
         for name in self.links:
             if name not in reached:
-                raise self.child_of[name].wrong(f"link {name} hangs in a circle of joints, not on {roots[0]}")
+                raise self.child_of[name].wrong(
+                    f"link {name} is part of a circle of joints, without a connection to {roots[0]}"
+                )
         return tuple(bodies), tuple(frames)
 
     def _joints(self, joint: _Element) -> tuple[Joint, ...]:
@@ -193,9 +196,9 @@ class _Reader:
         if kind == "fixed":
             return ()
         if kind not in _MOVING or joint.first("mimic") is not None:
-            what = f"of type {kind}" if kind not in _MOVING else "that mimics another"
+            which = f"of type {kind}" if kind not in _MOVING else "that mimics another"
             raise joint.wrong(
-                f"joint {name}: a joint {what} cannot be modelled; take revolute, prismatic or fixed joints"
+                f"joint {name}: a joint {which} cannot be modelled; take revolute, prismatic or fixed joints"
             )
         if name not in self.known:
             raise joint.wrong(
@@ -208,20 +211,20 @@ class _Reader:
             )
         axis_of = joint.first("axis")
         x, y, z = (1.0, 0.0, 0.0) if axis_of is None else axis_of.numbers("xyz", 3)
-        dynamics, told = joint.first("dynamics"), self.known[name]
+        dynamics, beside = joint.first("dynamics"), self.known[name]
         viscous = 0.0 if dynamics is None else dynamics.number("damping", "0")
         try:
             return (
                 Joint(
                     name=name,
                     axis=(x, y, z),
-                    spring=told.spring,
-                    motor=told.motor,
-                    viscous=viscous if told.viscous is None else told.viscous,
-                    limits=_limits(joint) if told.limits is None else told.limits,
+                    spring=beside.spring,
+                    motor=beside.motor,
+                    viscous=viscous if beside.viscous is None else beside.viscous,
+                    limits=_limits(joint) if beside.limits is None else beside.limits,
                     motion="translation" if kind == "prismatic" else "rotation",
                 ),
-                *told.elastic,
+                *beside.elastic,
             )
         except StudyError:
             raise

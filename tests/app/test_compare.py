@@ -109,7 +109,7 @@ def test_keys_of_the_study_make_variants_as_on_the_command_line(study: Path) -> 
     [
         (
             "[{name: x, rigid: [9]}]",
-            "compare.variants: x: joint 9 has no spring that could be left out; elastic joints",
+            "compare.variants: x: joint 9 has no spring to be left out; elastic joints",
         ),
         ('[{name: x, set: ["robot.bodies.1.mas=25"]}]', "compare.variants: x: .*robot.bodies.*mas"),
         ("[{name: x}, {name: x}]", "variants repeats a name"),

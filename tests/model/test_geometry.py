@@ -244,7 +244,7 @@ def test_names_of_the_geometry() -> None:
     assert moved.bodies[2].placement.xyz == (0, 0.1, 0.9)
     with pytest.raises(ValueError, match=r"the length of the rod is -1 m"):
         mechanism.with_parameters({"l_rod": -1.0})
-    with pytest.raises(ValueError, match="joint 1: it slides, wherever its axis is; leave out point"):
+    with pytest.raises(ValueError, match="joint 1: it slides, so that the place of its axis has no effect"):
         Joint("1", "z", Spring(1e3), motion="translation", point=(0.1, 0.0, 0.0))
     names = named_geometry({"pc1_*": ParameterSpec(), "*": ParameterSpec(), "*_z": ParameterSpec()}, arm)
     assert names == ("pc1_gas_x", "pc1_gas_y", "pc1_gas_z")

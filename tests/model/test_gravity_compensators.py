@@ -212,9 +212,9 @@ def test_a_compensator_is_identified_from_responses() -> None:
 def test_wrong_compensators_are_refused() -> None:
     ends = Anchor("base"), Anchor("arm", (0, 0, 0.3))
     coil, gas = CoilSpring(1e4), GasSpring(1e3, 0.5, 0.4)
-    with pytest.raises(ValueError, match="compensator c: give either coil or gas"):
+    with pytest.raises(ValueError, match="compensator c: give one of coil and gas"):
         Compensator("c", ends)
-    with pytest.raises(ValueError, match="compensator c: give either coil or gas"):
+    with pytest.raises(ValueError, match="compensator c: give one of coil and gas"):
         Compensator("c", ends, coil, gas)
     with pytest.raises(ValueError, match="both ends are on arm, so that it never moves"):
         Compensator("c", (ends[1], ends[1]), coil)

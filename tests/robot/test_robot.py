@@ -45,7 +45,7 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Spring(0.0), "must be positive"),
         (lambda: Spring(1.0, -1.0), "must not be negative"),
         (lambda: Joint("1", (0.0, 0.0, 0.0)), "zero vector"),
-        (lambda: Limits(angle=(1.0, -1.0)), "limits must leave something"),
+        (lambda: Limits(angle=(1.0, -1.0)), r"limits leave no motion: angle \[1, -1\]"),
         (lambda: Body("arm", mass=-1.0), "must not be negative"),
         (lambda: Robot("r", (Body("arm", parent="nobody", joints=(JOINT,)),)), "its parent nobody"),
         (lambda: Robot("r", (Body("arm", joints=(JOINT, JOINT)),)), "joint 1 is given twice"),

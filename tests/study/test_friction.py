@@ -112,8 +112,8 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
         ("coulomb: 4 mN*m", "coulomb: -4 mN*m", "coulomb (F_c) is -0.004; it must be positive"),
         ("stiffness: 20", "stiffness: -20", "stiffness (sigma_0) is -20"),
         ("stiffness: 20", "stifness: 20", "unknown key; did you mean 'stiffness'?"),
-        ("damping: 1e-3, damping_velocity: 2", "damping: 0.01", "not passive, it can give energy"),
-        ("damping: 1e-3, damping_velocity: 2", "damping: 1, damping_velocity: 2", "the law can give energy; lower it"),
+        ("damping: 1e-3, damping_velocity: 2", "damping: 0.01", "not passive, it can supply energy"),
+        ("damping: 1e-3, damping_velocity: 2", "damping: 1, damping_velocity: 2", "can supply energy; lower it"),
         ("stiffness: 20", "stiffness: 20 kg", "unit 'kg' measures kg, not N*m/rad"),
     ],
 )
