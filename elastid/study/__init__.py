@@ -4,8 +4,10 @@ The only room that knows YAML and pydantic.
 
 - yaml_source:  text -> plain data and the place of every key
 - sections:     Study, which gathers the sections that live beside the code that uses them
-- messages:     what pydantic found -> one readable sentence each
-- checks:       what only the sections together can tell; quantities into SI
+- reference:    every key with its places, its type in words and its text
+- messages:     plain data -> a section, or one readable sentence for each error
+- quantities:   numbers of parameters into SI
+- checks:       contradictions between sections, one file a section
 - robots:       a robot's file in any of its forms -> Robot
 - loading:      file -> Study, overrides of the command line included
 - schema:       JSON Schema for editors

@@ -1,4 +1,4 @@
-"""A study file and the overrides of the command line -> a checked Study; all that is wrong in one StudyError."""
+"""A study file and the overrides of the command line -> a checked Study; all errors in one StudyError."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
-
 from elastid.base.errors import StudyError
 from elastid.study.checks import check_lines, check_study
-from elastid.study.messages import booleans, problems, study_error
+from elastid.study.messages import make_error, validate
 from elastid.study.quantities import convert_to_si
-from elastid.study.robots import robot_file, with_robot_value
+from elastid.study.robots import read_robot, with_robot
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath, Place, YamlSource, parse, read_source
 
 
 @dataclass(frozen=True)
 class LoadedStudy:
-    """A study and where it came from: path of its file, text of all that was read (robot and overrides included)."""
+    """A study, the path of its file, and the text of the files and overrides that it was read from."""
 
     study: Study
     path: Path
@@ -36,30 +34,23 @@ class LoadedStudy:
 def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
     """The study of a YAML file, `overrides` as 'key.path=value' taking the place of its keys.
 
-    Raises StudyError with a line `file:line:col: key.path: message (got value)` for each thing that is wrong.
+    Raises StudyError with a line `file:line:col: key.path: message (got value)` for each error.
     """
-    source, robot_errors = _source(path, overrides)
-    try:
-        study = TypeAdapter(Study).validate_python(source.data)
-    except ValidationError as error:
-        found = problems(error.errors(include_url=False), Study, source.data)
-        found += [p for p in booleans(source.data, Study) if p.path not in {said.path for said in found}]
-        # Where the robot's file cannot be read, that is what is wrong with the robot.
-        found = [p for p in found if not robot_errors or p.path != ("robot",)]
-        raise study_error(source, found, robot_errors) from None
-    found = booleans(source.data, Study)
-    if found:
-        raise study_error(source, found)
+    source, robot_errors = _read(path, overrides)
+    study, found = validate(source.data, Study)
+    if found:  # of a robot whose file cannot be read, the errors of that file alone count
+        found = [problem for problem in found if not robot_errors or problem.path != ("robot",)]
+        raise make_error(source, found, robot_errors)
     study, unresolved = convert_to_si(study)
     found = [*check_study(study, path.parent), *unresolved]
     found = found or list(check_lines(study))
     if found:
-        raise study_error(source, found)
+        raise make_error(source, found)
     return LoadedStudy(study, path, source.text, tuple(overrides))
 
 
-def _source(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
-    """All that was written, robot and overrides in their places; and what is wrong with the robot's file."""
+def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
+    """Study, robot and overrides as one source; and the errors of the robot's file."""
     source, robot_errors = read_source(path, str(path)), ""
     if source.data is None:
         raise StudyError(f"{path}:1:1: the file is empty; `elastid new DIR` writes a study to start from")
@@ -73,7 +64,7 @@ def _source(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     robot = source.data.get("robot")
     folder = (path.parent / robot).parent if isinstance(robot, str) else path.parent
     try:
-        source = _with_robot(source, path)
+        source = _with_robot_file(source, path)
     except StudyError as error:
         robot_errors = str(error)
         source = replace(source, data={key: value for key, value in source.data.items() if key != "robot"})
@@ -83,13 +74,13 @@ def _source(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:
     text = "".join([source.text, *(f"# --set {override}\n" for override in overrides)])
     source = replace(source, text=text)
     try:
-        return with_robot_value(source, folder), robot_errors
+        return with_robot(source, folder), robot_errors
     except StudyError as error:
         return replace(source, data={key: value for key, value in source.data.items() if key != "robot"}), str(error)
 
 
-def _with_robot(source: YamlSource, path: Path) -> YamlSource:
-    """The robot's file put in the place of its path."""
+def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
+    """The content of the robot's file in the place of its path."""
     robot = source.data.get("robot")
     if not isinstance(robot, str):
         return source
@@ -97,7 +88,7 @@ def _with_robot(source: YamlSource, path: Path) -> YamlSource:
     if not file.is_file():
         place = source.place(("robot",), of_value=True)
         raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
-    part = robot_file(file)
+    part = read_robot(file)
     text = f"{source.text.rstrip()}\n\n# {robot}\n{part.text}"
     return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
 

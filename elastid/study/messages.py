@@ -1,7 +1,7 @@
-"""What pydantic found wrong -> one readable sentence for each place.
+"""Plain data -> a section, or one readable sentence for each error that pydantic finds.
 
-pydantic reports every branch of a union that failed, under labels of its own. Here its locations are walked along the
-data, so that the labels fall out, and of the complaints about one union the most telling is kept.
+pydantic reports every branch of a union that failed, under labels of its own. Its locations are walked along the data
+here, which drops the labels; of the errors about one union the most specific is kept.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
+
+from pydantic import TypeAdapter, ValidationError
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.study.reference import describe, names_in, type_at, words_in
@@ -20,15 +22,28 @@ PydanticError: TypeAlias = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing that is wrong: the key path, a sentence, and whether the key (not its value) is at fault."""
+    """One error: the key path, a sentence, and whether the key (not its value) is at fault."""
 
     path: KeyPath
     message: str
     at_key: bool = False
 
 
-def problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
-    """The problems behind pydantic's `errors()` for `data` read as `root`, each once."""
+def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
+    """The section `root` made of plain data, and no problems; or None and the problems, each once."""
+    problems: list[Problem] = []
+    value: Any = None
+    try:
+        value = TypeAdapter(root).validate_python(data)
+    except ValidationError as error:
+        problems = _find_problems(error.errors(include_url=False), root, data)
+    reported = {problem.path for problem in problems}
+    problems += [problem for problem in _find_booleans(data, root) if problem.path not in reported]
+    return value, problems
+
+
+def _find_problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Problem]:
+    """The problems behind pydantic's `errors()`."""
     found: list[Problem] = []
     unions: dict[KeyPath, list[tuple[KeyPath, PydanticError]]] = {}
     for error in errors:
@@ -42,11 +57,11 @@ def problems(errors: Iterable[PydanticError], root: type, data: Any) -> list[Pro
     return list(dict.fromkeys(found))
 
 
-def booleans(data: Any, root: type, path: KeyPath = ()) -> list[Problem]:
-    """Where true or false stands for something else; pydantic takes them for the numbers 1 and 0."""
+def _find_booleans(data: Any, root: type, path: KeyPath = ()) -> list[Problem]:
+    """Values true or false at keys of another type; pydantic takes them for the numbers 1 and 0."""
     if isinstance(data, dict | list):
         entries = data.items() if isinstance(data, dict) else enumerate(data)
-        return [problem for key, entry in entries for problem in booleans(entry, root, (*path, key))]
+        return [problem for key, entry in entries for problem in _find_booleans(entry, root, (*path, key))]
     kind = type_at(root, path) if isinstance(data, bool) else Any
     if kind is Any or "true or false" in describe(kind):
         return []
@@ -73,15 +88,15 @@ def _walk(error: PydanticError, data: Any) -> tuple[KeyPath, KeyPath | None]:
 
 
 def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Problem:
-    kind, parent = error["type"], at(data, path[:-1])
+    kind, parent = error["type"], value_at(data, path[:-1])
     if kind == "missing" and isinstance(parent, dict) and path and path[-1] not in parent:
-        return Problem(path, "this key is needed and not given", at_key=True)
+        return Problem(path, "this key is required", at_key=True)
     if kind == "unexpected_keyword_argument":
         known = names_in(type_at(root, path[:-1]))
         return Problem(path, f"unknown key; {did_you_mean(str(path[-1]), known)}", at_key=True)
     if kind == "value_error":
         message = str(error["ctx"]["error"])
-        path = _key_spoken_of(message, path, at(data, path))
+        path = _named_key(message, path, value_at(data, path))
         return Problem(path, message.removeprefix(f"{path[-1]}: ") if path else message)
     if kind == "finite_number":
         return Problem(path, "expected a finite number")
@@ -91,19 +106,19 @@ def _problem(error: PydanticError, path: KeyPath, root: type, data: Any) -> Prob
 def _union_problems(
     union: KeyPath, members: list[tuple[KeyPath, PydanticError]], root: type, data: Any
 ) -> list[Problem]:
-    """The branch that got further into the data than its siblings knows best; else say what the union takes."""
+    """The errors of the branches that got into the data; where none did, the types that the union takes."""
     deeper = [_problem(error, path, root, data) for path, error in members if len(path) > len(union)]
     if deeper:
         return deeper
     annotation = type_at(root, union)
     sentences = [str(error["ctx"]["error"]) for _, error in members if error["type"] == "value_error"]
-    if sentences and isinstance(at(data, union), str):
+    if sentences and isinstance(value_at(data, union), str):
         return [Problem(union, " or ".join([sentences[0], *words_in(annotation)]))]
     return [Problem(union, f"expected {describe(annotation)}")]
 
 
-def _key_spoken_of(message: str, path: KeyPath, section: Any) -> KeyPath:
-    """The key, or the named entry of a list, that a sentence about a section speaks of first, or else the section."""
+def _named_key(message: str, path: KeyPath, section: Any) -> KeyPath:
+    """The key, or the named entry of a list, that a sentence about a section names first; else the section."""
     if not isinstance(section, dict):
         return path
     for word in re.findall(r"[\w.-]+", message):
@@ -112,12 +127,12 @@ def _key_spoken_of(message: str, path: KeyPath, section: Any) -> KeyPath:
         for key, entries in section.items():
             for i, entry in enumerate(entries if isinstance(entries, list) else []):
                 if isinstance(entry, dict) and str(entry.get("name")) == word:
-                    return _key_spoken_of(message, (*path, key, i), entry)
+                    return _named_key(message, (*path, key, i), entry)
     return path
 
 
-def at(data: Any, path: KeyPath) -> Any:
-    """What stands at a key path; None where it is not given."""
+def value_at(data: Any, path: KeyPath) -> Any:
+    """The value at a key path; None where it is not given."""
     for step in path:
         if isinstance(data, dict):
             data = data.get(step)
@@ -126,14 +141,14 @@ def at(data: Any, path: KeyPath) -> Any:
     return data
 
 
-def study_error(source: YamlSource, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
-    """One line for each problem, in the order of the sources; last, what is wrong with the robot's file."""
+def make_error(source: YamlSource, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
+    """One line for each problem, in the order of the sources; last the errors of the robot's file."""
     lines = sorted({_line(source, problem) for problem in found})
     return StudyError("\n".join([message for _, message in lines] + [robot_errors] * bool(robot_errors)))
 
 
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:
-    value = at(source.data, problem.path)
+    value = value_at(source.data, problem.path)
     place = source.place(problem.path, of_value=not problem.at_key and value is not None)
     shown = "" if problem.at_key or isinstance(value, dict | list) or value is None else f" (got {value!r:.60})"
     keys = _dotted(problem.path[place.hidden :])

@@ -16,7 +16,7 @@ from elastid.robot import Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
 
 # Names of configurations become names of files with a number, a stamp and an ending; systems end at 255 bytes.
-LONGEST_NAME = 100
+MAX_NAME_LENGTH = 100
 
 
 @section
@@ -58,8 +58,8 @@ class Study:
 
 def check_file_name(name: str) -> None:
     """Refuse a name that cannot name a file on every system; ValueError."""
-    if len(name) > LONGEST_NAME:
-        raise ValueError(f"the name '{name[:20]}...' has {len(name)} characters; a file's may have {LONGEST_NAME} here")
+    if len(name) > MAX_NAME_LENGTH:
+        raise ValueError(f"the name '{name[:20]}...' has {len(name)} characters; a file's may have {MAX_NAME_LENGTH} here")
     if not name or name[0] in ". " or name[-1] in ". " or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name):
         raise ValueError(
             f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"

@@ -16,9 +16,9 @@ from elastid.base.errors import StudyError
 
 KeyPath: TypeAlias = tuple[str | int, ...]
 
-# Aliases may repeat a node; this many nodes after expansion are no study but an attack or an accident.
+# After expansion of aliases, which may repeat nodes without end.
 _MAX_NODES = 200_000
-_LARGEST = 2**63
+_MAX_INTEGER = 2**63
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -159,13 +159,13 @@ class _Reader:
                 return None
             if kind in ("bool", "int", "float"):
                 number = getattr(self.construct, f"construct_yaml_{kind}")(node)
-                if abs(number) < _LARGEST or kind == "float":
+                if abs(number) < _MAX_INTEGER or kind == "float":
                     return number
                 raise OverflowError
             if kind in ("str", "timestamp", "value", "merge"):  # a date is a text here
                 return str(text)
         except (ValueError, OverflowError):
-            self.problem(node, f"'{text[:40]}' is not a number that can be computed with")
+            self.problem(node, f"'{text[:40]}' is out of the range of numbers")
             return None
         self.problem(node, f"the tag {node.tag} is refused: a study holds plain data only")
         return None
