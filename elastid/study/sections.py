@@ -59,7 +59,9 @@ class Study:
 def check_file_name(name: str) -> None:
     """Refuse a name that cannot name a file on every system; ValueError."""
     if len(name) > MAX_NAME_LENGTH:
-        raise ValueError(f"the name '{name[:20]}...' has {len(name)} characters; a file's may have {MAX_NAME_LENGTH} here")
+        raise ValueError(
+            f"the name '{name[:20]}...' has {len(name)} characters; at most {MAX_NAME_LENGTH} can name a file"
+        )
     if not name or name[0] in ". " or name[-1] in ". " or any(c in '/\\:*?"<>|' or ord(c) < 32 for c in name):
         raise ValueError(
             f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"

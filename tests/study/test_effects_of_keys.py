@@ -22,7 +22,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration, Record
-from elastid.recorded.files.text import open_text
+from elastid.recorded.files.formats import read_channels
 from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
 from elastid.store import read_fit
@@ -64,9 +64,9 @@ def test_torque_damping_is_the_damping_ratio_of_a_second_order_torque_loop() -> 
 def test_comments_of_a_log_are_skipped(tmp_path: Path) -> None:
     """Whole lines and ends of lines."""
     (tmp_path / "log.csv").write_text("% measured on a Monday\na,b\n1,2\n% the motor was warm\n3,4 % here, too\n")
-    log = open_text(tmp_path / "log.csv", TextFormatSpec(comment="%"))
-    assert log.headings == ("a", "b")
-    np.testing.assert_array_equal(log.columns([0, 1]), [[1, 2], [3, 4]])
+    channels = [ChannelSpec("y", f"motor {name}", name, quantity="position") for name in "ab"]
+    columns = read_channels(tmp_path / "log.csv", channels, TextFormatSpec(comment="%"))
+    np.testing.assert_array_equal(columns, [[1, 2], [3, 4]])
 
 
 def test_units_of_a_response_in_csv_are_those_of_the_study(tmp_path: Path) -> None:

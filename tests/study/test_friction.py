@@ -100,8 +100,8 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
     study = load(rewritten(tiny, (robot[0], law))).study
     assert study.excitation is not None
     plan = make_plan(study.excitation, study.experiment, study.robot, 0)
-    (word,) = sticking(plan, study.robot, None)
-    assert "motor 1 (0.1 N*m) is more than a third" in word
+    (note,) = sticking(plan, study.robot, None)
+    assert "motor 1 (0.1 N*m) is more than a third" in note.text
 
 
 @pytest.mark.parametrize(

@@ -53,7 +53,11 @@ def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
         ({"cubic": "damping: 600, cubic: -1e11}"}, "bodies[1].joints[0].spring", "the spring loses its stiffness at"),
         ({"cubic": "damping: 600, cubic: 1 N*m/rad}"}, "spring.cubic", "units that fit here: N*m/rad^3"),
         ({"gap": "damping: 250, backlash: 0}"}, "spring", "half the gap; it must be positive, or left out"),
-        ({"cylinder": CYLINDER.replace("upper_arm", "uper")}, "compensators[0]", "ends on uper, which is no body"),
+        (
+            {"cylinder": CYLINDER.replace("upper_arm", "uper")},
+            "compensators[0]",
+            "no body is called uper; did you mean 'upper_arm'?",
+        ),
         ({"cylinder": CYLINDER.replace("turret", "upper_arm")}, "compensators[0]", "both ends are on upper_arm"),
         ({"cylinder": CYLINDER.replace("kappa: 1.2", "kappa: 5")}, "compensators[0].gas", "kappa is 5; it is 1"),
         ({"cylinder": CYLINDER.replace("gas: ", "coil: {stiffness: 1}\n    gas: ")}, "compensators[0]", "either coil"),
