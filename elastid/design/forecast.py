@@ -2,7 +2,7 @@ r"""What a plan will tell, before the robot moves: standard deviations, correlat
 
 .. math:: cov(x) = A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad A = \sum_q \sum_k A_{qk}
 
-the covariance that the fit itself will state (`fit.certainty`) for the responses expected. Of what is known about
+the covariance that the fit itself will state (`fit.uncertainty`) for the responses expected. Of what is known about
 parameter p the part c^T A_qk c / c^T A c, c = A^-1 e_p, comes from line k of configuration q.
 """
 
@@ -20,7 +20,7 @@ from elastid.design.expected_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.residuals import as_real
-from elastid.fit.uncertainty.covariance import certainty
+from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.parameters import ParameterSet
 
 # A direction known no better than by this factor e^1 (of a linear parameter: than by its span) is not seen.
@@ -99,7 +99,7 @@ def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
     freq_hz = expected[0].response.freq_hz
     check_line_count(freq_hz, parameters)
     fit = expected_fit(expected)
-    covariance = certainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
+    covariance = estimate_uncertainty(fit, [e.response for e in expected], [e.weights for e in expected], x).covariance
     J = [rows for _, rows in fit.blocks(x)]
     R = np.linalg.qr(np.vstack([as_real(one).reshape(len(x), -1).T for one in J] + [np.diag(fit.prior_slopes)]), "r")
     blind = _blind(np.asarray(R), parameters, x)

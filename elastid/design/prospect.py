@@ -27,7 +27,7 @@ from elastid.excitation.grids import line_frequencies
 from elastid.experiment.simulated.sensors import logged_quantity, output_stds
 from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec
 from elastid.fit.spec import FitSpec
-from elastid.fit.weights.weights import one_by_one, weigh
+from elastid.fit.weights.weights import weigh, with_diagonal_weights
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
@@ -100,7 +100,9 @@ class Prospect:
         response = FrequencyResponse(
             self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
         )
-        return ExpectedResponse(response, model, weigh(response, one_by_one(self.fit)), self.parameters, self.fit)
+        return ExpectedResponse(
+            response, model, weigh(response, with_diagonal_weights(self.fit)), self.parameters, self.fit
+        )
 
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
         """The same as a function of the powers of R; friction scatters as it does under R.

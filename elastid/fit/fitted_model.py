@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
-from elastid.fit.setup.groups import labels
+from elastid.fit.setup.groups import group_labels
 from elastid.fit.uncertainty.propagation import response_deviation
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
@@ -123,7 +123,7 @@ def models_by_group(
     Arguments and errors as `FittedModel.of`.
     """
     models = {}
-    for label, members in labels(result.parameters, [G.configuration.name for G in measured]).items():
+    for label, members in group_labels(result.parameters, [G.configuration.name for G in measured]).items():
         its = [G for G in measured if G.configuration.name in members]
         numbers = _numbers(result, members[0])
         fitted = robot.with_parameters({key: value for key, value in numbers.items() if key != DELAY})

@@ -42,12 +42,12 @@ class LocalOptimum:
 class FitResult:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
 
-    parameters: names, units, scale, bounds and starts.  covariance: of x, under the measured noise, already widened
-    where the residuals say more and for the declared model error (`certainty` says how); infinite variances where no
-    data reach.  cost: V.  cost_expected: the V that the measured noise alone would leave.  singular_values: of the
-    Jacobian with columns scaled to unit length, largest first.  starts: sorted by V.
-    profile95, bootstrap95 (n_x, 2): intervals by other ways in SI, NaN for parameters without, no rows where none has.
-    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): what informs which parameter (`informed`).
+    parameters: names, units, scale, bounds and starts.  covariance: of x, the largest of several estimates
+    (`estimate_uncertainty`); infinite variances where the data do not reach.  cost: V.  cost_expected: the V that the
+    measured noise alone would leave.  singular_values: of the Jacobian with columns scaled to unit length, largest
+    first.  starts: sorted by V.  hits: of them that reached the best V.
+    profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
+    configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `InformationShares`.
     """
 
     parameters: ParameterSet

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.units import Quantity, to_si
-from elastid.fit.setup.groups import OF
+from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
@@ -51,7 +51,7 @@ def _convert_parameter(
 ) -> ParameterSpec:
     """The spec in SI.  table: the parameters; every: with geometry that no key names."""
     path = (*_FIT, pattern)
-    names = [name for name in table if fnmatchcase(name, pattern.partition(OF)[0])]
+    names = [name for name in table if fnmatchcase(name, pattern.partition(SEPARATOR)[0])]
 
     def number(value: Quantity, *keys: str | int) -> float:
         return _convert(value, names, (*path, *keys), table, found)
@@ -105,7 +105,7 @@ def _check_choice(study: Study) -> list[Problem]:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
         named = re.match(r"[^\s:.]+", message)
         given = study.fit.parameters
-        keys = [key for key in given if named and fnmatchcase(named[0].partition(OF)[0], key)]
+        keys = [key for key in given if named and fnmatchcase(named[0].partition(SEPARATOR)[0], key)]
         keys += [key for key in given if named and named[0] == key]
         for key in keys[-1:]:
             if message.startswith((f"{key}:", f"{key}.")):

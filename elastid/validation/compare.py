@@ -27,7 +27,7 @@ import numpy as np
 from elastid.base.errors import ElastidError, StudyError
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.identify import fit_parameters
-from elastid.fit.setup.groups import OF, is_of_one
+from elastid.fit.setup.groups import SEPARATOR, is_group_key
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
 from elastid.fit.weights.weights import weigh
@@ -98,7 +98,7 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
     there, known = robot.parameters(robot.geometry), own.parameters(own.geometry)
 
     def is_gone(key: str) -> bool:
-        key = key.partition(OF)[0]
+        key = key.partition(SEPARATOR)[0]
         return any(fnmatchcase(name, key) for name in known) and not any(fnmatchcase(name, key) for name in there)
 
     kept = {key: each for key, each in spec.parameters.items() if not is_gone(key)}
@@ -123,7 +123,7 @@ def held(spec: FitSpec, robot: Robot, names: Collection[str]) -> FitSpec:
     kept = {
         key: each
         for key, each in patterns.items()
-        if not is_of_one(key) or any(fnmatchcase(name, key.partition(OF)[0]) for name in left)
+        if not is_group_key(key) or any(fnmatchcase(name, key.partition(SEPARATOR)[0]) for name in left)
     }
     return replace(spec, parameters={**kept, **still})
 

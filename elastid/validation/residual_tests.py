@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.weights.smoothed_variance import SUPPORT, smoothed
+from elastid.fit.weights.smoothed_variance import MIN_DOF, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
 LAGS = (1, 2, 3)
@@ -31,8 +31,8 @@ def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[F
     G, variance = measured.G, covariance.variance
     smooth = np.empty(G.shape)
     for i, j in np.ndindex(G.shape[1:]):
-        smooth[:, i, j] = smoothed(variance[:, i, j], G[:, i, j], covariance.dof)[1]
-    return np.sqrt(smooth), max(covariance.dof, SUPPORT)
+        smooth[:, i, j] = smooth_variance(variance[:, i, j], G[:, i, j], covariance.dof)[1]
+    return np.sqrt(smooth), max(covariance.dof, MIN_DOF)
 
 
 def above_2sigma(measured: FrequencyResponse) -> BoolArray:

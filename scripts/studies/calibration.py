@@ -46,8 +46,8 @@ from elastid.base.execution import ordered
 from elastid.fit.result import QUANTILE, LocalOptimum
 from elastid.fit.setup.assembly import RelinearisedOptimum, settle
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import Uncertainty, certainty, inverse_information
-from elastid.fit.uncertainty.intervals import bent_names, profile_ends
+from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty, inverse_information
+from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
 from elastid.response import FrequencyResponse
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
@@ -79,7 +79,7 @@ class DataSets:
         settled = settle(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
         if not settled.end.converged:
             return np.full((3, len(x)), np.nan)
-        sure = certainty(settled.fit, data, settled.weights, settled.end.x)
+        sure = estimate_uncertainty(settled.fit, data, settled.weights, settled.end.x)
         return np.array([settled.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(settled, sure, x)])
 
     def bound(self) -> FloatArray:
@@ -94,7 +94,7 @@ class DataSets:
 def _holds(settled: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
     """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
     problem, there, variance = settled.fit.problem, settled.end.x, np.diag(sure.covariance)
-    names, _ = bent_names(problem, there, variance)
+    names, _ = choose_profiles(problem, there, variance)
     low, high = profile_ends(problem, there, variance, names).T
     reach = QUANTILE * np.sqrt(variance)
     return np.where(np.isnan(low), np.abs(there - x) < reach, (low < x) & (x < high))

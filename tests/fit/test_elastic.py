@@ -25,7 +25,7 @@ from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.residuals import logarithmic
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import certainty
+from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.uncertainty.line_sums import correlation_length
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import Slope
@@ -228,7 +228,7 @@ def test_a_direction_that_no_data_reach_has_an_infinite_interval():
     response = measured(model, noise_of("relative", model))
     weights = weigh(response, NO_FLOOR)
     fit = elastic_fit([response], [twins], [weights], parameters(), "complex")
-    sure = certainty(fit, [response], [weights], parameters().x)
+    sure = estimate_uncertainty(fit, [response], [weights], parameters().x)
     np.testing.assert_array_equal(sure.unreached, [True, False, True, False])
     np.testing.assert_array_equal(np.isinf(np.diag(sure.covariance)), sure.unreached)
     assert sure.covariance[1, 1] < 1
@@ -246,7 +246,7 @@ def test_a_prior_takes_part_like_a_measurement():
         free = parameters(**alone, d_a=Parameter("d_a", TRUTH["d_a"], "1", 1e-4, 1.0, log=True, prior=prior))
         fit = elastic_fit([response], [model], [weights], free, "complex")
         end = solve(fit.problem, free.x)
-        return float(end.x[0]), float(certainty(fit, [response], [weights], end.x).covariance[0, 0])
+        return float(end.x[0]), float(estimate_uncertainty(fit, [response], [weights], end.x).covariance[0, 0])
 
     x, variance = estimated(None)
     assert variance < bound**2

@@ -11,7 +11,7 @@ from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.setup.assembly import robust_factors
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FactorSpec, FitSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import certainty
+from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weights.weights import check_masks, normalised, weigh
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import Covariance, FrequencyResponse
@@ -76,7 +76,7 @@ def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_b
             weights = weigh(response, spec)
             fit = elastic_fit([response], [model], [weights], parameters(), "complex")
             end = solve(fit.problem, parameters().x)
-            sure = certainty(fit, [response], [weights], end.x)
+            sure = estimate_uncertainty(fit, [response], [weights], end.x)
             errors.append(end.x - parameters().x)
             stated.append(np.sqrt(np.diag(sure.covariance)))
             assert sure.expected_cost == pytest.approx(fit.problem.dof, rel=1e-6 if name == "full" else 0.05)
@@ -172,7 +172,7 @@ def test_unequal_factors_keep_honest_intervals():
         weights = weigh(response, spec)
         fit = elastic_fit([response], [model], [weights], parameters(), "complex")
         end = solve(fit.problem, parameters().x)
-        std_x = np.sqrt(np.diag(certainty(fit, [response], [weights], end.x).covariance))
+        std_x = np.sqrt(np.diag(estimate_uncertainty(fit, [response], [weights], end.x).covariance))
         inside.append(np.abs(end.x - parameters().x) < 1.96 * std_x)
     assert np.mean(inside) > 0.9
 

@@ -17,7 +17,7 @@ from elastid.fit.fitted_model import FittedModel
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
-from elastid.fit.setup.geometry import refusals
+from elastid.fit.setup.geometry import geometry_problems
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.linear.linearise import Linearisation
@@ -225,7 +225,7 @@ def test_bounds_that_bring_both_ends_together_are_named() -> None:
     assert "come together in configuration c1, at its start, where" in refusal(robot, both)
     without = replace(robot, compensators=(Compensator("c", ends, coil=CoilSpring(1e4)),))
     parameters = choose(FitSpec(parameters=wanted), without)
-    assert not list(refusals(parameters, without, {"c1": POSTURES[0]}))
+    assert not list(geometry_problems(parameters, without, {"c1": POSTURES[0]}))
 
 
 STUDY = """

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from elastid.fit.uncertainty.jackknife import between_configurations, is_in_error
-from elastid.fit.uncertainty.line_sums import Evidence
+from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
+from elastid.fit.uncertainty.line_sums import LineSums
 
 
-def evidence_of(J, r) -> Evidence:
+def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
-    return Evidence(np.ones(len(r)), J, r[:, None] + 0j, (J * r[:, None]).T, None, None, 0.0, {})
+    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, (J * r[:, None]).T, None, None, 0.0, {})
 
 
 def left_out(blocks, y):
@@ -28,7 +28,7 @@ def test_of_a_linear_model_it_is_that_of_fits_without_each(Q):
     blocks, y = [rng.standard_normal((6, 3)) * (1, 1e4, 1e-5) for _ in range(Q)], rng.standard_normal((Q, 6))
     x = np.linalg.lstsq(np.vstack(blocks), np.concatenate(y))[0]
     parts = [evidence_of(J, J @ x - one) for J, one in zip(blocks, y, strict=True)]
-    found = between_configurations(parts, sum(J.T @ J for J in blocks))
+    found = jackknife_variance(parts, sum(J.T @ J for J in blocks))
     scatter = left_out(blocks, y)
     expected = (Q - 1) / Q * np.sum((scatter - scatter.mean(axis=0)) ** 2, axis=0)
     t = student.ppf(0.975, Q - 1) / student.ppf(0.975, np.inf)
@@ -45,7 +45,7 @@ def test_where_each_configuration_errs_by_itself_95_percent_hold_the_truth(Q):
         own = rng.standard_normal((Q, 2))
         x = own.mean(axis=0)
         parts = [evidence_of(J, J @ (x - one)) for one in own]
-        held.append(np.abs(x) < 1.959964 * np.sqrt(between_configurations(parts, Q * J.T @ J)))
+        held.append(np.abs(x) < 1.959964 * np.sqrt(jackknife_variance(parts, Q * J.T @ J)))
     assert np.mean(held) == pytest.approx(0.95, abs=0.01)
 
 
@@ -53,9 +53,9 @@ def test_what_only_one_configuration_informs_has_no_scatter():
     """Two configurations more know nothing of the second parameter."""
     one, other = np.array([[1.0, 0.5], [0.0, 1.0]]), np.array([[1.0, 0.0], [2.0, 0.0]])
     r = np.array([0.3, -0.1])
-    found = between_configurations([evidence_of(J, r) for J in (one, other, other)], one.T @ one + 2 * other.T @ other)
+    found = jackknife_variance([evidence_of(J, r) for J in (one, other, other)], one.T @ one + 2 * other.T @ other)
     assert np.all(np.isfinite(found))
-    assert np.all(between_configurations([evidence_of(one, r)] * 2, 2 * one.T @ one) == 0)
+    assert np.all(jackknife_variance([evidence_of(one, r)] * 2, 2 * one.T @ one) == 0)
 
 
 def test_a_model_is_in_error_where_noise_does_not_explain_the_cost():

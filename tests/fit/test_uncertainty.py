@@ -9,7 +9,7 @@ from plants.three_mass import FREQ, NO_FLOOR, TRUTH, estimate, fit_of, measured,
 from elastid.base.execution import Execution
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.uncertainty.bootstrap import bootstrap
-from elastid.fit.uncertainty.intervals import bent
+from elastid.fit.uncertainty.intervals import interval_errors
 from elastid.fit.uncertainty.profile import profiles
 from elastid.fit.uncertainty.propagation import response_deviation, uncertain_modes
 from elastid.fit.weights.weights import weigh
@@ -75,7 +75,7 @@ def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
 @pytest.mark.parametrize("relative", [0.01, 0.1, 0.3])
 def test_an_interval_is_off_where_v_is_not_quadratic(relative):
     """V = (e^x - 1)^2 / relative^2: known in closed form on both sides, and y, that it does not touch, is not."""
-    off = bent(linear_in_damping(relative), np.zeros(2), np.array([relative**2, 5e-5]))
+    off = interval_errors(linear_in_damping(relative), np.zeros(2), np.array([relative**2, 5e-5]))
     reach = 1.959964 * relative
     sides = [abs(1 - np.expm1(t) / t / (np.expm1(0.1 * t) / (0.1 * t))) for t in (-reach, reach)]
     np.testing.assert_allclose(off, [max(sides), 0.0], rtol=1e-6, atol=1e-6)
@@ -83,7 +83,7 @@ def test_an_interval_is_off_where_v_is_not_quadratic(relative):
 
 def test_what_is_correlated_with_a_roughly_known_parameter_is_off_too():
     problem = linear_in_damping(0.3, seen=0.1)
-    off = bent(problem, np.zeros(2), np.diag(np.linalg.inv(problem.evaluate(np.zeros(2)).hessian / 2)))
+    off = interval_errors(problem, np.zeros(2), np.diag(np.linalg.inv(problem.evaluate(np.zeros(2)).hessian / 2)))
     assert np.all(off > 0.1)
 
 

@@ -8,7 +8,7 @@ from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
-from elastid.fit.weights.smoothed_variance import smoothed
+from elastid.fit.weights.smoothed_variance import smooth_variance
 from elastid.fit.weights.weights import check_masks, weigh
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
@@ -42,7 +42,7 @@ def test_weights_from_few_degrees_of_freedom_are_unbiased_and_steady(dof, true):
     For noise that is flat, that follows the resonance, and that falls with frequency.
     """
     rng = np.random.default_rng(0)
-    weights = np.array([true / smoothed(sampled(rng, true, dof), G, dof)[0] for _ in range(100)])
+    weights = np.array([true / smooth_variance(sampled(rng, true, dof), G, dof)[0] for _ in range(100)])
     inner = weights[:, 20:-20]
     assert abs(inner.mean() - 1) < 0.06
     assert inner.std() < 1.6 / np.sqrt(24)
@@ -57,10 +57,10 @@ def test_weights_follow_a_spectrum_that_jumps_from_line_to_line_as_far_as_noise_
     rng = np.random.default_rng(4)
     weakness = np.where(np.arange(F) % 7 == 3, 0.01, 1.0)
     true = 0.1 * (noise * weakness + distortion)
-    found = np.array([smoothed(sampled(rng, true, 2.0), G, 2.0, 0, weakness)[0] for _ in range(100)])
+    found = np.array([smooth_variance(sampled(rng, true, 2.0), G, 2.0, 0, weakness)[0] for _ in range(100)])
     for kind in (weakness == 1.0, weakness < 1.0):
         assert np.exp(np.mean(np.log(true / found)[:, kind])) == pytest.approx(1.0, abs=0.33)
-    blind = np.array([smoothed(sampled(rng, true, 2.0), G, 2.0)[0] for _ in range(100)])
+    blind = np.array([smooth_variance(sampled(rng, true, 2.0), G, 2.0)[0] for _ in range(100)])
     if noise:
         assert np.mean((blind / true)[:, weakness < 1.0]) > 10
 
@@ -69,7 +69,7 @@ def test_the_smoothed_variance_itself_is_unbiased():
     """E[v~] = v for the second value, which scales the covariance of the estimate."""
     rng = np.random.default_rng(1)
     true = 0.04 * np.abs(G) ** 2
-    mean = np.mean([smoothed(sampled(rng, true, 3.0), G, 3.0)[1] / true for _ in range(200)])
+    mean = np.mean([smooth_variance(sampled(rng, true, 3.0), G, 3.0)[1] / true for _ in range(200)])
     assert mean == pytest.approx(1.0, abs=0.02)
 
 
@@ -77,7 +77,7 @@ def test_many_degrees_of_freedom_are_left_alone():
     """With 24 and more the measured variance is used line by line."""
     rng = np.random.default_rng(2)
     variance = sampled(rng, np.full(F, 0.1), 30.0)
-    np.testing.assert_allclose(smoothed(variance, G, 30.0)[1], variance)
+    np.testing.assert_allclose(smooth_variance(variance, G, 30.0)[1], variance)
 
 
 def test_a_line_that_is_really_noisier_keeps_its_own_variance():
@@ -85,14 +85,14 @@ def test_a_line_that_is_really_noisier_keeps_its_own_variance():
     rng = np.random.default_rng(3)
     variance = sampled(rng, np.full(F, 0.1), 5.0)
     variance[50] = 3.0
-    assert smoothed(variance, G, 5.0)[0][50] == 3.0
+    assert smooth_variance(variance, G, 5.0)[0][50] == 3.0
 
 
 def test_a_zero_variance_takes_its_neighbours():
     """A line on which the few repetitions agree by chance is not infinitely sure."""
     variance = np.full(F, 0.1)
     variance[7] = 0.0
-    smooth, _ = smoothed(variance, G, 3.0)
+    smooth, _ = smooth_variance(variance, G, 3.0)
     assert smooth[7] == pytest.approx(smooth[6])
 
 

@@ -10,7 +10,7 @@ from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
-from elastid.fit.uncertainty.covariance import Uncertainty, certainty
+from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import LinearModel, Slope
 from elastid.linear.response.transfer import frequency_response
@@ -86,7 +86,7 @@ def estimate(response, model, spec=NO_FLOOR, criterion="complex") -> tuple[Local
     fit = elastic_fit([response], [model], [weights], parameters(), criterion)
     end = solve(fit.problem, parameters().x)
     assert end.converged
-    return end, certainty(fit, [response], [weights], end.x)
+    return end, estimate_uncertainty(fit, [response], [weights], end.x)
 
 
 def cramer_rao(model: LinearModel, std: FloatArray) -> FloatArray:

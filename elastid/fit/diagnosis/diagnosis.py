@@ -64,17 +64,21 @@ FAR_BEYOND_NOISE = 10.0
 FAIRLY_EXPLAINED = 0.9
 
 
-def with_status(result: FitResult, settled: RelinearisedOptimum, sure: Uncertainty, misread: bool = False) -> FitResult:
+def with_status(
+    result: FitResult, optimum: RelinearisedOptimum, uncertainty: Uncertainty, misread: bool = False
+) -> FitResult:
     """The result with how it ended; misread: whether another reading of the responses fits far better."""
-    known = _noise_is_known(settled)
-    status, message = status_and_message(result, settled.end, sure.unreached, _share(result, settled), known, misread)
+    known = _noise_is_known(optimum)
+    status, message = status_and_message(
+        result, optimum.end, uncertainty.unreached, _share(result, optimum), known, misread
+    )
     return replace(result, status=status, message=message)
 
 
-def diagnosed(
+def diagnose(
     result: FitResult,
-    settled: RelinearisedOptimum,
-    sure: Uncertainty,
+    optimum: RelinearisedOptimum,
+    uncertainty: Uncertainty,
     notes: tuple[Note, ...],
     robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
@@ -82,31 +86,31 @@ def diagnosed(
 
     notes: known already.  robots: of fit.robots.
     """
-    fit, end = settled.fit, settled.end
-    suspect = _is_suspect(result, settled)
+    fit, end = optimum.fit, optimum.end
+    suspect = _is_suspect(result, optimum)
     misread = misread_words(fit, end.x, end.cost) if suspect else ()
     apart = apart_words(fit, end.x) if result.model_error > 1 else ()
     if not apart and not misread and is_in_error(result.cost, result.cost_expected, result.dof):
         apart = disagreement(fit, end.x, end.cost, result.cost_expected, robots)
     apart = apart or (foreign_words(fit, end.x) if suspect and not misread else ())
-    found = (*border_words(fit.shapes, fit.parameters, end.x), *findings(result, sure.unreached))
+    found = (*border_words(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
     words = (*misread, *frequency_words(result), *apart, *notes, *found)
-    return replace(with_status(result, settled, sure, bool(misread)), notes=words)
+    return replace(with_status(result, optimum, uncertainty, bool(misread)), notes=words)
 
 
-def _is_suspect(result: FitResult, settled: RelinearisedOptimum) -> bool:
+def _is_suspect(result: FitResult, optimum: RelinearisedOptimum) -> bool:
     """Whether the residuals are so large that one asks how the responses were read."""
-    if _noise_is_known(settled):
+    if _noise_is_known(optimum):
         return result.model_error > FAR_BEYOND_NOISE
-    return _share(result, settled) < FAIRLY_EXPLAINED
+    return _share(result, optimum) < FAIRLY_EXPLAINED
 
 
-def _share(result: FitResult, settled: RelinearisedOptimum) -> float:
+def _share(result: FitResult, optimum: RelinearisedOptimum) -> float:
     """Of the measured responses that the model explains, known noise aside."""
     # Where no noise was measured, the residuals are the only measure of it, and no excuse for themselves.
-    noise_cost = result.cost_expected if _noise_is_known(settled) else 0.0
-    return explained(settled.fit, settled.end.x, noise_cost)
+    noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
+    return explained(optimum.fit, optimum.end.x, noise_cost)
 
 
-def _noise_is_known(settled: RelinearisedOptimum) -> bool:
-    return any(weights.noise is not None for weights in settled.weights)
+def _noise_is_known(optimum: RelinearisedOptimum) -> bool:
+    return any(weights.noise is not None for weights in optimum.weights)

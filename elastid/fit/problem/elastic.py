@@ -18,11 +18,11 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.fit.problem.inertia_barrier import Shape, barrier
+from elastid.fit.problem.inertia_barrier import BodyInertia, barrier
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.problem.normal_equations import Normal
+from elastid.fit.problem.normal_equations import NormalEquations
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind, as_real, error_gain
-from elastid.fit.weights.full_covariance import unmixing
+from elastid.fit.weights.full_covariance import whitening
 from elastid.fit.weights.weights import Weights
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -32,7 +32,7 @@ from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 
 # |Ghat| over sigma that a line must have for the logarithmic criterion.
-LOG_GATE = 2.0
+MIN_LOG_SIGNAL_TO_NOISE = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,9 +55,9 @@ class Part:
         return self.kernel.model.configuration.name
 
     @cached_property
-    def normal(self) -> Normal:
+    def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
-        return Normal(Columns(self.kernel), self.measured, self.gain, self.criterion, self.mixing)
+        return NormalEquations(Columns(self.kernel), self.measured, self.gain, self.criterion, self.mixing)
 
     @property
     def n_residuals(self) -> int:
@@ -90,12 +90,12 @@ class Part:
 class ElasticFit:
     """The parts of all configurations over one set of parameters; it pickles, so that starts can run in processes.
 
-    shapes: bodies whose inertia must stay one that a body can have.
+    inertias: bodies whose inertia must stay one that a body can have.
     """
 
     parameters: ParameterSet
     parts: tuple[Part, ...]
-    shapes: tuple[Shape, ...] = ()
+    inertias: tuple[BodyInertia, ...] = ()
 
     @property
     def n_residuals(self) -> int:
@@ -127,7 +127,7 @@ class ElasticFit:
             T = self._chain(part, x)
             V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
         distance, slope = self._priors(x)
-        b, b_slope, b_curvature = barrier(self.shapes, self.parameters, x)
+        b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         return Evaluation(
             V + float(distance @ distance) + b,
             2 * (g + slope * distance) + b_slope,
@@ -233,7 +233,11 @@ def _part(
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
         G = kernel.response(held.theta_ref)
-        used = used & (np.abs(G) > 1e-12 * np.abs(G).max()) & (np.abs(response.G) > LOG_GATE * weights.sigma)
+        used = (
+            used
+            & (np.abs(G) > 1e-12 * np.abs(G).max())
+            & (np.abs(response.G) > MIN_LOG_SIGNAL_TO_NOISE * weights.sigma)
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
     error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
@@ -241,7 +245,7 @@ def _part(
     mixing = None
     if weights.correlated is not None:
         sigma, floor = np.where(used, weights.sigma, np.inf), weights.floor * np.abs(response.G)
-        mixing = unmixing(weights.correlated, floor, sigma, np.conj(slope) / np.abs(slope))
+        mixing = whitening(weights.correlated, floor, sigma, np.conj(slope) / np.abs(slope))
     return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, mixing)
 
 

@@ -23,23 +23,23 @@ from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
-MU = 1e-2
+BARRIER_WEIGHT = 1e-2
 # The smallest principal second moment beside the largest below which a body is at the border.
-BORDER = 1e-3
+MIN_RELATIVE_MOMENT = 1e-3
 # A start whose smallest principal second moment is below this share of their sum is moved off the border; others are
 # halved towards it, so often at most.
-ROUND = 1e-4
-HALVINGS = 20
+MIN_ROUNDNESS = 1e-4
+MAX_HALVINGS = 20
 # Rounding of a plate's moments.
-SLACK = 1e-9
+ROUNDING = 1e-9
 _TENSOR = {"_xx": (0, 0), "_yy": (1, 1), "_zz": (2, 2), "_xy": (0, 1), "_xz": (0, 2), "_yz": (1, 2)}
 
 
 @dataclass(frozen=True)
-class Shape:
+class BodyInertia:
     """The inertia of one body in a configuration: the places in theta of its entries, and theirs in the tensor."""
 
-    body: str
+    name: str
     places: tuple[int, ...]
     entries: tuple[tuple[int, int], ...]
     configuration: str = ""
@@ -72,70 +72,72 @@ class Shape:
         return sigma
 
 
-def shapes(parameters: ParameterSet, robot: Robot) -> tuple[Shape, ...]:
+def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia, ...]:
     """The bodies with a tensor of which the fit moves at least one entry, once for each that configurations have."""
-    found: list[Shape] = []
+    found: list[BodyInertia] = []
     for body in robot.bodies:
         names = {f"I_{body.name}{suffix}": _TENSOR[suffix] for suffix in body.inertia_entries if suffix in _TENSOR}
         groups = [p.only for p in parameters if p.only and p.stands_for in names]
         for where in dict.fromkeys(["", *(group[0] for group in groups)]):
             if names.keys() & set(parameters.moved(where)):
                 places = tuple(parameters.index(name) for name in names)
-                found.append(Shape(body.name, places, tuple(names.values()), where))
+                found.append(BodyInertia(body.name, places, tuple(names.values()), where))
     return tuple(found)
 
 
-def barrier(shapes: Sequence[Shape], parameters: ParameterSet, x: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+def barrier(
+    inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray
+) -> tuple[float, FloatArray, FloatArray]:
     """b, its gradient (n_x,) and its Gauss-Newton Hessian (n_x, n_x); b is infinite outside."""
     b, g, H = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-    for shape in shapes:
-        sigma = shape.second_moment(shape.theta(parameters, x))
+    for body in inertias:
+        sigma = body.second_moment(body.theta(parameters, x))
         scale = max(float(np.trace(sigma)), 1e-300)
         values = np.linalg.eigvalsh(sigma) / scale
         if values[0] <= 0 or not np.all(np.isfinite(sigma)):
             return math.inf, g, np.eye(len(x))
         inverse = np.linalg.inv(sigma)
-        relative = inverse @ shape.directions  # Sigma^-1 dSigma
-        local = shape.slopes(parameters, x)
-        trace = np.trace(shape.directions, axis1=1, axis2=2) / scale
+        relative = inverse @ body.directions  # Sigma^-1 dSigma
+        local = body.slopes(parameters, x)
+        trace = np.trace(body.directions, axis1=1, axis2=2) / scale
         # ln det(Sigma / tr Sigma): a large body is no more likely than a small one.
-        b -= 2 * MU * float(np.sum(np.log(values)))
-        g -= 2 * MU * local.T @ (np.trace(relative, axis1=1, axis2=2) - 3 * trace)
-        H += 2 * MU * local.T @ np.einsum("pij,qji->pq", relative, relative) @ local
+        b -= 2 * BARRIER_WEIGHT * float(np.sum(np.log(values)))
+        g -= 2 * BARRIER_WEIGHT * local.T @ (np.trace(relative, axis1=1, axis2=2) - 3 * trace)
+        H += 2 * BARRIER_WEIGHT * local.T @ np.einsum("pij,qji->pq", relative, relative) @ local
     return b, g, H
 
 
-def possible(starts: FloatArray, shapes: Sequence[Shape], parameters: ParameterSet) -> FloatArray:
+def feasible_starts(starts: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
     """The starts (n, n_x), each drawn towards the given one until its bodies can have their inertias.
 
     Where the given one is at the border itself, as that of a plate or a rod, it first moves off it.
     Raises StudyError for a start that no body can have.
     """
-    if not shapes:
+    if not inertias:
         return starts
-    begin = _moved_off(parameters.x, shapes, parameters)
-    needed = 0.5 * _roundness(begin, shapes, parameters)
-    return np.array([_drawn_in(start, begin, needed, shapes, parameters) for start in starts])
+    begin = _moved_off(parameters.x, inertias, parameters)
+    needed = 0.5 * _roundness(begin, inertias, parameters)
+    return np.array([_drawn_in(start, begin, needed, inertias, parameters) for start in starts])
 
 
 def _drawn_in(
-    start: FloatArray, begin: FloatArray, needed: float, shapes: Sequence[Shape], parameters: ParameterSet
+    start: FloatArray, begin: FloatArray, needed: float, inertias: Sequence[BodyInertia], parameters: ParameterSet
 ) -> FloatArray:
-    for step in range(HALVINGS):
+    for step in range(MAX_HALVINGS):
         x: FloatArray = begin + (start - begin) / 2**step
-        if _roundness(x, shapes, parameters) >= min(needed, ROUND):
+        if _roundness(x, inertias, parameters) >= min(needed, MIN_ROUNDNESS):
             return x
     return begin
 
 
-def _moved_off(x: FloatArray, shapes: Sequence[Shape], parameters: ParameterSet) -> FloatArray:
+def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
     """x (n_x,) with its free inertias a little rounder where a body is at the border."""
-    flat = [shape for shape in shapes if shape.roundness(shape.theta(parameters, x)) < ROUND]
+    flat = [body for body in inertias if body.roundness(body.theta(parameters, x)) < MIN_ROUNDNESS]
     if not flat:
         return x
-    if _roundness(x, flat, parameters) < -SLACK:
+    if _roundness(x, flat, parameters) < -ROUNDING:
         raise StudyError(
-            f"fit.parameters: the start gives body {', '.join(shape.body for shape in flat)} an inertia that no body "
+            f"fit.parameters: the start gives body {', '.join(body.name for body in flat)} an inertia that no body "
             "can have (a principal moment above the sum of the other two); correct the start of its inertias"
         )
     lower, upper = parameters.x_bounds
@@ -145,7 +147,7 @@ def _moved_off(x: FloatArray, shapes: Sequence[Shape], parameters: ParameterSet)
         moved = x.copy()
         moved[touched] = np.clip(z, lower[touched], upper[touched])
         far = float(np.sum(((moved - x) / np.maximum(1.0, np.abs(x)))[touched] ** 2))
-        return max(0.0, 2 * ROUND - _roundness(moved, flat, parameters)) + ROUND * far
+        return max(0.0, 2 * MIN_ROUNDNESS - _roundness(moved, flat, parameters)) + MIN_ROUNDNESS * far
 
     best = minimize(off, x[touched], method="Nelder-Mead", options={"maxiter": 2000, "xatol": 1e-6, "fatol": 1e-9})
     moved = x.copy()
@@ -153,24 +155,24 @@ def _moved_off(x: FloatArray, shapes: Sequence[Shape], parameters: ParameterSet)
     return moved
 
 
-def _roundness(x: FloatArray, shapes: Sequence[Shape], parameters: ParameterSet) -> float:
+def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> float:
     """The smallest of all bodies at x (n_x,)."""
-    return min(shape.roundness(shape.theta(parameters, x)) for shape in shapes)
+    return min(body.roundness(body.theta(parameters, x)) for body in inertias)
 
 
-def border_words(shapes: Sequence[Shape], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
+def border_words(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
     """A word about each body whose inertia ended at the border of what a body can have."""
     words = []
-    for shape in shapes:
-        values = np.linalg.eigvalsh(shape.second_moment(shape.theta(parameters, x)))
-        if values[0] < BORDER * values[-1]:
+    for body in inertias:
+        values = np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x)))
+        if values[0] < MIN_RELATIVE_MOMENT * values[-1]:
             words.append(
                 Note(
                     "impossible-inertia",
                     "the data want an inertia that no body can have (a principal moment above the sum "
                     "of the other two); it ended at the border: check its mass, its centre of mass and the placement "
                     "of its joint",
-                    f"body {shape.body}",
+                    f"body {body.name}",
                 )
             )
     return tuple(dict.fromkeys(words))

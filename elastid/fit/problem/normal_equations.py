@@ -26,7 +26,7 @@ Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True, eq=False)
-class Normal:
+class NormalEquations:
     """The normal equations of the residuals mixing (gain e) of one configuration; arguments as `Part`."""
 
     columns: Columns
@@ -35,9 +35,9 @@ class Normal:
     criterion: ResidualKind
     mixing: ComplexArray | None
 
-    def __reduce__(self) -> tuple[type[Normal], tuple[object, ...]]:
+    def __reduce__(self) -> tuple[type[NormalEquations], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
-        return Normal, (Columns(self.columns.kernel), self.measured, self.gain, self.criterion, self.mixing)
+        return NormalEquations, (Columns(self.columns.kernel), self.measured, self.gain, self.criterion, self.mixing)
 
     def at(
         self, theta: FloatArray, precision: type[np.floating[Any]] = np.float64

@@ -22,7 +22,7 @@ from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 
 
 @dataclass(frozen=True, eq=False)
-class MovingFit:
+class RelinearisedFit:
     """linearised(x): the fit with every configuration linearised at x.  fixed: at the first start, for its gains."""
 
     linearised: Callable[[FloatArray], ElasticFit]

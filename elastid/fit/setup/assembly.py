@@ -1,4 +1,4 @@
-"""The fit as it can be linearised again and again: responses with their weights, and the model of the robot."""
+"""Assembly: responses, weights and model of a fit, to be linearised anew; frequency bands, robust weights."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
-from elastid.fit.problem.inertia_barrier import shapes
+from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import LeastSquares
-from elastid.fit.problem.relinearised import MovingFit
+from elastid.fit.problem.relinearised import RelinearisedFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.scaled_problem import distance
@@ -33,35 +33,16 @@ from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
 # Of the Rayleigh distribution with two components of unit variance.
-MEDIAN = np.sqrt(2 * np.log(2))
-
-
-def robust_factors(
-    fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, spec: WeightSpec
-) -> tuple[FloatArray, ...]:
-    """w (F, n_y, n_u) of each configuration at x (n_x,), 1 where an element is left out."""
-    distances = []
-    for part, weight in zip(fit.parts, weights, strict=True):
-        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(fit.theta(part, x)))
-        used = part.gain > 0
-        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
-        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
-    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
-    reach = spec.loss_scale * max(1.0, float(np.median(every)) / MEDIAN)
-    if spec.loss == "huber":
-        return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
-    return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)
-
-
-# Linearised again until x moves less than this many standard deviations, or this often.
-SETTLED = 1e-3
-ROUNDS = 5
-ROUNDS_OF_LOSS = 30
+RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
+# Relinearised until x moves less than this many standard deviations, or this often; more often with a robust loss.
+MAX_MOVE = 1e-3
+MAX_ROUNDS = 5
+MAX_ROUNDS_OF_LOSS = 30
 
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """What does not change between linearisations: the measured responses with their weights, and the model."""
+    """What the linearisations share: the measured responses with their weights, and the differentiated model."""
 
     responses: tuple[FrequencyResponse, ...]
     weights: tuple[Weights, ...]
@@ -94,25 +75,25 @@ class Assembly:
         return tuple(note for weight in self.weights for note in weight.notes)
 
     def at(self, x: FloatArray, criterion: ResidualKind) -> ElasticFit:
-        """The fit with every configuration linearised at x; elements err one by one where it is but the first stage."""
+        """The fit with every configuration linearised at x; full covariances weigh in the last stage only."""
         models = [
             linear_model(self.linearisation, G, self.parameters.expand(x, G.configuration.name)) for G in self.responses
         ]
         correlated = criterion == self.spec.criterion
         fit = elastic_fit(self.responses, models, self.weights, self.parameters, criterion, correlated)
-        return replace(fit, shapes=shapes(self.parameters, self.linearisation.model.robot))
+        return replace(fit, inertias=moved_inertias(self.parameters, self.linearisation.model.robot))
 
     @cached_property
-    def bends(self) -> bool:
-        """Whether a linearisation holds near its point only: springs are nonlinear, or masses and their places free."""
+    def is_local(self) -> bool:
+        """Whether a linearisation is valid only near its point: nonlinear springs, or masses and places both free."""
         moved = {name for response in self.responses for name in self.parameters.moved(response.configuration.name)}
         return self.linearisation.follows or not self.linearisation.is_affine_in(moved)
 
-    def searched(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
-        """What the search solves: the fit as it is linearised, or anew wherever it gets to if that bends."""
-        if not self.bends:
+    def search_problem(self, fit: ElasticFit, criterion: ResidualKind) -> LeastSquares:
+        """The problem of the search: the fit as linearised, or linearised anew at every x where it is local."""
+        if not self.is_local:
             return fit.problem
-        return MovingFit(partial(self.at, criterion=criterion), fit).problem
+        return RelinearisedFit(partial(self.at, criterion=criterion), fit).problem
 
     def spring_words(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
@@ -126,8 +107,8 @@ class Assembly:
             words += spring_words(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
         return tuple(words)
 
-    def reweighed(self, x: FloatArray) -> Assembly:
-        """The same with less weight on what is far off at x, as the study's loss wants it."""
+    def reweighted(self, x: FloatArray) -> Assembly:
+        """The same with the weights of the robust loss at x."""
         if self.spec.weights.loss == "square":
             return self
         factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x, self.spec.weights)
@@ -135,7 +116,7 @@ class Assembly:
         return replace(self, weights=tuple(weights))
 
 
-def widening(fit: ElasticFit, bands: int) -> list[ElasticFit]:
+def widening_bands(fit: ElasticFit, bands: int) -> list[ElasticFit]:
     """Frequency continuation: the fit on the lower 1 / bands, 2 / bands, ... of its lines, all of them not included."""
     freq_hz = np.unique(np.concatenate([part.kernel.freq_hz for part in fit.parts]))
     edges = [freq_hz[math.ceil(len(freq_hz) * band / bands) - 1] for band in range(1, bands)]
@@ -144,7 +125,7 @@ def widening(fit: ElasticFit, bands: int) -> list[ElasticFit]:
 
 @dataclass(frozen=True, eq=False)
 class RelinearisedOptimum:
-    """Where a fit came to rest: the end, its fit and weights there, and a word where it did not."""
+    """The end of a fit, with the linearised fit and the weights there; a note where x still moved."""
 
     end: LocalOptimum
     fit: ElasticFit
@@ -152,19 +133,19 @@ class RelinearisedOptimum:
     notes: tuple[Note, ...] = ()
 
 
-def settle(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
-    """Linearise, and weigh as the loss wants it, at the result and solve again until x stays."""
-    rounds = ROUNDS if assembly.spec.weights.loss == "square" else ROUNDS_OF_LOSS
+def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
+    """Linearise at the result, weigh by the robust loss there, and solve again until x stays."""
+    rounds = MAX_ROUNDS if assembly.spec.weights.loss == "square" else MAX_ROUNDS_OF_LOSS
     end = start
     for _ in range(rounds):
         try:
-            there = assembly.reweighed(end.x)
+            there = assembly.reweighted(end.x)
             fit = there.at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
-        if moved < SETTLED:
+        if moved < MAX_MOVE:
             return RelinearisedOptimum(end, fit, there.weights)
     note = Note(
         "still-moving",
@@ -172,3 +153,20 @@ def settle(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> 
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
     )
     return RelinearisedOptimum(end, fit, there.weights, (note,))
+
+
+def robust_factors(
+    fit: ElasticFit, weights: Sequence[Weights], x: FloatArray, spec: WeightSpec
+) -> tuple[FloatArray, ...]:
+    """Weights w (F, n_y, n_u) of the robust loss in each configuration at x (n_x,), 1 where an element is left out."""
+    distances = []
+    for part, weight in zip(fit.parts, weights, strict=True):
+        e, _ = RESIDUALS[part.criterion](part.measured, part.kernel.response(fit.theta(part, x)))
+        used = part.gain > 0
+        gain = np.divide(part.gain, np.sqrt(weight.factor), out=np.zeros_like(part.gain), where=used)
+        distances.append(np.where(used, gain * np.abs(np.where(used, e, 0.0)), 0.0))
+    every = np.concatenate([z[part.gain > 0] for z, part in zip(distances, fit.parts, strict=True)])
+    reach = spec.loss_scale * max(1.0, float(np.median(every)) / RAYLEIGH_MEDIAN)
+    if spec.loss == "huber":
+        return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
+    return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)

@@ -25,10 +25,12 @@ from elastid.robot import BASE, Compensator, Robot
 # Names of configurations to the motors' angles (n_u,).
 Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]
 # m: two ends at this distance are taken for one point.
-TOGETHER = 1e-3
+MIN_DISTANCE_M = 1e-3
 
 
-def refusals(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> Iterator[tuple[str, str]]:
+def geometry_problems(
+    parameters: ParameterSet, robot: Robot, configurations: Configurations
+) -> Iterator[tuple[str, str]]:
     """The parameter, and what is wrong with its start or its bounds in one of the configurations."""
     free = [p for p in parameters.free if p.stands_for in robot.geometry]
     if not free:
@@ -50,9 +52,9 @@ def refusals(parameters: ParameterSet, robot: Robot, configurations: Configurati
                 yield from _meeting(there, compensator, mine, name, np.array(angles, dtype=float))
 
 
-def refuse(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
-    """StudyError with the first of the refusals."""
-    for name, message in refusals(parameters, robot, configurations):
+def check_geometry(parameters: ParameterSet, robot: Robot, configurations: Configurations) -> None:
+    """StudyError with the first of the problems."""
+    for name, message in geometry_problems(parameters, robot, configurations):
         raise StudyError(f"fit.parameters.{name}: {message}")
 
 
@@ -77,10 +79,10 @@ def _meeting(
         axes[:, column] = (second if i else -first)[:, int(axis)]
     gap = end + second @ points[1] - start - first @ points[0]
     at, low, high = (np.array([getattr(p, which) for p in bounded]) for which in ("value", "lower", "upper"))
-    if np.linalg.norm(gap) > TOGETHER and bounded:
+    if np.linalg.norm(gap) > MIN_DISTANCE_M and bounded:
         found = lsq_linear(axes, axes @ at - gap, (low, high)).x
         gap, at = gap + axes @ (found - at), found
-    if np.linalg.norm(gap) > TOGETHER:
+    if np.linalg.norm(gap) > MIN_DISTANCE_M:
         return
     where = ", ".join(f"{p.stands_for} = {value:.4g} m" for p, value in zip(bounded, at, strict=True)) or "its start"
     yield (

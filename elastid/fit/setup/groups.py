@@ -14,12 +14,12 @@ from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.parameters import ParameterSet
 
 # Behind it the group that a parameter is of.
-OF = "@"
+SEPARATOR = "@"
 
 
-def is_of_one(key: str) -> bool:
+def is_group_key(key: str) -> bool:
     """Whether a key of fit.parameters speaks of the parameter of one group."""
-    return OF in key
+    return SEPARATOR in key
 
 
 def of(
@@ -51,7 +51,7 @@ def of(
 
 def wish(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
     """What the study says about the parameter of one group: its own keys before what is said for all groups."""
-    matching = [each for each in given if is_of_one(each) and fnmatchcase(key, each)]
+    matching = [each for each in given if is_group_key(each) and fnmatchcase(key, each)]
     if not matching:
         return shared
     own = given[key if key in matching else matching[-1]]
@@ -65,8 +65,8 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
 
     wanted: what the study says about each name.  A fit of some configurations does not have all groups.
     """
-    for key in filter(is_of_one, spec.parameters):
-        where, (name, _, group) = f"fit.parameters.{key}", key.partition(OF)
+    for key in filter(is_group_key, spec.parameters):
+        where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
         if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
             raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
         pers = [wish.per for each, wish in wanted.items() if fnmatchcase(each, name) and wish.per is not None]
@@ -80,7 +80,7 @@ def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
             raise StudyError(f"{where}: there is no group {group}; {did_you_mean(group, dict.fromkeys(known))}")
 
 
-def labels(parameters: ParameterSet, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
+def group_labels(parameters: ParameterSet, configurations: Iterable[str]) -> dict[str, tuple[str, ...]]:
     """The groups that have parameters of their own, each with those of these configurations that are in it.
 
     Where parameters are grouped in several ways, by the names of the groups side by side: A-warm. Configurations that
@@ -88,7 +88,7 @@ def labels(parameters: ParameterSet, configurations: Iterable[str]) -> dict[str,
     """
     found: dict[str, list[str]] = {}
     for configuration in configurations:
-        mine = dict.fromkeys(p.name.partition(OF)[2] for p in parameters if configuration in p.only)
+        mine = dict.fromkeys(p.name.partition(SEPARATOR)[2] for p in parameters if configuration in p.only)
         found.setdefault("-".join(mine), []).append(configuration)
     if list(found) == [""]:
         return {"": tuple(found[""])}

@@ -21,8 +21,8 @@ from elastid.robot import Robot
 
 # Default bounds: a logarithmic parameter within this factor of its start, the delay in s. Friction may end higher:
 # Coulomb friction looks viscous to a multisine, the more the slower it slides, by far more than a data sheet's number.
-REACH = 100.0
-REACH_OF_FRICTION = 1e4
+BOUND_FACTOR = 100.0
+BOUND_FACTOR_OF_FRICTION = 1e4
 DELAY_BOUNDS = (0.0, 0.01)
 
 
@@ -38,7 +38,7 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
     table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    shared = {key: wish for key, wish in spec.parameters.items() if not groups.is_of_one(key)}
+    shared = {key: wish for key, wish in spec.parameters.items() if not groups.is_group_key(key)}
     wanted = _match(shared, table, robot.geometry) if spec.parameters else _default(robot)
     grouped = {name: groups.of(name, wish, spec.robots, configurations) for name, wish in wanted.items()}
     groups.check_keys(spec, wanted)
@@ -110,7 +110,9 @@ def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Paramete
     start = float(ratio.start)
     if not start > 0:
         raise StudyError(f"{where}: the start is {start:g}; it must be positive")
-    lower, upper = (float(b) for b in ratio.bounds) if ratio.bounds is not None else (start / REACH, start * REACH)
+    lower, upper = (
+        (float(b) for b in ratio.bounds) if ratio.bounds is not None else (start / BOUND_FACTOR, start * BOUND_FACTOR)
+    )
     prior = _prior(ratio.prior, start)
     try:
         return Parameter(name, start, "1", lower, upper, log=True, prior=prior, ratio=True)
@@ -198,5 +200,7 @@ def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[fl
     if wish.bounds is not None:
         return float(wish.bounds[0]), float(wish.bounds[1])
     if log:
-        return start / REACH, start * (REACH_OF_FRICTION if name.startswith(("f_", "fm_")) else REACH)
-    return DELAY_BOUNDS if name.partition(groups.OF)[0] == DELAY else (-math.inf, math.inf)
+        return start / BOUND_FACTOR, start * (
+            BOUND_FACTOR_OF_FRICTION if name.startswith(("f_", "fm_")) else BOUND_FACTOR
+        )
+    return DELAY_BOUNDS if name.partition(groups.SEPARATOR)[0] == DELAY else (-math.inf, math.inf)

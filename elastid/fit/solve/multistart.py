@@ -21,15 +21,15 @@ from elastid.fit.solve.solvers import FINE, ROUGH, Method, solve
 from elastid.parameters import Parameter, ParameterSet
 
 # Dampings and frictions are known worse than stiffnesses and inertias: their starts spread over factor^2.
-SPREAD_OF_DAMPING = 2.0
+DAMPING_EXPONENT = 2.0
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
 # A linear parameter's starts spread over this share of its bounds to either side.
-SPREAD_OF_LINEAR = 0.1
+LINEAR_SHARE_OF_BOUNDS = 0.1
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
-HIT = 0.1
+MAX_HIT_EXCESS = 0.1
 # Iterations of a rough solve, and the multiple of the best cost from which one that used them all up is given up.
 ROUGH_ITERATIONS = 60
-HOPELESS = 30.0
+MAX_ROUGH_COST_RATIO = 30.0
 
 
 def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> FloatArray:
@@ -49,9 +49,9 @@ def spread(parameters: ParameterSet, starts: int, factor: float, seed: int) -> F
 
 def _reach(parameter: Parameter, factor: float) -> float:
     if parameter.log:
-        return math.log(factor) * (SPREAD_OF_DAMPING if parameter.unit in DAMPING_UNITS else 1.0)
+        return math.log(factor) * (DAMPING_EXPONENT if parameter.unit in DAMPING_UNITS else 1.0)
     span = parameter.upper - parameter.lower
-    return SPREAD_OF_LINEAR * span if math.isfinite(span) else 0.0
+    return LINEAR_SHARE_OF_BOUNDS * span if math.isfinite(span) else 0.0
 
 
 class Interrupted(KeyboardInterrupt):
@@ -90,7 +90,7 @@ def multistart(
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))
     ranked = tuple(sorted((ends[i] for i in range(len(starts))), key=lambda end: end.cost))
     best = ranked[0].cost
-    hit = best + HIT * _deviation(best, problems[-1])
+    hit = best + MAX_HIT_EXCESS * _deviation(best, problems[-1])
     return ranked, sum(end.cost <= hit for end in ranked)
 
 
@@ -101,7 +101,7 @@ def _deviation(cost: float, problem: LeastSquares) -> float:
 
 def _may_fall(end: LocalOptimum, best: float) -> bool:
     """Whether a rough solve that ran out of iterations is near enough to go on."""
-    return not end.converged and end.cost <= HOPELESS * best
+    return not end.converged and end.cost <= MAX_ROUGH_COST_RATIO * best
 
 
 def _stopped(end: LocalOptimum) -> LocalOptimum:

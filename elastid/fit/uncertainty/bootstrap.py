@@ -3,8 +3,8 @@ r"""Bootstrap: the fit repeated on data drawn anew, from its optimum.
 .. math:: \hat G^{(b)} = G(\hat\theta) + e^{(b)}
 
 parametric: e is drawn from the measured covariance, or where none is known from the weights. residual: the whitened
-residuals of a configuration are dealt out again, in blocks of neighbouring lines as long as they are correlated, with
-a random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 6.5, 8.6.)
+residuals of a configuration are drawn with replacement, in blocks as long as neighbouring lines are correlated, with a
+random phase each. (Efron and Tibshirani, An Introduction to the Bootstrap, 1993, 6.5, 8.6.)
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class _Repetition:
     def __call__(self, draw: np.random.SeedSequence) -> LocalOptimum:
         rng = np.random.default_rng(draw)
         parts = tuple(
-            replace(part, measured=source.drawn(rng)) for part, source in zip(self.fit.parts, self.sources, strict=True)
+            replace(part, measured=source.draw(rng)) for part, source in zip(self.fit.parts, self.sources, strict=True)
         )
         try:
             return solve(replace(self.fit, parts=parts).problem, self.x, FINE)
@@ -69,10 +69,10 @@ class _Repetition:
 
 @dataclass(frozen=True)
 class _Source:
-    """Where the data of one configuration come from: the model's G (F, n_y, n_u), and errors in blocks of lines.
+    """The distribution of a measured response: the model's G (F, n_y, n_u), and errors in blocks of lines.
 
-    root (F, m, m): the errors of G, row by row, are root z; z is white noise where residual is None, else dealt out
-    from residual (F, m) in blocks.
+    root (F, m, m): the errors of G, row by row, are root z; z is white noise where residual is None, else drawn from
+    residual (F, m) in blocks.
     """
 
     G: ComplexArray
@@ -82,7 +82,7 @@ class _Source:
     block: int
     logarithmic: bool
 
-    def drawn(self, rng: np.random.Generator) -> ComplexArray:
+    def draw(self, rng: np.random.Generator) -> ComplexArray:
         """A measured response."""
         F, m = self.root.shape[:2]
         if self.residual is None:

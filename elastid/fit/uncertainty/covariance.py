@@ -1,70 +1,69 @@
-r"""How sure the estimate is: measured noise, what the residuals say beyond it, and the model error that was declared.
+r"""Covariance of the estimate by measured noise, residuals, disagreement of configurations and declared model error.
 
 Around the optimum the estimate follows the data, dx = A^-1 sum_k g_k, with A = J^T J and g_k = J_k^T r_k the pull of
-line k. Its covariance is the largest of several estimates for each parameter, and one on top:
+line k. Each variance is the largest of the first three estimates, plus the last:
 
 .. math:: \text{noise: } A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad
           \text{residuals: } \mathrm{var}\, x_i = \tau \tfrac{N}{N - n_x} \sum_k (A^{-1} g_k)_i^2, \qquad
           \text{floor: } A^{-1} \Big[ \tfrac{s}{2} \mathrm{Re} \sum_o h_o h_o^H \Big] A^{-1}
 
 - noise: S_k is the measured covariance in whitened residuals, correlations between elements included. With
-  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao); with a floor in the weights it is what
-  the noise still does to the estimate.
-- residuals: what is left over, noise or not. All that one frequency pulls, in all elements and configurations, counts
-  as one pull: a wrong model errs in all of them together. tau >= 1 is the correlation length of the residuals over
-  neighbouring lines.
-- configurations: where V is more than the noise explains the model is in error, and what the parameters absorb of it
-  differs from configuration to configuration. From three on, the variance is no smaller than their disagreement says
-  (`between`), conservative as it is.
-- floor: the study says that the model is off by alpha |G| anyway. Such an error is alike on neighbouring lines and in
-  all configurations, so that it is counted as one random factor for each element and octave, with pull h_o. s <= 1
-  holds it down to what V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
+  inverse-variance weights and uncorrelated elements this is A^-1 (Cramer-Rao).
+- residuals: noise and model error. The pulls of one frequency, in all elements and configurations, are summed up before
+  they are squared, since a wrong model errs in all of them together. tau >= 1 is the correlation length of the
+  residuals over neighbouring lines.
+- configurations: where V exceeds what the noise explains, the model is in error, and the parameters absorb a different
+  part of it in each configuration: from three on, the variance is at least that of the jackknife (conservative).
+- floor: the model error alpha |G| that the study declares. Such an error is alike on neighbouring lines and in all
+  configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
+  power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
 
 Without a floor and with an exact model noise and residuals agree and 95 % intervals hold the truth 95 to 97 % of the
-time. What the parameters absorb alike in all configurations shows nowhere; against that only the floor helps.
+time. A model error that the parameters absorb alike in all configurations does not show; only the floor covers it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.uncertainty.information_shares import Informed, informed
-from elastid.fit.uncertainty.jackknife import between_configurations, is_in_error
-from elastid.fit.uncertainty.line_sums import Evidence, correlation_length, evidence
+from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
+from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
+from elastid.fit.uncertainty.line_sums import LineSums, correlation_length, sum_lines
 from elastid.fit.weights.weights import Weights
 from elastid.response import FrequencyResponse
 
 # Directions whose scaled singular value is below this share of the largest are not determined by the data.
-RANK = 1e-8
+RANK_TOLERANCE = 1e-8
+# A parameter whose part in such a direction of length one is larger lies in it.
+IN_DIRECTION = 1e-3
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Uncertainty:
     """covariance (n_x, n_x) of x, inf where unreached; singular_values of J with columns scaled to unit length.
 
-    unreached (n_x,): parameters in a direction that no data reach.  expected_cost: V that the noise alone would give.
-    informed: what informs which parameter.
+    unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone.
+    shares: the information on each parameter by configuration and band.
     """
 
     covariance: FloatArray
     singular_values: FloatArray
     unreached: BoolArray
     expected_cost: float
-    informed: Informed
+    shares: InformationShares
 
 
-def certainty(
+def estimate_uncertainty(
     fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], x: FloatArray
 ) -> Uncertainty:
     """The covariance of x (n_x,), the optimum of `fit`."""
     R, parts = np.diag(fit.prior_slopes), []
     for part, response, weight, (r, J) in zip(fit.parts, responses, weights, fit.blocks(x), strict=True):
-        parts.append(evidence(part, response, weight, r, J))
+        parts.append(sum_lines(part, response, weight, r, J))
         # R of the stacked J = Q R, configuration by configuration.
         R = np.asarray(np.linalg.qr(np.vstack([R, parts[-1].rows]), mode="r"))
     A_inverse, singular_values, unreached = inverse_information(R)
@@ -74,13 +73,13 @@ def certainty(
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     if is_in_error(sum(part.cost for part in parts), expected_cost, dof):
-        residuals = np.maximum(residuals, between_configurations(parts, R.T @ R))
+        residuals = np.maximum(residuals, jackknife_variance(parts, R.T @ R))
     covariance = _larger(noise, residuals, A_inverse)
     covariance += _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse)
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
-    told = informed(parts, A_inverse, _weakest(R))
-    return Uncertainty(covariance, singular_values, unreached, expected_cost, told)
+    shares = information_shares(parts, A_inverse, _weakest(R))
+    return Uncertainty(covariance, singular_values, unreached, expected_cost, shares)
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -91,24 +90,22 @@ def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArra
     length = np.linalg.norm(R, axis=0)
     length[length == 0] = 1.0
     _, singular_values, Vt = np.linalg.svd(R / length)
-    reached = singular_values > RANK * max(singular_values[0], 1e-300)
+    reached = singular_values > RANK_TOLERANCE * max(singular_values[0], 1e-300)
     half = (Vt[reached] / singular_values[reached, None]) / length
-    unreached: BoolArray = np.any(np.abs(Vt[~reached]) > 1e-3, axis=0)
-    return half.T @ half, singular_values, unreached
+    return half.T @ half, singular_values, np.any(np.abs(Vt[~reached]) > IN_DIRECTION, axis=0)
 
 
 def _weakest(R: FloatArray) -> FloatArray:
     """The last right singular vector (n_x,) of R with columns scaled to unit length, its largest entry positive."""
     length = np.linalg.norm(R, axis=0)
     direction: FloatArray = np.linalg.svd(R / np.where(length > 0, length, 1.0))[2][-1]
-    turned: FloatArray = direction * np.sign(direction[np.argmax(np.abs(direction))])
-    return turned
+    return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
 
 
-def _noise(fit: ElasticFit, parts: Sequence[Evidence], A_inverse: FloatArray) -> tuple[FloatArray, float]:
+def _noise(fit: ElasticFit, parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, float]:
     """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, and the V that they lead to.
 
-    Where no noise was measured the residuals themselves say how large it is.
+    Where no noise was measured the residuals are taken for it.
     """
     prior = fit.prior_slopes
     meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
@@ -121,7 +118,7 @@ def _noise(fit: ElasticFit, parts: Sequence[Evidence], A_inverse: FloatArray) ->
     return meat, power - float(np.trace(A_inverse @ meat))
 
 
-def _by_frequency(parts: Sequence[Evidence]) -> FloatArray:
+def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
     """Pulls (n_x, F) of all configurations, those of one frequency summed up."""
     each, place = np.unique(np.concatenate([part.freq_hz for part in parts]), return_inverse=True)
     total = np.zeros((len(each), len(parts[0].pull)))
@@ -135,23 +132,21 @@ def _larger(noise: FloatArray, residuals: FloatArray, A_inverse: FloatArray) -> 
     shape = noise if np.all(variance > 0) else A_inverse
     wanted, deviation = np.sqrt(np.maximum(variance, residuals)), np.sqrt(np.diag(shape))
     scale = np.divide(wanted, deviation, out=np.zeros_like(wanted), where=deviation > 0)
-    larger: FloatArray = shape * np.outer(scale, scale)
-    return larger
+    return np.asarray(shape * np.outer(scale, scale))
 
 
-def _floor(parts: Sequence[Evidence], A_inverse: FloatArray) -> FloatArray:
+def _floor(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
     """Covariance (n_x, n_x) of x if each element is off by the floor, by one random factor an octave."""
     pulls: dict[tuple[str, str, int], ComplexArray] = {}
     for part in parts:
         for key, pull in part.floor_pull.items():
             pulls[key] = pulls.get(key, 0.0) + pull
     shifts = A_inverse @ np.stack(list(pulls.values()), axis=1)
-    covariance: FloatArray = 0.5 * (shifts @ shifts.conj().T).real
-    return covariance
+    return np.asarray(0.5 * (shifts @ shifts.conj().T).real)
 
 
-def _floor_share(parts: Sequence[Evidence], expected_cost: float, dof: int) -> float:
-    """s: the share of the floor's power that V has room for beside the noise, two standard deviations of V granted."""
+def _floor_share(parts: Sequence[LineSums], expected_cost: float, dof: int) -> float:
+    """s: the share of the floor's power for which V leaves room beside the noise and two standard deviations of V."""
     power = sum(part.floor_power for part in parts)
     if power == 0:
         return 0.0

@@ -1,4 +1,4 @@
-"""Intervals beside those of the covariance, for the parameters and in the way that a study asks for."""
+"""Intervals beside those of the covariance: profile likelihood and bootstrap, as a study asks for."""
 
 from __future__ import annotations
 
@@ -20,12 +20,18 @@ from elastid.fit.uncertainty.bootstrap import bootstrap
 from elastid.fit.uncertainty.profile import profiles
 from elastid.parameters import ParameterSet
 
-# The step h that shows the curvature at the optimum, as a part of the interval: small, but V must rise beyond rounding.
-SMALL = 0.1
+# The step that shows the curvature at the optimum, as a share of the interval: small, but V must rise beyond rounding.
+SMALL_STEP = 0.1
+# The error of an interval's end, as a share of the interval, above which it is found by profile likelihood, and for how
+# many parameters at most: each costs some twenty fits.
+MAX_INTERVAL_ERROR = 0.1
+MAX_PROFILES = 6
+# Share of the repetitions of a bootstrap that may fail without a note.
+MAX_FAILED_SHARE = 0.05
 
 
-def bent(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> FloatArray:
-    """How much an interval's ends are off for each parameter (n_x,), the larger of |1 - rho|; 0 where none is known.
+def interval_errors(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> FloatArray:
+    """The error of the ends of each symmetric interval (n_x,) as a share of it, V not being quadratic; 0 without one.
 
     variance (n_x,): as the fit states it.
     """
@@ -38,45 +44,38 @@ def bent(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> FloatArr
         v = np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i]
         for side in (-QUANTILE, QUANTILE):
             whole, small = (
-                problem.evaluate(np.clip(x + step * v, lower, upper)).cost - best.cost for step in (side, SMALL * side)
+                problem.evaluate(np.clip(x + step * v, lower, upper)).cost - best.cost
+                for step in (side, SMALL_STEP * side)
             )
             if not small > 0 or not np.isfinite(whole):
                 found[i] = np.inf
             else:
-                found[i] = max(found[i], abs(1 - SMALL * np.sqrt(max(whole, 0.0) / small)))
+                found[i] = max(found[i], abs(1 - SMALL_STEP * np.sqrt(max(whole, 0.0) / small)))
     return found
 
 
-# An interval whose end is off by more than this part of it, V not being quadratic, is found by profile likelihood, of
-# at most so many parameters: each costs some twenty fits.
-BENT = 0.1
-MOST = 6
-# Repetitions that may fail before the word is said.
-FAILED = 0.05
-
-
-def further_intervals(
+def add_intervals(
     result: FitResult,
-    settled: RelinearisedOptimum,
+    optimum: RelinearisedOptimum,
     spec: FitSpec,
     execution: Execution,
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
-    x, words = settled.end.x, list(result.notes)
-    problem, variance = settled.fit.problem, np.diag(result.covariance)
+    x, words = optimum.end.x, list(result.notes)
+    problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, left = bent_names(problem, x, variance)
+        names, left = choose_profiles(problem, x, variance)
         words += _bent_words(names, left)
     else:
-        names = profiled_names(spec.profile, result.parameters)
+        names = match_names(spec.profile, result.parameters)
     if names:
         ends = profile_ends(problem, x, variance, names, execution)
         result = replace(result, profile95=_natural(result.parameters, ends))
     if spec.bootstrap:
-        kind, weights = spec.bootstrap_kind, settled.weights
-        draws = bootstrap(settled.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
+        kind, weights = spec.bootstrap_kind, optimum.weights
+        draws = bootstrap(optimum.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
-        if np.mean(~good) > FAILED:
+        if np.mean(~good) > MAX_FAILED_SHARE:
             words.append(
                 Note(
                     "bootstrap-failures",
@@ -101,11 +100,13 @@ def profile_ends(
     return np.array([rows.get(name, (np.nan, np.nan)) for name in problem.parameters.free_names])
 
 
-def bent_names(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters over whose interval V is not quadratic: the worst MOST of them in their order, and the others."""
-    off, free = bent(problem, x, variance), problem.parameters.free_names
-    worst = sorted(np.flatnonzero(off > BENT), key=lambda i: -off[i])
-    chosen, left = sorted(worst[:MOST]), sorted(worst[MOST:])
+def choose_profiles(
+    problem: LeastSquares, x: FloatArray, variance: FloatArray
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Parameters over whose interval V is not quadratic: those to profile, and those beyond the limit."""
+    off, free = interval_errors(problem, x, variance), problem.parameters.free_names
+    worst = sorted(np.flatnonzero(off > MAX_INTERVAL_ERROR), key=lambda i: -off[i])
+    chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
 
@@ -120,7 +121,7 @@ def _bent_words(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...]:
     return (Note("profiled-interval", words + (more if left else ""), severity="information"),)
 
 
-def profiled_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
+def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
     """The free parameters that names or patterns choose, in their order; StudyError for one that chooses none."""
     free = parameters.free_names
     for pattern in patterns:

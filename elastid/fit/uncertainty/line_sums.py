@@ -1,4 +1,4 @@
-"""What one configuration says about the certainty of an estimate: sums over its lines, in whitened residuals."""
+"""Sums over the lines of one configuration, in whitened residuals, from which the uncertainty is estimated."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.residuals import as_real, error_gain
-from elastid.fit.weights.weights import Weights
+from elastid.fit.weights.weights import Weights, vec
 from elastid.response import FrequencyResponse
 
 
 @dataclass(frozen=True)
-class Evidence:
+class LineSums:
     """Of one configuration, n_x free parameters and F lines.
 
     rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
@@ -44,14 +44,14 @@ class Evidence:
         return 2 * int(np.count_nonzero(self.residual))
 
 
-def evidence(part: Part, response: FrequencyResponse, weights: Weights, r: ComplexArray, J: ComplexArray) -> Evidence:
+def sum_lines(part: Part, response: FrequencyResponse, weights: Weights, r: ComplexArray, J: ComplexArray) -> LineSums:
     """The sums of one configuration from its whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u)."""
     T = _whitening(part)
-    floor = _vec(weights.floor * response.G)
+    floor = vec(weights.floor * response.G)
     noise = weights.noise_covariance()
     S = None if noise is None else T @ noise @ _H(T)
-    pulls = _vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
-    return Evidence(
+    pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
+    return LineSums(
         freq_hz=response.freq_hz,
         rows=as_real(J).reshape(len(J), -1).T,
         residual=r.reshape(len(r), -1),
@@ -83,34 +83,25 @@ def correlation_length(residuals: Sequence[ComplexArray]) -> float:
 
 
 def _whitening(part: Part) -> ComplexArray:
-    """T (F, m, m), vec column-major: how errors of Ghat appear in the whitened residuals."""
+    """T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
-    t = _vec(gain)
+    t = vec(gain)
     if part.mixing is None:
-        T: ComplexArray = t[:, :, None] * np.eye(t.shape[1])
-        return T
+        return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
     n_y, n_u = part.measured.shape[1:]
     column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
-    mixed: ComplexArray = part.mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :]
-    return mixed
-
-
-def _vec(array: ComplexArray) -> ComplexArray:
-    """(..., n_y, n_u) as (..., n_y n_u), elements of one input side by side."""
-    return np.swapaxes(array, -1, -2).reshape(*array.shape[:-2], -1)
+    return np.asarray(part.mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
 
 
 def _H(A: ComplexArray) -> ComplexArray:
-    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
-    return adjoint
+    return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 
 def _meat(J: ComplexArray, S: ComplexArray) -> FloatArray:
     """1/2 Re sum_k J_k^H S_k J_k (n_x, n_x), the covariance of J^T r under the noise S."""
-    columns = _vec(J).transpose(1, 2, 0)
-    meat: FloatArray = 0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S @ columns, axis=0).real
-    return meat
+    columns = vec(J).transpose(1, 2, 0)
+    return np.asarray(0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S @ columns, axis=0).real)
 
 
 def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:

@@ -1,10 +1,10 @@
-r"""Profile likelihood: how V rises when one parameter is held off its estimate and all others follow.
+r"""Profile likelihood: V against one parameter, minimised over all others.
 
 .. math:: V_p(x_i) = \min_{x_j, j \ne i} V(x), \qquad
           \{x_i : V_p(x_i) - V(\hat x) \le 1.96^2 c_i\}, \quad c_i = \mathrm{var}\, x_i / (A^{-1})_{ii}
 
-An interval of 95 % that need not be symmetric in x, and is one-sided where the data only bound a parameter. c_i carries
-over what the stated variance knows beyond the curvature of V: correlated elements, model error, the floor.
+An interval of 95 % that need not be symmetric in x, and is one-sided where the data only bound a parameter. c_i scales
+to the stated variance, which holds correlated elements, model error and the floor beside the curvature of V.
 (Raue et al., Bioinformatics 25, 2009, 1923.)
 """
 
@@ -24,17 +24,17 @@ from elastid.fit.result import QUANTILE
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.parameters import ParameterSet
 
-# The search for an end of the interval: steps of so many standard deviations, each FURTHER than the one before, at most
-# so many; then halved until the end is known within ENOUGH standard deviations.
+# The search for an end of the interval: steps in standard deviations, each longer than the one before by a factor, at
+# most so many; then bisection until the end is known within a tolerance in standard deviations.
 FIRST_STEP = 2.0
-FURTHER = 1.7
-STEPS = 8
-ENOUGH = 0.02
+STEP_GROWTH = 1.7
+MAX_STEPS = 8
+END_TOLERANCE = 0.02
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Of one parameter: the interval in x, infinite to a side that no data limit, and the points (n,) of V_p found."""
+    """Of one parameter: the interval in x, infinite where the data give no bound, and the points (n,) of V_p found."""
 
     name: str
     interval: tuple[float, float]
@@ -59,7 +59,7 @@ def profiles(
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldProblem:
     """A problem with one variable held: the same V of the others."""
 
     problem: LeastSquares
@@ -68,7 +68,7 @@ class Held:
 
     @property
     def reduced(self) -> LeastSquares:
-        """As solvers want it."""
+        """The problem of the others."""
         parameter = self.problem.parameters.free[self.place]
         parameters = ParameterSet(
             tuple(replace(p, free=False) if p.name == parameter.name else p for p in self._untied(parameter.name))
@@ -94,7 +94,7 @@ class Held:
         return np.delete(np.arange(len(self.problem.parameters.free)), self.place)
 
     def _untied(self, name: str) -> ParameterSet:
-        """Those without what is tied to the held one, which the whole problem moves anyway."""
+        """The parameters without those tied to the held one, which the whole problem moves."""
         every = self.problem.parameters
         return ParameterSet(tuple(p for p in every if p.tie is None or name not in (p.tie.to, p.tie.by)))
 
@@ -122,7 +122,7 @@ class _Work:
         """Where V_p crosses the level on one side; infinite where it does not before the bound."""
         here, deviation = float(self.x[place]), math.sqrt(float(self.variance[place]))
         rest, inside, step = np.delete(self.x, place), here, FIRST_STEP * deviation
-        for _ in range(STEPS):
+        for _ in range(MAX_STEPS):
             outside = max(inside - step, bound) if side < 0 else min(inside + step, bound)
             rest, cost = self._lowest(place, outside, rest)
             found[outside] = cost
@@ -130,7 +130,7 @@ class _Work:
                 break
             if outside == bound:
                 return side * math.inf
-            inside, step = outside, FURTHER * step
+            inside, step = outside, STEP_GROWTH * step
         else:
             return side * math.inf
         return self._crossing(place, (inside, outside), level, rest, found)
@@ -139,14 +139,14 @@ class _Work:
         self, place: int, ends: tuple[float, float], level: float, rest: FloatArray, found: dict[float, float]
     ) -> float:
         inside, outside = ends
-        while abs(outside - inside) > ENOUGH * math.sqrt(float(self.variance[place])):
+        while abs(outside - inside) > END_TOLERANCE * math.sqrt(float(self.variance[place])):
             middle = 0.5 * (inside + outside)
             rest, found[middle] = self._lowest(place, middle, rest)
             inside, outside = (middle, outside) if found[middle] <= level else (inside, middle)
         return 0.5 * (inside + outside)
 
     def _lowest(self, place: int, value: float, rest: FloatArray) -> tuple[FloatArray, float]:
-        held = Held(self.problem, place, value)
+        held = HeldProblem(self.problem, place, value)
         try:
             end = solve(held.reduced, rest, FINE)
         except FitError:  # no model there

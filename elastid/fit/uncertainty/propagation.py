@@ -1,4 +1,4 @@
-r"""What the uncertainty of the parameters means for the model's modes and frequency responses.
+r"""Uncertainty of the parameters propagated to modes and frequency responses.
 
 .. math:: \frac{d\lambda}{dx} = - \frac{\phi^T (\lambda^2\, dM + \lambda\, dD + dK)\, \phi}
                                         {\phi^T (2 \lambda M + D)\, \phi}, \qquad
@@ -33,7 +33,7 @@ class UncertainModes:
 def uncertain_modes(
     model: LinearModel, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
 ) -> UncertainModes:
-    """The oscillating modes at x (n_x,) whose covariance is (n_x, n_x); infinite deviations where that one's are."""
+    """The oscillating modes at x (n_x,) of covariance (n_x, n_x); infinite deviations where they need infinite ones."""
     where = model.configuration.name
     theta = parameters.expand(x, where)
     found = modes(model, theta)
@@ -51,7 +51,7 @@ def uncertain_modes(
 def response_deviation(
     model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
-    """G (F, n_y, n_u) and the standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) that the covariance of x leaves."""
+    """G (F, n_y, n_u) and the standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) by the covariance of x."""
     where = model.configuration.name
     kernel = Kernel(model, freq_hz, parameters.moved(where))
     G, dG = kernel.evaluate(parameters.expand(x, where))

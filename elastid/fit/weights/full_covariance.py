@@ -17,9 +17,9 @@ from elastid.response import Covariance, FrequencyResponse
 
 # Degrees of freedom for each correlated element from which `auto` takes the full covariance: its weights then make the
 # variance of the estimate 1 / 9 larger than those of a known one.
-ENOUGH = 10
+MIN_DOF_PER_ELEMENT = 10
 # The smallest eigenvalue of the correlations, beside the largest, that is not taken for rounding.
-SINGULAR = 1e-10
+EIGENVALUE_TOLERANCE = 1e-10
 
 
 def correlated_noise(
@@ -41,7 +41,7 @@ def correlated_noise(
             "its noise; take auto or diagonal, or measure more periods or realisations"
         )
     m = _correlated_elements(known)
-    if known.dof <= m or (not asked and known.dof < ENOUGH * m):
+    if known.dof <= m or (not asked and known.dof < MIN_DOF_PER_ELEMENT * m):
         if not asked:
             return None
         raise DataError(
@@ -65,7 +65,7 @@ def correlated_noise(
     return noise
 
 
-def unmixing(
+def whitening(
     noise: ComplexArray, floor: FloatArray, sigma: FloatArray, phase: ComplexArray | FloatArray
 ) -> ComplexArray:
     """L^-1 diag(sigma phase) (F, m, m) that whitens errors relative to sigma; elements in the order of G, row by row.
@@ -100,7 +100,7 @@ def _flaw(response: FrequencyResponse, R: ComplexArray, sigma: FloatArray) -> st
     diagonal = np.arange(R.shape[1])
     part[:, diagonal, diagonal] = 1.0
     values = np.linalg.eigvalsh(part)
-    bad = np.flatnonzero(values[:, 0] < SINGULAR * values[:, -1])
+    bad = np.flatnonzero(values[:, 0] < EIGENVALUE_TOLERANCE * values[:, -1])
     if not bad.size:
         return ""
     return (

@@ -11,12 +11,12 @@ from elastid.base.arrays import ComplexArray, FloatArray
 
 # Degrees of freedom behind each weight. Inverse-variance weights from nu of them make the estimate's standard deviation
 # sqrt((nu - 1) / (nu - 2)) too large: 2 % for 24.
-SUPPORT = 24
+MIN_DOF = 24
 # A line whose variance exceeds the smooth one by more than chance allows (once in a thousand lines) keeps its own.
-CHANCE = 1e-3
+OUTLIER_PROBABILITY = 1e-3
 
 
-def smoothed(
+def smooth_variance(
     variance: FloatArray, G: ComplexArray, dof: float, width: int = 0, weakness: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     r"""Sample variances (F,) of one element, each from few degrees of freedom, smoothed over `width` lines.
@@ -28,7 +28,7 @@ def smoothed(
     follows them; b is 1 where noise sets the level, 0 where distortion does, which grows with the excitation. weakness
     (F,): w, the inverse of the power of the input, where it is known; its spectrum may jump from line to line. The
     mean of logarithms follows a variance that changes by decades. c makes the weight 1 / v~ unbiased, E[1/v~] = 1/v,
-    for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give SUPPORT degrees of freedom.
+    for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give MIN_DOF degrees of freedom.
     A line that is noisier than chance allows keeps its own variance; one of zero variance takes its neighbours'.
 
     Returns v~, and the same with c such that E[v~] = v (F,); zeros where no line has a variance.
@@ -37,7 +37,7 @@ def smoothed(
     n = int(known.sum())
     if n == 0:
         return np.zeros_like(variance), np.zeros_like(variance)
-    width = min((width or math.ceil(SUPPORT / dof)) // 2 * 2 + 1, n)
+    width = min((width or math.ceil(MIN_DOF / dof)) // 2 * 2 + 1, n)
     log_v = np.log(variance[known])
     followed = [_log(np.abs(G[known]) ** 2)] + ([] if weakness is None else [_log(weakness[known])])
     shape = _shape(log_v, np.array(followed), width)
@@ -95,5 +95,5 @@ def _moment(power: int, dof: float, width: int) -> float:
 
 
 def _largest_by_chance(dof: float) -> float:
-    """The factor over its mean that a sample variance exceeds with probability CHANCE."""
-    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - CHANCE) / dof)
+    """The factor over its mean that a sample variance exceeds with probability OUTLIER_PROBABILITY."""
+    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - OUTLIER_PROBABILITY) / dof)

@@ -2,8 +2,8 @@ r"""How much each element of a measured response counts in the fit.
 
 .. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
 
-v~ is the measured variance, smoothed over neighbouring lines (`smoothed`), alpha the floor of the study: model error
-that is expected anyway. sigma is infinite where an element is left out. Elements with correlated errors may be weighted
+v~ is the measured variance, smoothed over neighbouring lines (`smoothed_variance`), alpha the floor of the study: a
+model error to expect. sigma is infinite where an element is left out. Elements with correlated errors may be weighted
 by their full covariance (`full_covariance`).
 """
 
@@ -20,7 +20,7 @@ from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
 from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
 from elastid.fit.weights.full_covariance import correlated_noise
-from elastid.fit.weights.smoothed_variance import smoothed
+from elastid.fit.weights.smoothed_variance import smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
 
@@ -113,7 +113,7 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
     return Weights(sigma, response.uncertainty, scale, floor, tuple(notes), factor, correlated)
 
 
-def one_by_one(spec: FitSpec) -> FitSpec:
+def with_diagonal_weights(spec: FitSpec) -> FitSpec:
     """The same without correlated weights unless asked for: how a covariance will weigh that is yet to be measured."""
     if spec.weights.covariance == "full":
         return spec
@@ -165,7 +165,7 @@ def _smoothed_elements(response: FrequencyResponse, known: Covariance, width: in
     for i, j in np.ndindex(response.G.shape[1:]):
         weakness = None if known.left is None else known.left[:, j, j].real
         v, G = known.variance[:, i, j], response.G[:, i, j]
-        smooth[:, i, j], unbiased[:, i, j] = smoothed(v, G, known.dof, width, weakness)
+        smooth[:, i, j], unbiased[:, i, j] = smooth_variance(v, G, known.dof, width, weakness)
     return smooth, unbiased
 
 

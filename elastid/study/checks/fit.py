@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
 from elastid.base.errors import StudyError
-from elastid.fit.setup.groups import OF
+from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FactorSpec, MaskSpec, misnamed
 from elastid.study.checks.names import (
@@ -41,7 +41,7 @@ def _check_groups(study: Study) -> Iterator[Problem]:
     for key, spec in fit.parameters.items():
         per = spec.per if isinstance(spec.per, dict) else {}
         given += [((*_PARAMETERS, key, "per", group), names) for group, names in per.items()]
-        base, _, one = key.partition(OF)
+        base, _, one = key.partition(SEPARATOR)
         each = any(p.per == "configuration" for k, p in fit.parameters.items() if fnmatchcase(k, base) or k == base)
         if one and each and not any(fnmatchcase(name, one) for name in configurations):
             yield unknown((*_PARAMETERS, key), "configuration", one, configurations)
@@ -71,7 +71,7 @@ def _check_profile(study: Study) -> Iterator[Problem]:
     """Parameters whose profile is requested are identified."""
     if isinstance(study.fit.profile, str):
         return
-    from elastid.fit.uncertainty.intervals import profiled_names  # brings CasADi, which few checks need
+    from elastid.fit.uncertainty.intervals import match_names  # brings CasADi, which few checks need
 
     try:
         parameters = choose(study.fit, study.robot, list(study.experiment.configurations))
@@ -79,7 +79,7 @@ def _check_profile(study: Study) -> Iterator[Problem]:
         return  # reported where the parameters are checked
     for i, pattern in enumerate(study.fit.profile):
         try:
-            profiled_names([pattern], parameters)
+            match_names([pattern], parameters)
         except StudyError as error:
             yield Problem(("fit", "profile", i), str(error).removeprefix("fit.profile: "))
 
@@ -88,7 +88,7 @@ def _check_geometry(study: Study) -> Iterator[Problem]:
     """Coordinates to be identified start where the robot can be assembled, and keep the ends of springs apart."""
     if not named_geometry(study.fit.parameters, study.robot):
         return
-    from elastid.fit.setup.geometry import refusals  # brings CasADi, which few checks need
+    from elastid.fit.setup.geometry import geometry_problems  # brings CasADi, which few checks need
 
     configurations = study.experiment.configurations
     if any(study.robot.count_refusal(len(angles)) for angles in configurations.values()):
@@ -97,7 +97,7 @@ def _check_geometry(study: Study) -> Iterator[Problem]:
         parameters = choose(study.fit, study.robot, tuple(configurations))
     except StudyError:
         return  # reported where the parameters are checked
-    for name, message in refusals(parameters, study.robot, configurations):
+    for name, message in geometry_problems(parameters, study.robot, configurations):
         keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
         yield Problem((*_PARAMETERS, *keys[-1:]), message)
         return
