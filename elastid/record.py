@@ -9,12 +9,12 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value
 from elastid.base.note import Note
 from elastid.base.units import of_translation
 
@@ -33,7 +33,7 @@ def motion_unit(quantity: Motion, slides: bool) -> str:
     return of_translation(MOTION_UNIT[quantity]) if slides else MOTION_UNIT[quantity]
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Configuration:
     """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name."""
 
@@ -41,25 +41,25 @@ class Configuration:
     angles: FloatArray
 
     def __post_init__(self) -> None:
-        """Freeze the angles; refuse what is not finite."""
+        """A single angle is one of one joint; refuse angles that are not finite."""
         object.__setattr__(self, "angles", frozen(np.atleast_1d(self.angles)))
         if not np.all(np.isfinite(self.angles)):
             raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Record:
     """One experiment, sampled at rate_hz, periodic with period_samples.
 
-    u (n_samples, n_u): torque that acts, Nm.  y (n_samples, n_y): motion, each output of its own quantity.
-    r (n_samples, n_u) or None: torque that was injected.  rate_is_known is False where frequencies are in units of
-    the sampling rate (rate_hz = 1).  All on the link side.  hold: what the torque does between its samples;
-    `zero-order` where u is the controller's command, constant from each sample to the next.  half_wave: odd lines
-    only, so that the second half of a period is minus the first and each half counts as a repetition.  repairs: what
-    was mended in the log, and how often.  left_out: repetitions, counted from 0, that are no measurement but filled in.
-    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.
+    u (n_samples, n_u): acting torque, Nm.  y (n_samples, n_y): motion, each output of its own quantity.
+    r (n_samples, n_u) or None: injected torque.  rate_is_known is False where frequencies are in units of the sampling
+    rate (rate_hz = 1).  All on the link side.  hold: of the torque between its samples; `zero-order` where u is the
+    controller's command, constant from each sample to the next.  half_wave: odd lines only, so that the second half of
+    a period is minus the first and each half counts as a repetition.  repairs: counts by the kind of repair of the log.
+    left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
+    that translate, in N and m instead of Nm and rad.
 
-    Raises ValueError where shapes disagree or no whole period is there.
+    Raises ValueError where shapes disagree or the record holds no whole period.
     """
 
     name: str
@@ -83,11 +83,7 @@ class Record:
     sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check shapes, names and length."""
-        for name in ("u", "y"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        if self.r is not None:
-            object.__setattr__(self, "r", frozen(self.r))
+        """Check shapes, names and length."""
         n = self.u.shape[0]
         expected = {"u": (n, len(self.inputs)), "y": (n, len(self.outputs)), "r": (n, len(self.inputs))}
         for name, shape in expected.items():
@@ -114,17 +110,17 @@ class Record:
 
     @property
     def n_samples(self) -> int:
-        """How many samples each signal has."""
+        """Samples of each signal."""
         return int(self.u.shape[0])
 
     @property
     def repeat_samples(self) -> int:
-        """After how many samples the signals repeat: a period, or half of one (then with opposite sign)."""
+        """Samples after which the signals repeat: a period, or half of one (then with opposite sign)."""
         return self.period_samples // 2 if self.half_wave else self.period_samples
 
     @property
     def n_periods(self) -> int:
-        """How many whole periods the record holds."""
+        """Whole periods in the record."""
         return self.n_samples // self.period_samples
 
     def hold_response(self, freq_hz: FloatArray) -> ComplexArray:
@@ -132,8 +128,8 @@ class Record:
 
         .. math:: H = e^{-j \pi f T_s} \frac{\sin \pi f T_s}{\pi f T_s}, \quad T_s = 1 / rate\_hz \quad (zero-order)
 
-        1 for a band-limited torque. Half a sample of delay and, at a tenth of the rate, 1.6 % of amplitude; a FRF that
-        leaves it out has them as a delay and a wrong inertia.
+        1 for a band-limited torque. The hold delays by half a sample and costs 1.6 % of amplitude at a tenth of the
+        rate; a response estimated without it has a delay and a wrong inertia instead.
         """
         phase = np.asarray(freq_hz) / self.rate_hz
         H = np.exp(-1j * np.pi * phase) * np.sinc(phase) if self.hold == "zero-order" else np.ones(phase.shape)

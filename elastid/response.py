@@ -1,24 +1,36 @@
-"""FrequencyResponse: G(j omega) of one configuration with its covariance, measured and modelled alike.
+"""FrequencyResponse: G(j omega) of one configuration with its covariance and quality, measured and modelled alike.
 
     Y(k) = G(k) U(k),   G (F, n_y, n_u)
 
-Both wings end in this value. All on the link side, outputs of one quantity (acceleration unless said otherwise).
+Measurement and model both end in this value. All on the link side, outputs of one quantity (acceleration unless stated
+otherwise).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import field, fields, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.note import Note
 from elastid.record import MOTION_ORDER, Configuration, Motion, motion_unit
 
+CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
+# Arrays of a Quality with the lines of its response.
+LINE_ARRAYS = (
+    "coherence",
+    "multiple_coherence",
+    "singular_values",
+    "input_singular_values",
+    "input_noise",
+    "output_noise",
+)
 
-@dataclass(frozen=True)
+
+@frozen_value
 class Levels:
     """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
 
@@ -29,21 +41,16 @@ class Levels:
     amplitude: FloatArray
     noise: FloatArray
 
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in fields(self):
-            object.__setattr__(self, name.name, frozen(getattr(self, name.name)))
 
-
-@dataclass(frozen=True)
+@frozen_value
 class Quality:
-    """Of the same F lines as the response, but for even and odd.
+    """Quality of a response at its F lines; even and odd have lines of their own.
 
     coherence (F, n_y, n_u) and multiple_coherence (F, n_y), of single periods.  singular_values (F, min(n_y, n_u)) of
     G, largest first.  input_singular_values (F, n_u) of the experiments' inputs, each input relative to its RMS: their
     ratio is the condition of the input matrix.  input_noise (F, n_u) and output_noise (F, n_y): variance in one period.
     excited: the outputs.  stochastic (F, n_y): RMS amplitude of the stochastic nonlinear distortion in them, or None.
-    even, odd: what nonlinearities of even and odd order leave at lines that were not excited, Y - G U, or None.
+    even, odd: Y - G U at lines that were not excited, from nonlinearities of even and odd order, or None.
     """
 
     coherence: FloatArray
@@ -57,19 +64,12 @@ class Quality:
     even: Levels | None = None
     odd: Levels | None = None
 
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in (*LINE_ARRAYS, "stochastic"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen(getattr(self, name)))
-
     @property
     def condition(self) -> FloatArray:
         """Condition (F,) of the input matrix, each input relative to its RMS; inf where it is singular."""
         largest, smallest = self.input_singular_values[:, 0], self.input_singular_values[:, -1]
         with np.errstate(over="ignore"):
-            condition: FloatArray = np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0)
-        return condition
+            return np.asarray(np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0))
 
     def lines(self, keep: BoolArray) -> Quality:
         """The same on some of the response's lines; keep (F,) is True where a line stays."""
@@ -79,20 +79,7 @@ class Quality:
         return replace(self, **cut, excited=excited, stochastic=stochastic)
 
 
-LINE_ARRAYS = (
-    "coherence",
-    "multiple_coherence",
-    "singular_values",
-    "input_singular_values",
-    "input_noise",
-    "output_noise",
-)
-
-
-CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
-
-
-@dataclass(frozen=True)
+@frozen_value
 class Covariance:
     """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
 
@@ -110,17 +97,13 @@ class Covariance:
     matrix: ComplexArray | None = None
 
     def __post_init__(self) -> None:
-        """Freeze the arrays; refuse negative or non-finite variances."""
-        object.__setattr__(self, "variance", frozen(self.variance))
-        for name in ("left", "right", "matrix"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen(getattr(self, name), np.complex128))
+        """Refuse negative or non-finite variances."""
         if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
             raise ValueError("a variance is negative or not finite")
 
     @property
     def form(self) -> CovarianceForm:
-        """Whether correlations between the elements are known."""
+        """The form, by the factors that are known."""
         if self.matrix is not None:
             return "full"
         return "diagonal" if self.left is None else "kronecker"
@@ -131,8 +114,7 @@ class Covariance:
         if self.matrix is not None:
             return self.matrix
         if self.left is not None and self.right is not None:
-            blocks: ComplexArray = np.einsum("fab,fcd->facbd", self.left, self.right)
-            return blocks.reshape(F, n_u * n_y, n_u * n_y)
+            return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
         diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
         return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
 
@@ -142,14 +124,14 @@ class Covariance:
         return Covariance(self.variance[keep], self.dof, left, right, matrix)
 
 
-@dataclass(frozen=True)
+@frozen_value
 class FrequencyResponse:
     """G (F, n_y, n_u) at freq_hz (F,), complex, in `quantity` per Nm on the link side.
 
     noise: covariance of the disturbing noise (from periods), or None.  total: noise and stochastic nonlinear
     distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
     distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
-    quality: how well it was measured, or None.  repairs: what was mended in its records, and how often.
+    quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
     sliding: inputs and outputs that translate, in N and m instead of Nm and rad.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
@@ -171,9 +153,7 @@ class FrequencyResponse:
     sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check them."""
-        object.__setattr__(self, "freq_hz", frozen(self.freq_hz))
-        object.__setattr__(self, "G", frozen(self.G, np.complex128))
+        """Check the arrays."""
         shape = (len(self.freq_hz), len(self.outputs), len(self.inputs))
         where = f"response of {self.configuration.name}"
         if self.G.shape != shape:
@@ -195,19 +175,19 @@ class FrequencyResponse:
 
     @property
     def unit(self) -> str:
-        """Unit of G; several where some places turn and others slide."""
+        """Unit of G; several where some places rotate and others slide."""
         torques = dict.fromkeys("N" if place in self.sliding else "N*m" for place in self.inputs)
         return f"({self.output_unit})/({' or '.join(torques)})"
 
     @property
     def output_unit(self) -> str:
-        """Unit of the outputs; several where some turn and others slide."""
+        """Unit of the outputs; several where some rotate and others slide."""
         units = dict.fromkeys(motion_unit(self.quantity, place in self.sliding) for place in self.outputs)
         return " or ".join(units)
 
     @property
     def uncertainty(self) -> Covariance | None:
-        """The covariance to weigh with: total where realisations gave one, else noise."""
+        """The covariance that gives the weights of a fit: total where realisations gave one, else noise."""
         return self.total if self.total is not None else self.noise
 
     def lines(self, keep: BoolArray) -> FrequencyResponse:
@@ -244,7 +224,7 @@ def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyRespo
         noise=_scaled(response.noise, power),
         total=_scaled(response.total, power),
         distortion=_scaled(response.distortion, power),
-        quality=None,  # it speaks of the outputs as they were measured
+        quality=None,  # it belongs to the outputs as they were measured
     )
 
 

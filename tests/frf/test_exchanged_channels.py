@@ -68,7 +68,7 @@ def test_an_inertia_turned_round_is_told_with_the_lines_that_show_it() -> None:
     right = FrequencyResponse(FREQ_HZ, np.ones((60, 1, 1)), place, place, "acceleration", configuration, noise)
     assert said(pairing_words(right)) == ()
     (word,) = said(pairing_words(replace(right, G=-right.G)))
-    assert "is negative beyond noise at 60 of 60 lines, so the motor would feed on its load" in word
+    assert "is negative beyond noise at 60 of 60 lines, so the motor would be driven by its load" in word
 
 
 def test_a_response_of_zeros_is_no_exchange() -> None:

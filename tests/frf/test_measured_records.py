@@ -103,7 +103,7 @@ def test_bench_halves_agree_within_what_their_variances_say(bench: Record) -> No
 
 @pytest.mark.parametrize("turned", ["u", "y"])
 def test_bench_with_a_channel_turned_round_is_told(bench: Record, turned: str) -> None:
-    """The motor would feed on its load."""
+    """The motor would be driven by its load."""
     assert not any("sign" in note for note in said(estimate([bench], SPEC).notes))
     record = replace(bench, u=-bench.u) if turned == "u" else replace(bench, y=bench.y * [-1, 1])
     assert "the sign of y or of u at motor 1 looks wrong" in said(estimate([record], SPEC).notes)[-1]

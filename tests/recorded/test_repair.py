@@ -134,7 +134,7 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     many[rng.choice(P * N, 60, replace=False), 0] += 1.0
     repaired = despiked(many, N, 1, LOG)
     np.testing.assert_array_equal(repaired.signals, many)
-    assert "stand out of the others; so many are left as they are" in repaired.findings[0].word
+    assert "differ from the other periods: too many for spikes, left unchanged" in repaired.findings[0].word
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
     assert despiked(burst, N, 1, LOG).findings == ()

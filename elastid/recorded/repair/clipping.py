@@ -11,19 +11,22 @@ from elastid.recorded.repair.quantisation import step
 
 CLIPPED = "samples at a limit"
 # So many equal samples in a row are no peak.
-_RUN = 2
+_MIN_RUN = 2
 # Between two visits to a limit the signal leaves it by this part of its span.
-_AWAY = 0.05
-# A lone peak of a period may be flat; a limit is met at several places of a period.
-_PLACES = 3
-# Below this part of a channel a limit is worth a word, above it the response is another one.
-MOST = 0.05
-_FEWEST = 0.002
-_SAME = 1e-9
+_MIN_DEPARTURE = 0.05
+# A single peak of a period may be flat; a limit is met at several places of a period.
+_MIN_PLACES = 3
+# Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
+_MIN_CLIPPED_SHARE = 0.002
+_MAX_CLIPPED_SHARE = 0.05
+# Values this close, as a part of the span, are equal.
+_EQUAL_TOLERANCE = 1e-9
+# Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
+_MAX_STEP_SHARE = 0.01
 
 
 def clipped(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
-    """A word for each channel of signals (n, c), finite, that meets its limits; DataError above 5 % of its samples."""
+    """A word on each channel of signals (n, c), finite, that meets its limits; DataError above 5 % of its samples."""
     findings = []
     for c, name in enumerate(log.names):
         x = signals[:, c]
@@ -31,24 +34,22 @@ def clipped(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
         runs = _long_runs(at_limit)
         places = _visits(x, runs)
         share = float(runs.mean())
-        if share < _FEWEST or places < _PLACES * max(1, len(x) // L):
+        if share < _MIN_CLIPPED_SHARE or places < _MIN_PLACES * max(1, len(x) // L):
             continue
         what = f"{name}: {int(runs.sum())} of {len(x)} samples ({100 * share:.2g} %) are at its limits of "
         what += f"{np.min(x):.4g} and {np.max(x):.4g}"
-        if share > MOST:
+        if share > _MAX_CLIPPED_SHARE:
             raise DataError(f"{log.where}: {what}: it is clipped; measure again with less torque or a wider range")
         findings.append(Finding(CLIPPED, int(runs.sum()), f"{what}: clipped there, measure with less torque"))
     return tuple(findings)
 
 
 def _at_limit(x: FloatArray) -> BoolArray:
-    """A limit is a value that the signal reaches from one side only and holds exactly."""
+    """Flags (n,) of the samples at the highest or lowest value."""
     span = np.max(x) - np.min(x)
-    # Coarse steps make flat peaks, of which nobody can tell whether they are clipped.
-    if step(x) > 0.01 * span:
+    if step(x) > _MAX_STEP_SHARE * span:
         return np.zeros(len(x), dtype=np.bool_)
-    near: BoolArray = (np.max(x) - x <= _SAME * span) | (x - np.min(x) <= _SAME * span)
-    return near
+    return np.asarray((np.max(x) - x <= _EQUAL_TOLERANCE * span) | (x - np.min(x) <= _EQUAL_TOLERANCE * span))
 
 
 def _long_runs(flags: BoolArray) -> BoolArray:
@@ -56,13 +57,13 @@ def _long_runs(flags: BoolArray) -> BoolArray:
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
     long_runs = np.zeros(len(flags), dtype=np.bool_)
     for start, end in zip(starts, ends, strict=True):
-        long_runs[start:end] = end - start >= _RUN
+        long_runs[start:end] = end - start >= _MIN_RUN
     return long_runs
 
 
 def _visits(x: FloatArray, runs: BoolArray) -> int:
-    """How often a signal comes to a limit from well away of it."""
+    """Number of times that a signal comes to a limit from well away of it."""
     span = np.ptp(x)
-    is_away = (np.max(x) - x > _AWAY * span) & (x - np.min(x) > _AWAY * span)
+    is_away = (np.max(x) - x > _MIN_DEPARTURE * span) & (x - np.min(x) > _MIN_DEPARTURE * span)
     state = (runs.astype(int) - is_away)[runs | is_away]
     return int(np.sum(np.diff(state) == 2))

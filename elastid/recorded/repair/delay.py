@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.recorded.repair.repeats import blocks
 
 # Correlation at the best delay at least; below, the signals are not the same.
 MIN_CORRELATION = 0.5
+_NEWTON_STEPS = 5
 
 
 def delay(first: FloatArray, second: FloatArray, N: int) -> tuple[float, float]:
@@ -23,13 +24,26 @@ def delay(first: FloatArray, second: FloatArray, N: int) -> tuple[float, float]:
     size = np.sqrt(np.sum(np.abs(X[1:]) ** 2) * np.sum(np.abs(Y[1:]) ** 2))
     at = int(np.argmax(together))
     whole = at - N if at > N // 2 else at
-    turns = 2j * np.pi * np.arange(len(C)) / N
-    tau = float(whole)
-    for _ in range(5):
-        phasor = C * np.exp(turns * tau)
-        bend = float(np.sum((turns**2 * phasor).real))
+    tau = refined_shift(C, N, float(whole))
+    return tau, correlation(C, N, tau) / size if size > 0 else 0.0
+
+
+def correlation(C: ComplexArray, N: int, shift: float) -> float:
+    """Re sum_k C_k exp(2 pi j k shift / N) of a cross-spectrum (N // 2 + 1,)."""
+    return float(np.sum((C * np.exp(_turns(C, N) * shift)).real))
+
+
+def refined_shift(C: ComplexArray, N: int, shift: float) -> float:
+    """The maximum of the correlation near a shift, by Newton's method; as it is where it is near no maximum."""
+    turns = _turns(C, N)
+    for _ in range(_NEWTON_STEPS):
+        phasor = C * np.exp(turns * shift)
+        slope, bend = float(np.sum((turns * phasor).real)), float(np.sum((turns**2 * phasor).real))
         if bend >= 0:
-            break
-        tau -= float(np.clip(np.sum((turns * phasor).real) / bend, -0.5, 0.5))
-    best = float(np.sum((C * np.exp(turns * tau)).real))
-    return tau, best / size if size > 0 else 0.0
+            return shift
+        shift -= float(np.clip(slope / bend, -0.5, 0.5))
+    return shift
+
+
+def _turns(C: ComplexArray, N: int) -> ComplexArray:
+    return (2j * np.pi * np.arange(len(C)) / N).astype(np.complex128)

@@ -1,4 +1,4 @@
-"""What was found in a log: a word for the user, and a count that is kept with the result."""
+"""Finding: a fault of a log, as a sentence for the user and a count that is kept with the result."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from elastid.base.arrays import FloatArray
 
 @dataclass(frozen=True)
 class Finding:
-    """what: the kind of repair, under which counts are added up.  word: what, where, how many, what was done."""
+    """what: the kind of repair, by which counts are added up.  word: the fault, its place, its size, and the repair."""
 
     what: str
     count: int
@@ -20,7 +20,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Repaired:
-    """signals (n, c) after a repair; left_out: repetitions, counted from 0, that are no measurement any more."""
+    """signals (n, c) after a repair; left_out: repetitions, counted from 0, that no longer count as measured."""
 
     signals: FloatArray
     findings: tuple[Finding, ...] = ()
@@ -29,7 +29,7 @@ class Repaired:
 
 @dataclass(frozen=True)
 class Log:
-    """How words name a log's channels and times. first: number in the file of the first sample."""
+    """Names of a log, its channels and its times in messages. first: number in the file of the first sample."""
 
     where: str
     names: tuple[str, ...]

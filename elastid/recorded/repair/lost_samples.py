@@ -14,20 +14,20 @@ from elastid.recorded.repair.repeats import flat
 
 DROPPED = "lost samples put back"
 DOUBLED = "doubled samples taken out"
-FEWEST_PERIODS = 4
-# Larger shifts, as a part of the period, are something else.
-_LARGEST = 0.02
-# A shift must explain most of what does not repeat.
-_CLEARLY = 0.5
+_MIN_PERIODS = 4
+# Larger shifts, as a part of the period, have other causes.
+_MAX_SHIFT = 0.02
+# A shift must leave at most this part of the power that does not repeat.
+_MAX_REMAINING_SHARE = 0.5
 
 
 def realigned(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Repaired:
     """Signals (n, c) with all periods in step, from the shifts of drivers (n, d), finite signals of the generator.
 
-    As they are where there are fewer than four periods, no shift, or one at most periods (a wrong period).
+    Unchanged where there are fewer than four periods, no shift, or one at most periods (a wrong period).
     """
     P = len(drivers) // N
-    if P < FEWEST_PERIODS:
+    if P < _MIN_PERIODS:
         return Repaired(signals)
     X = np.stack([flat(x, N) for x in drivers.T], axis=2)
     size = np.sqrt(np.mean(X**2, axis=(0, 1)))
@@ -64,23 +64,20 @@ def _reference(X: FloatArray) -> FloatArray:
     """The mean (N, d) of the two consecutive periods that agree best, later ones first where all do."""
     apart = np.sum((X[1:] - X[:-1]) ** 2, axis=(1, 2))
     best = len(apart) - 1 - int(np.argmin(apart[::-1]))
-    mean: FloatArray = (X[best] + X[best + 1]) / 2
-    return mean
+    return np.asarray((X[best] + X[best + 1]) / 2)
 
 
 def _cross(X: FloatArray, reference: FloatArray) -> FloatArray:
     """Circular cross-correlation (P, N) of periods (P, N, d) with one (N, d) or with one for each."""
     F = np.fft.rfft(X, axis=1) * np.fft.rfft(reference, axis=-2).conj()
-    together: FloatArray = np.fft.irfft(F.sum(axis=2), X.shape[1], axis=1)
-    return together
+    return np.fft.irfft(F.sum(axis=2), X.shape[1], axis=1)
 
 
 def _best_lags(together: FloatArray) -> IntArray:
     """The lag (P,), within 2 % of the period, of the highest correlation."""
-    reach = max(2, int(_LARGEST * together.shape[1]))
+    reach = max(2, int(_MAX_SHIFT * together.shape[1]))
     offsets = np.arange(-reach, reach + 1)
-    best: IntArray = offsets[np.argmax(together[:, offsets], axis=1)]
-    return best
+    return np.asarray(offsets[np.argmax(together[:, offsets], axis=1)])
 
 
 def _lags(X: FloatArray, reference: FloatArray) -> IntArray:
@@ -91,12 +88,11 @@ def _lags(X: FloatArray, reference: FloatArray) -> IntArray:
     usual = int(values[np.argmax(counts)])
     power = np.sum(X**2, axis=(1, 2)) + np.sum(reference**2)
     left, unexplained = (power - 2 * together[np.arange(len(X)), lag] for lag in (best, usual))
-    lags: IntArray = np.where(left < _CLEARLY * unexplained, best, usual)
-    return lags
+    return np.where(left < _MAX_REMAINING_SHARE * unexplained, best, usual)
 
 
 def _split(x: FloatArray, reference: FloatArray, old: int, new: int) -> int:
-    """After how many of two periods (2 N, d) the shift changes."""
+    """Sample of two periods (2 N, d) at which the shift changes."""
     twice = np.tile(reference, (2, 1))
     before, after = (np.sum((x - np.roll(twice, lag, axis=0)) ** 2, axis=1) for lag in (old, new))
     return int(np.argmin(np.concatenate([[0.0], np.cumsum(before - after)])))

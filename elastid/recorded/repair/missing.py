@@ -1,4 +1,4 @@
-"""Missing samples (NaN) are filled from the same phase of the other repetitions, or their repetition does not count."""
+"""Missing samples (NaN), filled from the same phase of the other repetitions, or their repetition does not count."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from elastid.recorded.repair.finding import Finding, Log, Repaired
 from elastid.recorded.repair.repeats import expected
 
 FILLED = "missing samples filled"
-# A repetition that lacks more than this part of a channel is filled but not counted as a measurement.
-MOST_OF_A_REPETITION = 0.1
-# Beyond this part of a channel it is no measurement at all.
-MOST = 1 / 3
-# So many good samples on either side tell how far the signal is from the other repetitions there.
-_BESIDE = 8
+# A repetition that lacks more than this part of a channel is filled but does not count as a measurement.
+_MAX_MISSING_OF_REPETITION = 0.1
+# A channel that lacks more than this part is refused.
+_MAX_MISSING_SHARE = 1 / 3
+# Good samples on either side of a gap that give the distance of the signal from the other repetitions.
+_SAMPLES_BESIDE = 8
 
 
 def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
@@ -35,10 +35,10 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         result[:, c] = _filled(whole[:, c], good[:, c], L, sign)
         findings.append(Finding(FILLED, int(np.sum(~good[:, c])), _word(good[:, c], log, int(c))))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
-    left_out = np.flatnonzero(lacking > MOST_OF_A_REPETITION)
+    left_out = np.flatnonzero(lacking > _MAX_MISSING_OF_REPETITION)
     if P - len(left_out) < 2:
         raise DataError(
-            f"{log.where}: {len(left_out)} of {P} repetitions lack more than {MOST_OF_A_REPETITION:.0%} of their "
+            f"{log.where}: {len(left_out)} of {P} repetitions lack more than {_MAX_MISSING_OF_REPETITION:.0%} of their "
             "samples, and two are needed; measure again, or cut the bad part off with samples"
         )
     if left_out.size:
@@ -47,7 +47,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
 
 
 def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
-    """The common shape, moved so that it joins what is good on both sides of a gap."""
+    """The common shape, moved so that it joins the good samples on both sides of a gap."""
     shape = expected(x, L, sign, good, robust=False)
     away = np.where(good, x - shape, 0.0)
     known = np.flatnonzero(good)
@@ -55,7 +55,7 @@ def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
     result = np.where(good, x, shape)
     for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
         i = int(np.searchsorted(known, start))
-        before, after = known[max(0, i - _BESIDE) : i], known[i : i + _BESIDE]
+        before, after = known[max(0, i - _SAMPLES_BESIDE) : i], known[i : i + _SAMPLES_BESIDE]
         sides = [side for side in (before, after) if side.size]
         places, offsets = ([float(values[side].mean()) for side in sides] for values in (np.arange(len(x)), away))
         result[start:end] += np.interp(np.arange(start, end), places, offsets)
@@ -65,13 +65,13 @@ def _filled(x: FloatArray, good: BoolArray, L: int, sign: int) -> FloatArray:
 def _check(good: BoolArray, P: int, L: int, log: Log, c: int) -> None:
     missing = np.flatnonzero(~good)
     what = f"{log.where}: {log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite)"
-    if missing.size > MOST * len(good):
+    if missing.size > _MAX_MISSING_SHARE * len(good):
         raise DataError(f"{what}, the first is {log.at(missing[0])}; measure again, or cut them off with samples")
     lost = np.flatnonzero(~good.reshape(P, L).any(axis=0))
     if lost.size:
         raise DataError(
             f"{what}, and {lost.size} of them in every period at the same place, the first {log.at(lost[0])}: no other "
-            "period can stand in; measure again, or cut them off with samples"
+            "period has that phase; measure again, or cut them off with samples"
         )
 
 
@@ -85,5 +85,6 @@ def _word(good: BoolArray, log: Log, c: int) -> str:
 
 def _left_out(left_out: IntArray, P: int) -> Finding:
     numbers = ", ".join(str(p + 1) for p in left_out)
-    word = f"repetitions {numbers} of {P} lack more than {MOST_OF_A_REPETITION:.0%} of their samples and are left out"
+    limit = f"{_MAX_MISSING_OF_REPETITION:.0%}"
+    word = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
     return Finding("repetitions left out", len(left_out), word)

@@ -1,9 +1,9 @@
-"""Single samples far off are replaced by what the other repetitions say of them (Hampel's rule across periods).
+"""Spikes of one or two samples, replaced by the median of the other repetitions (Hampel's rule across periods).
 
     e = x - median over periods,   d = |e - running median of e| > 8 sigma
 
-and a spike only where e is as far from the parabola through the samples beside it, six times as far as each of those,
-and d six times as large as beside it: drift, transients, steps and bursts of oscillation are none.
+A sample is a spike only where e is as far from the parabola through the samples beside it, six times as far as each of
+those, and d six times as large as beside it: drift, transients, steps and bursts of oscillation are no spikes.
 """
 
 from __future__ import annotations
@@ -16,19 +16,21 @@ from elastid.recorded.repair.quantisation import step
 from elastid.recorded.repair.repeats import expected
 
 REPLACED = "spikes replaced"
-SIGMAS = 8.0
-FEWEST_PERIODS = 3
-# More than this part of a channel are no single spikes.
-MOST = 0.01
-_WINDOW = 11
-_LONGEST = 2
-_BESIDE = 6
-_ABOVE_BESIDE = 6.0
+_MIN_SIGMAS = 8.0
+_MIN_PERIODS = 3
+# Spikes of more than this part of a channel are no single ones.
+_MAX_SHARE = 0.01
+# Samples: of the running median, of a spike at most, and beside a spike.
+_MEDIAN_WINDOW = 11
+_MAX_RUN = 2
+_N_BESIDE = 6
+# Distance of a spike over that of the samples beside it, at least.
+_MIN_RATIO_TO_BESIDE = 6.0
 
 
 def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
-    """Signals (P L, c), finite, without spikes of one or two samples; as they are for fewer than three repetitions."""
-    if len(signals) // L < FEWEST_PERIODS:
+    """Signals (P L, c), finite, without spikes of one or two samples; unchanged for fewer than three repetitions."""
+    if len(signals) // L < _MIN_PERIODS:
         return Repaired(signals)
     result, findings = signals.copy(), []
     for c, name in enumerate(log.names):
@@ -36,8 +38,8 @@ def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         spikes, usual = _spikes(x, L, sign)
         if spikes.size == 0:
             continue
-        if spikes.size > MOST * len(x):
-            word = f"{name}: {spikes.size} of {len(x)} samples stand out of the others; so many are left as they are"
+        if spikes.size > _MAX_SHARE * len(x):
+            word = f"{name}: {spikes.size} of {len(x)} samples differ from the other periods: too many for spikes, left unchanged"
             findings.append(Finding("spikes left", int(spikes.size), word))
             continue
         result[spikes, c] = usual
@@ -50,36 +52,35 @@ def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
 
 
 def _spikes(x: FloatArray, L: int, sign: int) -> tuple[IntArray, FloatArray]:
-    """The numbers (k,) of the spikes, and what is usual (k,) there."""
+    """Samples (k,) of the spikes, and the usual values (k,) there."""
     from scipy.ndimage import median_filter
 
     e = x - expected(x, L, sign, np.ones(len(x), dtype=np.bool_), robust=True)
-    d = np.abs(e - median_filter(e, _WINDOW, mode="mirror"))
+    d = np.abs(e - median_filter(e, _MEDIAN_WINDOW, mode="mirror"))
     least = max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x))
     far = np.flatnonzero(d > least)
     spikes, usual = [far[:0]], [x[:0]]
     for run in np.split(far, np.flatnonzero(np.diff(far) > 1) + 1):
-        # Near an end nothing tells a spike from a bend.
-        inside = run.size > 0 and run[0] > _BESIDE and run[-1] < len(e) - _BESIDE
-        if inside and len(run) <= _LONGEST and _is_alone(d, run):
+        # Near an end a spike cannot be distinguished from a bend.
+        inside = run.size > 0 and run[0] > _N_BESIDE and run[-1] < len(e) - _N_BESIDE
+        if inside and len(run) <= _MAX_RUN and _is_alone(d, run):
             local, scatter = _parabola(e, run)
             away = np.abs(e[run] - local).max()
-            if away > max(least, _ABOVE_BESIDE * scatter):
+            if away > max(least, _MIN_RATIO_TO_BESIDE * scatter):
                 spikes.append(run)
                 usual.append(x[run] - e[run] + local)
     return np.concatenate(spikes), np.concatenate(usual)
 
 
 def _parabola(e: FloatArray, run: IntArray) -> tuple[FloatArray, float]:
-    """The parabola through the samples beside a run, at the run, and how far the worst of those is from it."""
+    """The parabola through the samples beside a run, at the run, and the largest distance of those from it."""
     first, last = int(run[0]), int(run[-1])
-    beside = np.r_[max(0, first - 1 - _BESIDE) : max(0, first - 1), last + 2 : min(len(e), last + 2 + _BESIDE)]
+    beside = np.r_[max(0, first - 1 - _N_BESIDE) : max(0, first - 1), last + 2 : min(len(e), last + 2 + _N_BESIDE)]
     middle = (first + last) / 2
-    powers = np.vander((beside - middle) / _BESIDE, 3)
+    powers = np.vander((beside - middle) / _N_BESIDE, 3)
     coefficients = np.linalg.lstsq(powers, e[beside], rcond=None)[0]
     scatter = float(np.abs(e[beside] - powers @ coefficients).max())
-    local: FloatArray = np.vander((run - middle) / _BESIDE, 3) @ coefficients
-    return local, scatter
+    return np.asarray(np.vander((run - middle) / _N_BESIDE, 3) @ coefficients), scatter
 
 
 def _threshold(d: FloatArray) -> float:
@@ -87,10 +88,10 @@ def _threshold(d: FloatArray) -> float:
     sigma = 1.4826 * float(np.median(d))
     if sigma == 0:
         sigma = float(np.sqrt(np.mean(np.sort(d)[: int(0.99 * len(d))] ** 2)))
-    return SIGMAS * sigma
+    return _MIN_SIGMAS * sigma
 
 
 def _is_alone(d: FloatArray, run: IntArray) -> bool:
     first, last = int(run[0]), int(run[-1])
-    beside = np.concatenate([d[max(0, first - 2 * _BESIDE) : first - 1], d[last + 2 : last + 2 + 2 * _BESIDE]])
-    return bool(d[run].max() > _ABOVE_BESIDE * beside.max())
+    beside = np.concatenate([d[max(0, first - 2 * _N_BESIDE) : first - 1], d[last + 2 : last + 2 + 2 * _N_BESIDE]])
+    return bool(d[run].max() > _MIN_RATIO_TO_BESIDE * beside.max())
