@@ -11,7 +11,7 @@ import numpy as np
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.responses import ResponseFileSpec
-from elastid.frf.checks.exchanged_channels import pairing_words
+from elastid.frf.checks.exchanged_channels import channel_notes
 from elastid.record import Configuration
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import FrequencyResponse, in_quantity
@@ -45,7 +45,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[FrequencyResponse]:
             if not inside.any():
                 raise DataError(f"{path}: none of its lines lies in band_hz, {low:g} to {high:g} Hz")
             response = response.lines(inside)
-        yield replace(response, notes=(*response.notes, *pairing_words(response)))
+        yield replace(response, notes=(*response.notes, *channel_notes(response)))
 
 
 def _of_another_run(

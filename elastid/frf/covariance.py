@@ -115,7 +115,7 @@ def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) ->
     return Covariance(variance, dof, matrix=matrix)
 
 
-def form_words(where: str, noise: Covariance, total: Covariance | None) -> list[Note]:
+def form_notes(where: str, noise: Covariance, total: Covariance | None) -> list[Note]:
     """A word where a covariance is more or less than the Kronecker form, by its degrees of freedom."""
     words = []
     for what, covariance in (("noise", noise), ("total", total)):

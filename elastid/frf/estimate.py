@@ -11,14 +11,14 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.checks.exchanged_channels import pairing_words
-from elastid.frf.checks.quality import input_words, measured_quality, output_words
+from elastid.frf.checks.exchanged_channels import channel_notes
+from elastid.frf.checks.quality import input_notes, measured_quality, output_notes
 from elastid.frf.checks.records import refuse_few_experiments, refuse_mismatch, refuse_single_period
-from elastid.frf.checks.separate_inputs import left_out_words, same_phases_words, separated_lines
+from elastid.frf.checks.separate_inputs import left_out_note, same_phases_notes, separated_lines
 from elastid.frf.covariance import (
     distortion_covariance,
     equation_error,
-    form_words,
+    form_notes,
     kronecker,
     noise_covariance,
     total_covariance,
@@ -82,9 +82,9 @@ def _from_periods(
     notes = [*reason, *(note for group in groups for record in group for note in record.notes), *data.notes]
     usable = separated_lines(data.blocks, groups, method)
     if not usable.all():
-        notes.append(left_out_words(lines[~usable], usable.any(), first))
+        notes.append(left_out_note(lines[~usable], usable.any(), first))
     data = data.on(usable)
-    notes += same_phases_words(data.blocks, groups)
+    notes += same_phases_notes(data.blocks, groups)
     found = _estimate(method, data, first)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, found.G)
@@ -101,8 +101,8 @@ def _from_periods(
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, words = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])
     notes += [replace(note, place=f"configuration {where}") for note in found.notes]
-    notes += [*words, *input_words(where, first.inputs, data, quality), *output_words(where, first.outputs, quality)]
-    return replace(response, notes=(*notes, *pairing_words(response)))
+    notes += [*words, *input_notes(where, first.inputs, data, quality), *output_notes(where, first.outputs, quality)]
+    return replace(response, notes=(*notes, *channel_notes(response)))
 
 
 def _estimate(method: str, data: MeanSpectra, first: Record) -> Estimate:
@@ -200,5 +200,5 @@ def _with_covariances(
         even=None if levels is None else levels.even,
         odd=None if levels is None else levels.odd,
     )
-    words = form_words(response.configuration.name, noise, total)
+    words = form_notes(response.configuration.name, noise, total)
     return replace(response, noise=noise, total=total, distortion=distortion, quality=quality), words

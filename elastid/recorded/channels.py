@@ -14,6 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, link_side
@@ -42,7 +43,7 @@ class GatheredChannels:
     rate_hz: float
     period_samples: int
     first: int
-    notes: tuple[str, ...]
+    notes: tuple[Note, ...]
     findings: tuple[Finding, ...]
 
 
@@ -90,11 +91,11 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: R
     keys = sorted({experiment.key(c): None for c in channels}, key=lambda key: (key[0], key[1] != rate_hz))
     parts = [_read(experiment, key) for key in keys]
     columns = {i: column for part in parts for i, column in zip(part.members, part.signals.T, strict=True)}
-    words = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
+    notes = [*check_values(channels, [columns[i] for i in range(len(columns))], experiment.paths[0])]
     converted = []
     for part in parts:
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
-        words += [word for _, word in pairs if word]
+        notes += [note for _, on_signal in pairs for note in on_signal]
         converted.append(replace(part, signals=np.stack([signal for signal, _ in pairs], axis=1)))
     period_s = period_samples(recorded, rate_hz) / rate_hz
     lowest = min(part.rate_hz for part in parts)
@@ -112,7 +113,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: R
         rate_hz=lowest,
         period_samples=N,
         first=0 if file.samples is None else file.samples[0],
-        notes=tuple(words),
+        notes=tuple(notes),
         findings=(*(finding for part in at_rate for finding in part.findings), *shifts),
     )
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.robot import Robot
 
@@ -31,8 +32,8 @@ def link_side_factor(channel: ChannelSpec, robot: Robot) -> float:
     return _own_side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
-def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[FloatArray, str]:
-    """The signal (n,) in SI on the link side, and a word if an angle was unwrapped (an empty text if not)."""
+def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[FloatArray, tuple[Note, ...]]:
+    """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
     signal = values * _own_side_factor(channel, robot)
     turns = 0
     if channel.quantity == "position" and not robot.slides(channel.at):
@@ -41,8 +42,8 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[F
         wraps = jumps > np.pi
         if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _TURN_TOLERANCE):
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-    word = f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}" if turns else ""
-    return signal * _gear_factor(channel, robot), word
+    note = Note("unwrapped-angle", f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
+    return signal * _gear_factor(channel, robot), (note,) if turns else ()
 
 
 def to_joints(channels: Sequence[ChannelSpec], robot: Robot) -> FloatArray:
@@ -62,10 +63,10 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Robot) -> FloatArray:
     return T
 
 
-def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[str, ...]:
+def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray], path: Path) -> tuple[Note, ...]:
     """DataError where one of the channels' columns (n,), in each of which samples may be missing, never changes.
 
-    Returns a word on every input that stands still while others move: it is taken as not excited in this experiment.
+    Returns a note on every input that stands still while others move: it is taken as not excited in this experiment.
     """
     still = []
     for channel, column in zip(channels, columns, strict=True):
@@ -81,7 +82,8 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
                 f"{path}: {channel.full_name} is constant at {values[0]:g} over all {len(column)} samples; check its "
                 "sensor and its name in the file"
             )
-        still.append(f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment")
+        said = f"{channel.full_name} is constant at {values[0]:g}: taken as not excited in this experiment"
+        still.append(Note("input-not-excited", said))
     return tuple(still)
 
 

@@ -87,9 +87,9 @@ def _record(
     repaired = repair(gathered.signals, drivers, N, recorded.half_wave, log, check)
     signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
     where = f"record {experiment.name}"
-    notes = [Note("channels", word, where) for word in gathered.notes]
-    notes += [Note(finding.what.replace(" ", "-"), finding.word, where) for finding in findings]
-    notes += [Note("late-torque", word, where) for word in _lags(channels, signals, N)]
+    notes = [replace(note, place=where) for note in gathered.notes]
+    notes += [finding.note(where) for finding in findings]
+    notes += _lag_notes(channels, signals, N, where)
     lost = len(gathered.signals) - len(signals)
     if lost > 0:
         notes.append(
@@ -123,20 +123,21 @@ def _record(
     )
 
 
-def _lags(channels: tuple[ChannelSpec, ...], signals: FloatArray, N: int) -> list[str]:
-    """A word on each u that lags r: a delay of the drive, or of one of the two channels."""
-    words = []
+def _lag_notes(channels: tuple[ChannelSpec, ...], signals: FloatArray, N: int, where: str) -> list[Note]:
+    """A note on each u that lags r: a delay of the drive, or of one of the two channels."""
+    notes = []
     u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
     for i, channel in enumerate(channels):
         if channel.role != "r":
             continue
         lag, correlation = delay(signals[:, i], signals[:, u[channel.at]], N)
         if correlation >= MIN_CORRELATION and abs(lag) >= _MIN_REPORTED_LAG:
-            words.append(
+            said = (
                 f"u at {channel.at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
                 "estimated with the reference only if it changes from experiment to experiment"
             )
-    return words
+            notes.append(Note("late-torque", said, where))
+    return notes
 
 
 def _repeat(recorded: RecordedSpec, N: int) -> int:

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.notes import said
 
-from elastid.frf.checks.exchanged_channels import pairing_words
+from elastid.frf.checks.exchanged_channels import channel_notes
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 
@@ -39,7 +39,7 @@ def test_no_passive_arm_is_said_to_be_exchanged_whatever_the_scales_of_its_chann
     """The relative gain of a positive definite matrix is at least 1 on its diagonal, in any units."""
     response = arm(seed)
     response = replace(response, G=10 ** np.array(scale)[:, None] * response.G)
-    assert not any("exchanged" in word for word in said(pairing_words(response)))
+    assert not any("exchanged" in word for word in said(channel_notes(response)))
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -48,7 +48,7 @@ def test_two_outputs_or_inputs_that_were_exchanged_are_named(seed: int, axis: in
     """Also with noise, another scale and a wrong sign."""
     response = arm(seed, noise=0.01)
     G = np.take(response.G, [0, 2, 1], axis=axis) * np.array([1.0, -300.0, 0.01])
-    (word,) = said(pairing_words(replace(response, G=G)))
+    (word,) = said(channel_notes(replace(response, G=G)))
     assert "y at motor 2 answers to u at motor 3, y at motor 3 answers to u at motor 2" in word
 
 
@@ -56,7 +56,7 @@ def test_a_ring_of_three_is_named_too_and_an_output_elsewhere_does_not_disturb()
     """Each output answers to the next input; the tool is no motor."""
     response = arm(3)
     G = np.concatenate([response.G[:, [1, 2, 0]], response.G[:, :1]], axis=1)
-    (word,) = said(pairing_words(replace(response, G=G, outputs=(*MOTORS, "body tool z"))))
+    (word,) = said(channel_notes(replace(response, G=G, outputs=(*MOTORS, "body tool z"))))
     assert "y at motor 1 answers to u at motor 2, y at motor 2 answers to u at motor 3, y at motor 3" in word
 
 
@@ -66,12 +66,12 @@ def test_an_inertia_turned_round_is_told_with_the_lines_that_show_it() -> None:
     noise = Covariance(np.full((60, 1, 1), 1e-6), 10.0)
     configuration = Configuration("home", np.zeros(1))
     right = FrequencyResponse(FREQ_HZ, np.ones((60, 1, 1)), place, place, "acceleration", configuration, noise)
-    assert said(pairing_words(right)) == ()
-    (word,) = said(pairing_words(replace(right, G=-right.G)))
+    assert said(channel_notes(right)) == ()
+    (word,) = said(channel_notes(replace(right, G=-right.G)))
     assert "is negative beyond noise at 60 of 60 lines, so the motor would be driven by its load" in word
 
 
 def test_a_response_of_zeros_is_no_exchange() -> None:
     """Nothing can be said of a singular matrix."""
     response = arm(0)
-    assert said(pairing_words(replace(response, G=0 * response.G))) == ()
+    assert said(channel_notes(replace(response, G=0 * response.G))) == ()

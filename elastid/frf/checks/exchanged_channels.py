@@ -33,7 +33,7 @@ _MIN_LINES = 3
 _MAX_LINES = 1000
 
 
-def pairing_words(response: FrequencyResponse) -> tuple[Note, ...]:
+def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
     """A note where outputs (or inputs) of motors look exchanged; else one on each motor whose sign looks wrong."""
     places = [name for name in response.inputs if name in response.outputs]
     exchanged = _exchanged(response, places) if len(places) > 1 else {}
@@ -43,7 +43,8 @@ def pairing_words(response: FrequencyResponse) -> tuple[Note, ...]:
     return (
         Note(
             "exchanged-channels",
-            f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) at {', '.join(exchanged)}",
+            f"channels look exchanged between motors: at the highest lines {pairs}; check which channels are y (or u) "
+            f"at {', '.join(exchanged)}",
             f"configuration {response.configuration.name}",
         ),
     )

@@ -65,7 +65,7 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
-def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[Note]:
+def output_notes(where: str, outputs: Sequence[str], quality: Quality) -> list[Note]:
     """A word for every output that hardly moved."""
     excited = quality.excited
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
@@ -81,7 +81,7 @@ def output_words(where: str, outputs: Sequence[str], quality: Quality) -> list[N
     ]
 
 
-def input_words(where: str, inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
+def input_notes(where: str, inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
     """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
     power = np.einsum("fii->fi", data.UU).real / len(data.periods)
     noise = quality.input_noise * np.mean(1 / data.periods)

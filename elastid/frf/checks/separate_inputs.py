@@ -70,7 +70,7 @@ def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
     return np.asarray(least * trace < 1)
 
 
-def left_out_words(lines: IntArray, some_are_left: np.bool_, record: Record) -> Note:
+def left_out_note(lines: IntArray, some_are_left: np.bool_, record: Record) -> Note:
     """A word on the lines (F,) without separate inputs; DataError where no other line is left."""
     where = f"configuration {record.configuration.name}"
     what = f"lines {described_lines(lines, record)}"
@@ -87,7 +87,7 @@ def left_out_words(lines: IntArray, some_are_left: np.bool_, record: Record) -> 
     )
 
 
-def same_phases_words(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
+def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
     """A word on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
     words = []
     for m in range(1, len(blocks)):

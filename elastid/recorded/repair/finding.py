@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import SupportsInt
 
 from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,10 @@ class Finding:
     what: str
     count: int
     word: str
+
+    def note(self, place: str) -> Note:
+        """The finding as a note on a record."""
+        return Note(self.what.replace(" ", "-"), self.word, place)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,8 @@ def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         if spikes.size == 0:
             continue
         if spikes.size > _MAX_SHARE * len(x):
-            word = f"{name}: {spikes.size} of {len(x)} samples differ from the other periods: too many for spikes, left unchanged"
+            word = f"{name}: {spikes.size} of {len(x)} samples differ from the other periods: too many for spikes"
+            word += ", left unchanged"
             findings.append(Finding("spikes left", int(spikes.size), word))
             continue
         result[spikes, c] = usual
