@@ -1,23 +1,29 @@
 """The HDF5 layout of every artefact: named axes as dimension scales, units, native complex numbers, provenance.
 
-- files:    written under another name, synced and renamed, so that no half file is ever seen; read-only afterwards
-- design:   reference trajectories, the peaks of their rehearsal, the run nearest to a limit
-- forecasts: what a plan is expected to tell
-- wing:     plan, records, frequency responses
-- results:  fit and validation
-- finished: what a stopped stage had done
+- files:      whole or absent: written under another name, synced and renamed
+- design:     plan.h5, with references, rehearsal and forecast, and CSV files for a robot controller
+- measured:   records.h5 and frf.h5
+- results:    fit.h5 and validation.h5
+- comparison: compare.json
+- unfinished: the checkpoint of an interrupted stage
 
-The same value gives the same bytes: nothing in a file tells the time.
+The same value gives the same bytes: no file holds a date.
 """
 
-from elastid.store.design import read_forecast, read_peaks, read_rehearsal, write_movement, write_torque
+from elastid.store.design import (
+    read_forecast,
+    read_peaks,
+    read_plan,
+    read_rehearsal,
+    write_movement,
+    write_plan,
+    write_torque,
+)
 from elastid.store.files import Stamp, described, kind_of, read_stamp, remove_leftovers, replacing, text_file
 from elastid.store.measured import (
     read_configurations,
-    read_plan,
     read_records,
     read_responses,
-    write_plan,
     write_records,
     write_responses,
 )

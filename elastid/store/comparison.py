@@ -1,4 +1,4 @@
-"""compare.json: how the models of `elastid compare` did."""
+"""compare.json: the models of `elastid compare` in their order, and the trials of a search."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCHEMA = 1
 
 
 def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
-    """stamp: of the frequency responses that the models were fitted to."""
+    """compare.json. stamp: of the frequency responses that the models were fitted to."""
     content = {
         "schema": SCHEMA,
         "responses": stamp.inputs,
@@ -33,7 +33,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
 
 
 def read_comparison(path: Path, stamp: Stamp) -> Comparison | None:
-    """The comparison in a run folder; None where there is none of these frequency responses."""
+    """The comparison in compare.json; None where there is none, or one of other frequency responses."""
     content = _read(path)
     if content is None or content.get("schema") != SCHEMA or content.get("responses") != stamp.inputs:
         return None
@@ -60,7 +60,7 @@ def _read(path: Path) -> dict[str, Any] | None:
 
 
 def _plain(value: Any) -> Any:
-    """JSON knows neither infinity nor NaN: 'inf' and null."""
+    """JSON has neither infinity nor NaN: they become 'inf' and null."""
     if isinstance(value, dict):
         return {key: _plain(each) for key, each in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""What a robot controller is given: reference trajectories as CSV and in plan.h5, and the peaks of their rehearsal."""
+"""plan.h5: the plan of an experiment, its references, rehearsal and forecast; and CSV files for a robot controller."""
 
 from __future__ import annotations
 
@@ -15,37 +15,86 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.record import Configuration
-from elastid.store.files import attributes, key, opened, read_notes, scale, text_file, texts, variable, write_notes
+from elastid.store.files import (
+    NO_STAMP,
+    Stamp,
+    attributes,
+    created,
+    key,
+    opened,
+    read_notes,
+    read_sliding,
+    scale,
+    text_file,
+    texts,
+    variable,
+    write_notes,
+    write_sliding,
+)
 
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
+_PLAN_ATTRIBUTES = ("rate_hz", "period_samples", "periods", "transient_periods", "ramp_samples", "hold_samples")
+_FORECAST = "forecast"
 
 
-def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sliding: tuple[str, ...] = ()) -> None:
-    """A whole run in one configuration as CSV; time 0 is where the periods begin, and the scale is of their torque.
+def write_plan(
+    path: Path,
+    plan: Plan,
+    stamp: Stamp = NO_STAMP,
+    references: tuple[Reference, ...] = (),
+    peaks: LimitUse | None = None,
+    forecast: Forecast | None = None,
+    nearest: Rehearsal | None = None,
+) -> None:
+    """plan.h5: R (configuration, realisation, experiment, line, input) and whatever else is known of the plan.
 
-    sliding: inputs that translate.
+    references: of each configuration.  peaks: of the rehearsal.  nearest: the run that comes closest to a limit.
     """
-    units = {place: of_translation if place in sliding else str for place in inputs}
-    columns = [f"{what} of {place} ({units[place](unit)}, link side)" for what, unit in _MOTION for place in inputs]
-    rows = np.column_stack([reference.scale, *(getattr(reference, what) for what, _ in _MOTION)])
-    _write_csv(path, ["torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
+    with created(path, "plan", stamp) as file:
+        _, M, E, _, _ = plan.R.shape
+        angles = np.stack([c.angles for c in plan.configurations])
+        configuration = scale(file, "configuration", [c.name for c in plan.configurations], "configuration")
+        driven = scale(file, "driven_joint", np.arange(angles.shape[1]), "driven joint, in the robot's order")
+        axes = [
+            configuration,
+            scale(file, "realisation", np.arange(M), "independent random phases"),
+            scale(file, "experiment", np.arange(E), "experiment of a realisation"),
+            scale(file, "line", plan.lines, "DFT line"),
+            scale(file, "input", plan.inputs, "input"),
+        ]
+        variable(file, "R", plan.R, axes, "amplitude spectrum of the injected torque, link side", "N*m")
+        variable(file, "freq_hz", plan.freq_hz, axes[3:4], "excited frequency", "Hz")
+        variable(file, "angles", angles, [configuration, driven], "angle", "rad")
+        write_sliding(file, plan.sliding)
+        scale(file, "detection", plan.detection, "DFT line of the band without excitation")
+        for name in _PLAN_ATTRIBUTES:
+            file.attrs[name] = getattr(plan, name)
+        _write_references(file, references, axes[4])
+        if peaks is not None:
+            _write_peaks(file, peaks, configuration, axes[4])
+        if forecast is not None:
+            _write_forecast(file.create_group(_FORECAST), forecast)
+        if nearest is not None:
+            _write_rehearsal(file, nearest, axes[4])
 
 
-def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
-    """One period of the torques to inject as CSV, to be repeated from time 0 of the movement, and back from there."""
-    columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]
-    _write_csv(path, columns, plan.torque(experiment), plan.rate_hz, 0)
+def read_plan(path: Path) -> Plan:
+    """The plan in plan.h5."""
+    with opened(path, "plan") as file:
+        known = attributes(file)
+        configurations = zip(texts(file, "configuration"), file["angles"][:], strict=True)
+        return Plan(
+            configurations=tuple(Configuration(name, angles) for name, angles in configurations),
+            inputs=texts(file, "input"),
+            lines=file["line"][:],
+            R=file["R"][:],
+            detection=file["detection"][:],
+            sliding=read_sliding(file),
+            **{name: known[name] for name in _PLAN_ATTRIBUTES},
+        )
 
 
-def _write_csv(path: Path, columns: list[str], rows: Any, rate_hz: float, first_sample: int) -> None:
-    with text_file(path) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", *columns])
-        for i, row in enumerate(rows.tolist()):
-            writer.writerow([f"{(i - first_sample) / rate_hz:.9g}", *(f"{value:.9g}" for value in row)])
-
-
-def write_references(file: Any, references: tuple[Reference, ...], inputs: Any) -> None:
+def _write_references(file: Any, references: tuple[Reference, ...], inputs: Any) -> None:
     """A group for each configuration in the open plan.h5."""
     for reference in references:
         group = file.create_group(f"reference/{key(reference.configuration.name)}")
@@ -57,11 +106,11 @@ def write_references(file: Any, references: tuple[Reference, ...], inputs: Any) 
             variable(group, what, getattr(reference, what), [time, inputs], f"{words} of each motor, link side", unit)
 
 
-def write_peaks(file: Any, peaks: LimitUse, configurations: Any, inputs: Any) -> None:
+def _write_peaks(file: Any, peaks: LimitUse, configurations: Any, inputs: Any) -> None:
     """The peaks of the rehearsal in the open plan.h5."""
     group = file.create_group("peaks")
     group.attrs["margin"] = peaks.margin
-    quantity = scale(group, "quantity", QUANTITIES, "what is limited")
+    quantity = scale(group, "quantity", QUANTITIES, "limited quantity")
     variable(group, "unit", UNITS, [quantity], "unit of each quantity, link side")
     axes = [configurations, quantity, inputs]
     variable(group, "peak", peaks.peak, axes, "largest value of any experiment in the rehearsal")
@@ -84,11 +133,11 @@ def read_peaks(path: Path) -> LimitUse:
             float(group.attrs["margin"]),
             read_notes(group),
             str(group.attrs["nearest"]),
-            texts(file, "sliding") if "sliding" in file else (),
+            read_sliding(file),
         )
 
 
-def write_rehearsal(file: Any, run: Rehearsal, inputs: Any) -> None:
+def _write_rehearsal(file: Any, run: Rehearsal, inputs: Any) -> None:
     """The run that comes closest to a limit in the open plan.h5."""
     group = file.create_group("rehearsal")
     for name in ("realisation", "experiment"):
@@ -116,23 +165,20 @@ def read_rehearsal(path: Path) -> Rehearsal:
         )
 
 
-GROUP = "forecast"
-
-
-def write_forecast(group: Any, forecast: Forecast) -> None:
+def _write_forecast(group: Any, forecast: Forecast) -> None:
     """Fill the group of an open plan.h5."""
     parameter = scale(group, "parameter", forecast.parameters, "parameter that the fit identifies")
     configuration = scale(group, "fitted_configuration", forecast.configurations, "configuration that the fit uses")
     frequency = scale(group, "freq_hz", forecast.freq_hz, "excited frequency", "Hz")
-    blind = scale(group, "direction", np.arange(len(forecast.blind)), "direction that the plan does not see")
+    blind = scale(group, "direction", np.arange(len(forecast.blind)), "direction that the plan does not inform")
     variable(group, "unit", forecast.units, [parameter], "unit of the parameter")
-    variable(group, "nominal", forecast.nominal, [parameter], "value for which it is told", "SI")
+    variable(group, "nominal", forecast.nominal, [parameter], "value that is assumed", "SI")
     variable(group, "std", forecast.std, [parameter], "expected standard deviation", "SI")
     variable(group, "log", np.array(forecast.log), [parameter], "whether the covariance is of its logarithm")
     variable(group, "covariance", forecast.covariance, [parameter, parameter], "expected covariance of x")
     axes = [configuration, frequency, parameter]
-    variable(group, "share", forecast.share, axes, "part of what is known about a parameter that comes from here")
-    variable(group, "blind", forecast.blind, [blind, parameter], "relative change that the plan does not see")
+    variable(group, "share", forecast.share, axes, "share of the information about a parameter")
+    variable(group, "blind", forecast.blind, [blind, parameter], "relative change that the plan does not inform")
     write_notes(group, forecast.notes)
     if forecast.choice:
         group.attrs["choice"] = forecast.choice
@@ -141,9 +187,9 @@ def write_forecast(group: Any, forecast: Forecast) -> None:
 def read_forecast(path: Path) -> Forecast | None:
     """The forecast in plan.h5; None where there is none."""
     with opened(path, "plan") as file:
-        if GROUP not in file:
+        if _FORECAST not in file:
             return None
-        group = file[GROUP]
+        group = file[_FORECAST]
         return Forecast(
             parameters=texts(group, "parameter"),
             units=texts(group, "unit"),
@@ -157,3 +203,28 @@ def read_forecast(path: Path) -> Forecast | None:
             notes=read_notes(group),
             choice=str(attributes(group).get("choice", "")),
         )
+
+
+def write_movement(path: Path, reference: Reference, inputs: tuple[str, ...], sliding: tuple[str, ...] = ()) -> None:
+    """A whole run in one configuration as CSV; the periods begin at time 0, and the scale is that of their torque.
+
+    sliding: inputs that translate.
+    """
+    units = {place: of_translation if place in sliding else str for place in inputs}
+    columns = [f"{what} of {place} ({units[place](unit)}, link side)" for what, unit in _MOTION for place in inputs]
+    rows = np.column_stack([reference.scale, *(getattr(reference, what) for what, _ in _MOTION)])
+    _write_csv(path, ["torque scale", *columns], rows, reference.rate_hz, reference.first_sample)
+
+
+def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
+    """One period of the torques to inject as CSV, repeated from time 0 of the movement on, and backwards before it."""
+    columns = [f"{place} ({'N' if place in plan.sliding else 'N*m'}, link side)" for place in plan.inputs]
+    _write_csv(path, columns, plan.torque(experiment), plan.rate_hz, 0)
+
+
+def _write_csv(path: Path, columns: list[str], rows: Any, rate_hz: float, first_sample: int) -> None:
+    with text_file(path) as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["time_s", *columns])
+        for i, row in enumerate(rows.tolist()):
+            writer.writerow([f"{(i - first_sample) / rate_hz:.9g}", *(f"{value:.9g}" for value in row)])

@@ -1,4 +1,4 @@
-"""Files that are whole or absent, and the few HDF5 idioms that every layout is written in."""
+"""Files that are whole or absent, the HDF5 idioms of every layout, and the description of any artefact."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _TEXT = h5py.string_dtype()
 
 @dataclass(frozen=True)
 class Stamp:
-    """Where an artefact came from: hashes of its inputs and of the code that made it, and the study in words.
+    """Provenance of an artefact: hashes of its inputs and of the code that made it, and the text of the study.
 
-    inputs: hash of the study's sections, of files and of what went before.  code: hash of the package's source.
+    inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source.
     """
 
     inputs: str = ""
@@ -49,7 +49,7 @@ def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
                     else:
                         provenance.attrs[name] = value
                 yield file
-        except RuntimeError as error:  # h5py's word for a disk that fills up while a file is closed
+        except RuntimeError as error:  # what h5py raises when the disk fills up while it closes a file
             raise OSError(f"{path}: cannot be written ({error})") from error
 
 
@@ -76,7 +76,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Clear what a killed run was writing."""
+    """Remove the temporary files of a killed run."""
     for temporary in [*folder.glob(".*.unfinished"), *folder.glob(".*.part")]:
         temporary.unlink(missing_ok=True)
 
@@ -98,11 +98,13 @@ def opened(path: Path, kind: str) -> Iterator[Any]:
         try:
             yield file
         except (KeyError, OSError) as error:
-            raise DataError(f"{path}: damaged ({_first_line(error)}); delete it and run again") from error
+            raise DataError(
+                f"{path}: damaged or of another version ({_first_line(error)}); delete it and run again"
+            ) from error
 
 
 def read_stamp(path: Path) -> Stamp | None:
-    """Where an artefact came from; None where it is missing, truncated or foreign."""
+    """Provenance of an artefact; None where it is missing, truncated or foreign."""
     try:
         with h5py.File(path, "r") as file:
             attributes = {name: _plain(value) for name, value in file["provenance"].attrs.items()}
@@ -153,7 +155,7 @@ def _plain(value: Any) -> Any:
 
 
 def key(name: str) -> str:
-    """A name as that of a group: HDF5 gives / and a lone dot a meaning of their own."""
+    """A name as that of a group: / and lone dots have a meaning in HDF5 and are escaped."""
     escaped = name.replace("%", "%25").replace("/", "%2F")
     return escaped.replace(".", "%2E") if not escaped.strip(".") else escaped
 
@@ -162,8 +164,34 @@ def _first_line(error: Exception) -> str:
     return str(error).strip("'\"").splitlines()[0] if str(error) else type(error).__name__
 
 
+def write_notes(group: Any, notes: Sequence[Note]) -> None:
+    """The notes of a value: their texts as an axis, and code, severity and place of each along it."""
+    axis = scale(group, "note", [note.text for note in notes], "text of a note")
+    for field, meaning in (("code", "kind of the note"), ("severity", "severity"), ("place", "place it is about")):
+        variable(group, f"note_{field}", [getattr(note, field) for note in notes], [axis], meaning)
+
+
+def read_notes(group: Any) -> tuple[Note, ...]:
+    """The notes of a value."""
+    columns = (texts(group, name) for name in ("note_code", "note", "note_place", "note_severity"))
+    return tuple(
+        Note(code, text, place, "warning" if severity == "warning" else "information")
+        for code, text, place, severity in zip(*columns, strict=True)
+    )
+
+
+def write_sliding(group: Any, places: tuple[str, ...]) -> None:
+    """The inputs and outputs that translate."""
+    scale(group, "sliding", places, "inputs and outputs that translate: N and m instead of N*m and rad")
+
+
+def read_sliding(group: Any) -> tuple[str, ...]:
+    """The inputs and outputs that translate."""
+    return texts(group, "sliding")
+
+
 def kind_of(path: Path) -> str | None:
-    """Which artefact of elastid a file is; None where it is none."""
+    """The kind of artefact in a file; None where it is none of elastid."""
     try:
         with h5py.File(path, "r") as file:
             kind = file.attrs.get("elastid")
@@ -173,7 +201,7 @@ def kind_of(path: Path) -> str | None:
 
 
 def described(path: Path) -> str:
-    """Groups, variables with axes, shapes and units, and where the file came from."""
+    """Groups, variables with axes, shapes and units, and the provenance of a file."""
     kind = kind_of(path) or ""
     with opened(path, kind) as file:
         return "\n".join([f"{path}: {kind}, written by elastid", *_lines(file, 1)])
@@ -201,19 +229,3 @@ def _axes(dataset: Any) -> str:
 def _words(dataset: Any) -> str:
     units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
     return f": {long_name}" + (f" [{units}]" if units else "")
-
-
-def write_notes(group: Any, notes: Sequence[Note]) -> None:
-    """The notes of a value, their texts beside code, place and severity."""
-    scale(group, "note", [note.text for note in notes], "note")
-    for field in ("code", "place", "severity"):
-        scale(group, f"note_{field}", [getattr(note, field) for note in notes], f"{field} of each note")
-
-
-def read_notes(group: Any) -> tuple[Note, ...]:
-    """What `write_notes` wrote."""
-    columns = [texts(group, name) for name in ("note_code", "note", "note_place", "note_severity")]
-    return tuple(
-        Note(code, text, place, "warning" if severity == "warning" else "information")
-        for code, text, place, severity in zip(*columns, strict=True)
-    )

@@ -1,4 +1,4 @@
-"""The layouts of the measured wing: plan, records, frequency responses."""
+"""records.h5 and frf.h5: the records of a measurement, and the frequency responses estimated from them."""
 
 from __future__ import annotations
 
@@ -8,14 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from elastid.design.forecast import Forecast
-from elastid.design.limit_use import LimitUse
-from elastid.experiment.plan.plan import Plan
-from elastid.experiment.plan.references import Reference
-from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.record import Configuration, Record
 from elastid.response import LINE_ARRAYS, Covariance, FrequencyResponse, Levels, Quality
-from elastid.store.design import GROUP, write_forecast, write_peaks, write_references, write_rehearsal
 from elastid.store.files import (
     NO_STAMP,
     Stamp,
@@ -24,124 +18,25 @@ from elastid.store.files import (
     key,
     opened,
     read_notes,
+    read_sliding,
     scale,
     texts,
     variable,
     write_notes,
+    write_sliding,
 )
 
+_RECORD_ATTRIBUTES = ("realisation", "experiment", "rate_hz", "period_samples", "rate_is_known", "hold", "half_wave")
+_COVARIANCES = {
+    "noise": "disturbing noise",
+    "total": "noise and nonlinear distortion",
+    "distortion": "stochastic nonlinear distortion in one realisation",
+}
 _LEVELS = {
     "excited": "outputs at the excited lines",
     "even": "nonlinear distortion of even order, at even lines",
     "odd": "nonlinear distortion of odd order, at odd lines that were not excited",
 }
-
-
-def write_quality(group: Any, response: FrequencyResponse, frequency: Any, outputs: Any, inputs: Any) -> None:
-    """The quality of a response, beside its axes, if it has one."""
-    quality = response.quality
-    if quality is None:
-        return
-    part, unit = group.create_group("quality"), response.output_unit
-    ranks = scale(part, "rank", list(range(quality.singular_values.shape[1])), "singular value, largest first")
-    input_ranks = scale(part, "input_rank", list(range(len(response.inputs))), "singular value, largest first")
-    for name, axes, what, units in (
-        ("coherence", [frequency, outputs, inputs], "coherence of one output and one input", ""),
-        ("multiple_coherence", [frequency, outputs], "coherence of one output and all inputs", ""),
-        ("singular_values", [frequency, ranks], "singular values of G", response.unit),
-        ("input_singular_values", [frequency, input_ranks], "singular values of the inputs over their RMS", ""),
-        ("input_noise", [frequency, inputs], "noise variance of the inputs in one period", "(N*m)^2"),
-        ("output_noise", [frequency, outputs], "noise variance of the outputs in one period", f"({unit})^2"),
-    ):
-        variable(part, name, getattr(quality, name), axes, what, units)
-    variable(part, "condition", quality.condition, [frequency], "condition of the inputs over their RMS")
-    if quality.stochastic is not None:
-        what = "RMS amplitude of stochastic nonlinear distortion in the outputs"
-        variable(part, "stochastic", quality.stochastic, [frequency, outputs], what, unit)
-    for name, what in _LEVELS.items():
-        levels: Levels | None = getattr(quality, name)
-        if levels is not None:
-            at = part.create_group(name)
-            own = scale(at, "freq_hz", levels.freq_hz, "frequency", "Hz" if response.rate_is_known else "sampling rate")
-            variable(at, "amplitude", levels.amplitude, [own, outputs], f"RMS amplitude: {what}", unit)
-            variable(at, "noise", levels.noise, [own, outputs], "standard deviation of the noise in it", unit)
-
-
-def read_quality(group: Any) -> Quality | None:
-    """The quality in a response's group, or None."""
-    if "quality" not in group:
-        return None
-    part = group["quality"]
-
-    def levels(name: str) -> Levels | None:
-        return Levels(*(part[name][field][:] for field in ("freq_hz", "amplitude", "noise"))) if name in part else None
-
-    excited = levels("excited")
-    assert excited is not None
-    return Quality(
-        **{name: part[name][:] for name in LINE_ARRAYS},
-        excited=excited,
-        stochastic=part["stochastic"][:] if "stochastic" in part else None,
-        even=levels("even"),
-        odd=levels("odd"),
-    )
-
-
-_PLAN_ATTRIBUTES = ("rate_hz", "period_samples", "periods", "transient_periods", "ramp_samples", "hold_samples")
-
-
-def write_plan(
-    path: Path,
-    plan: Plan,
-    stamp: Stamp = NO_STAMP,
-    references: tuple[Reference, ...] = (),
-    peaks: LimitUse | None = None,
-    forecast: Forecast | None = None,
-    nearest: Rehearsal | None = None,
-) -> None:
-    """plan.h5: R (configuration, realisation, experiment, line, input), references, peaks, forecast, nearest run."""
-    with created(path, "plan", stamp) as file:
-        _, M, E, _, _ = plan.R.shape
-        angles = np.stack([c.angles for c in plan.configurations])
-        configuration = scale(file, "configuration", [c.name for c in plan.configurations], "configuration")
-        driven = scale(file, "driven_joint", np.arange(angles.shape[1]), "driven joint, in the robot's order")
-        axes = [
-            configuration,
-            scale(file, "realisation", np.arange(M), "independent random phases"),
-            scale(file, "experiment", np.arange(E), "experiment of a realisation"),
-            scale(file, "line", plan.lines, "DFT line"),
-            scale(file, "input", plan.inputs, "input"),
-        ]
-        variable(file, "R", plan.R, axes, "amplitude spectrum of the injected torque, link side", "N*m")
-        variable(file, "freq_hz", plan.freq_hz, axes[3:4], "excited frequency", "Hz")
-        variable(file, "angles", angles, [configuration, driven], "angle", "rad")
-        _write_sliding(file, plan.sliding)
-        scale(file, "detection", plan.detection, "DFT line of the band without excitation")
-        for name in _PLAN_ATTRIBUTES:
-            file.attrs[name] = getattr(plan, name)
-        write_references(file, references, axes[4])
-        if peaks is not None:
-            write_peaks(file, peaks, configuration, axes[4])
-        if forecast is not None:
-            write_forecast(file.create_group(GROUP), forecast)
-        if nearest is not None:
-            write_rehearsal(file, nearest, axes[4])
-
-
-def read_plan(path: Path) -> Plan:
-    """The plan in plan.h5."""
-    with opened(path, "plan") as file:
-        known = attributes(file)
-        configurations = zip(texts(file, "configuration"), file["angles"][:], strict=True)
-        return Plan(
-            configurations=tuple(Configuration(name, angles) for name, angles in configurations),
-            inputs=texts(file, "input"),
-            lines=file["line"][:],
-            R=file["R"][:],
-            detection=file["detection"][:],
-            sliding=_read_sliding(file),
-            **{name: known[name] for name in _PLAN_ATTRIBUTES},
-        )
 
 
 def write_records(path: Path, records: Iterable[Record], stamp: Stamp = NO_STAMP) -> None:
@@ -170,9 +65,6 @@ def read_configurations(path: Path) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-_RECORD_ATTRIBUTES = ("realisation", "experiment", "rate_hz", "period_samples", "rate_is_known", "hold", "half_wave")
-
-
 def _write_record(group: Any, record: Record) -> None:
     for name in _RECORD_ATTRIBUTES:
         group.attrs[name] = getattr(record, name)
@@ -185,9 +77,9 @@ def _write_record(group: Any, record: Record) -> None:
     if record.r is not None:
         variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", "N*m")
     _write_configuration(group, record.configuration)
-    _write_sliding(group, record.sliding)
+    write_sliding(group, record.sliding)
     write_notes(group, record.notes)
-    scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that are no measurement")
+    scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that do not count")
     _write_repairs(group, record.repairs)
 
 
@@ -205,7 +97,7 @@ def _read_record(group: Any, name: str) -> Record:
         notes=read_notes(group),
         repairs=attributes(group["repairs"]),
         left_out=tuple(group["left_out"][:].tolist()),
-        sliding=_read_sliding(group),
+        sliding=read_sliding(group),
         **{field: known[field] for field in _RECORD_ATTRIBUTES},
     )
 
@@ -222,13 +114,6 @@ def read_responses(path: Path) -> tuple[FrequencyResponse, ...]:
     """The responses in frf.h5."""
     with opened(path, "frf") as file:
         return tuple(_read_response(file[key(name)]) for name in texts(file, "configuration"))
-
-
-_COVARIANCES = {
-    "noise": "disturbing noise",
-    "total": "noise and nonlinear distortion",
-    "distortion": "stochastic nonlinear distortion in one realisation",
-}
 
 
 def _write_response(group: Any, response: FrequencyResponse) -> None:
@@ -260,9 +145,9 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
             )
             axes = [frequency, element, element]
             variable(part, "matrix", covariance.matrix, axes, "covariance of vec G", f"({response.unit})^2")
-    write_quality(group, response, frequency, outputs, inputs)
+    _write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
-    _write_sliding(group, response.sliding)
+    write_sliding(group, response.sliding)
     write_notes(group, response.notes)
     _write_repairs(group, response.repairs)
 
@@ -281,9 +166,9 @@ def _read_response(group: Any) -> FrequencyResponse:
         known["rate_is_known"],
         read_notes(group),
         _read_covariance(group, "distortion"),
-        read_quality(group),
+        _read_quality(group),
         repairs=attributes(group["repairs"]),
-        sliding=_read_sliding(group),
+        sliding=read_sliding(group),
     )
 
 
@@ -295,19 +180,61 @@ def _read_covariance(group: Any, name: str) -> Covariance | None:
     return Covariance(part["variance"][:], attributes(part)["dof"], left, right, matrix)
 
 
+def _write_quality(group: Any, response: FrequencyResponse, frequency: Any, outputs: Any, inputs: Any) -> None:
+    """The quality of a response, if it has one, on the axes of the response."""
+    quality = response.quality
+    if quality is None:
+        return
+    part, unit = group.create_group("quality"), response.output_unit
+    ranks = scale(part, "rank", list(range(quality.singular_values.shape[1])), "singular value, largest first")
+    input_ranks = scale(part, "input_rank", list(range(len(response.inputs))), "singular value, largest first")
+    for name, axes, what, units in (
+        ("coherence", [frequency, outputs, inputs], "coherence of one output and one input", ""),
+        ("multiple_coherence", [frequency, outputs], "coherence of one output and all inputs", ""),
+        ("singular_values", [frequency, ranks], "singular values of G", response.unit),
+        ("input_singular_values", [frequency, input_ranks], "singular values of the inputs over their RMS", ""),
+        ("input_noise", [frequency, inputs], "noise variance of the inputs in one period", "(N*m)^2"),
+        ("output_noise", [frequency, outputs], "noise variance of the outputs in one period", f"({unit})^2"),
+    ):
+        variable(part, name, getattr(quality, name), axes, what, units)
+    variable(part, "condition", quality.condition, [frequency], "condition of the inputs over their RMS")
+    if quality.stochastic is not None:
+        what = "RMS amplitude of stochastic nonlinear distortion in the outputs"
+        variable(part, "stochastic", quality.stochastic, [frequency, outputs], what, unit)
+    for name, what in _LEVELS.items():
+        levels: Levels | None = getattr(quality, name)
+        if levels is not None:
+            at = part.create_group(name)
+            own = scale(at, "freq_hz", levels.freq_hz, "frequency", "Hz" if response.rate_is_known else "sampling rate")
+            variable(at, "amplitude", levels.amplitude, [own, outputs], f"RMS amplitude: {what}", unit)
+            variable(at, "noise", levels.noise, [own, outputs], "standard deviation of the noise in it", unit)
+
+
+def _read_quality(group: Any) -> Quality | None:
+    """The quality in the group of a response; None without one."""
+    if "quality" not in group:
+        return None
+    part = group["quality"]
+
+    def levels(name: str) -> Levels | None:
+        return Levels(*(part[name][field][:] for field in ("freq_hz", "amplitude", "noise"))) if name in part else None
+
+    excited = levels("excited")
+    assert excited is not None
+    return Quality(
+        **{name: part[name][:] for name in LINE_ARRAYS},
+        excited=excited,
+        stochastic=part["stochastic"][:] if "stochastic" in part else None,
+        even=levels("even"),
+        odd=levels("odd"),
+    )
+
+
 def _write_repairs(group: Any, repairs: Mapping[str, int]) -> None:
-    """What was mended, as attributes of a group of its own: text -> count."""
+    """The repairs as attributes of a group of their own: kind -> count."""
     counts = group.create_group("repairs")
     for what, count in repairs.items():
         counts.attrs[what] = count
-
-
-def _write_sliding(group: Any, places: tuple[str, ...]) -> None:
-    scale(group, "sliding", places, "inputs and outputs that translate: N and m instead of N*m and rad")
-
-
-def _read_sliding(group: Any) -> tuple[str, ...]:
-    return texts(group, "sliding") if "sliding" in group else ()
 
 
 def _write_configuration(group: Any, configuration: Configuration) -> None:
@@ -321,5 +248,5 @@ def _read_configuration(group: Any) -> Configuration:
 
 
 def _rate_unit(value: Record | FrequencyResponse, unit: str) -> str:
-    """Frequencies of a record whose sampling rate is not known are in units of that rate."""
+    """The unit of time or frequency; where the sampling rate is not known, in samples and in units of that rate."""
     return unit if value.rate_is_known else {"s": "samples", "Hz": "sampling rate"}[unit]

@@ -1,4 +1,4 @@
-"""The layouts of what a fit found and how far it carries."""
+"""fit.h5 and validation.h5: the result of a fit and its validation."""
 
 from __future__ import annotations
 
@@ -67,16 +67,23 @@ def read_fit(path: Path) -> FitResult:
 
 
 def _write_further(file: Any, result: FitResult, free: Any) -> None:
-    """What some fits have besides: intervals of two ends, and what informs each parameter."""
+    """Optional results: intervals of two ends, and the information on each parameter."""
     end = scale(file, "end", ["lower", "upper"], "end of an interval")
     for name, what in (("profile95", "95 % interval by profile likelihood"), ("bootstrap95", "and by bootstrap")):
         if len(getattr(result, name)):
             variable(file, name, getattr(result, name), [free, end], what, "SI")
     if len(result.share):
         configuration = scale(file, "configuration", result.configurations, "configuration")
-        variable(file, "share", result.share, [configuration, free], "share of what is known of a parameter")
-        variable(file, "informing_hz", result.informing_hz, [free, end], "middle half of what informs it", "Hz")
-        variable(file, "weakest", result.weakest, [free], "combination that is known worst")
+        variable(file, "share", result.share, [configuration, free], "share of the information about a parameter")
+        variable(
+            file,
+            "informing_hz",
+            result.informing_hz,
+            [free, end],
+            "middle half of the information about a parameter",
+            "Hz",
+        )
+        variable(file, "weakest", result.weakest, [free], "least known combination of parameters")
 
 
 def _read_further(file: Any) -> dict[str, Any]:
@@ -99,8 +106,8 @@ def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
         ("tie_to", [tie.to for tie in ties], "parameter that it is a multiple of"),
         ("tie_factor", [tie.factor for tie in ties], "that multiple"),
         ("tie_by", [tie.by for tie in ties], "and the parameter that it is multiplied by"),
-        ("ratio", [p.ratio for p in parameters], "whether it is a factor of ties and no number of the model"),
-        ("only", [" | ".join(p.only) for p in parameters], "configurations in which it stands in for another"),
+        ("ratio", [p.ratio for p in parameters], "whether it is a factor of ties and not in the model"),
+        ("only", [" | ".join(p.only) for p in parameters], "configurations in which it takes the place of another"),
         ("prior_mean", [mean for mean, _ in priors], "mean of the prior, SI"),
         ("prior_std", [std for _, std in priors], "standard deviation of the prior, of x"),
     ):
@@ -165,7 +172,7 @@ _ELEMENT_VARIABLES = {
 _ELEMENT_UNITS = {"rms_log_db": "dB", "phase_rms_deg": "deg"}
 _LAG_VARIABLES = {
     "autocorrelation": "autocorrelation of the normalised residual",
-    "autocorrelation_bound": "what a white residual stays below with 95 % probability",
+    "autocorrelation_bound": "bound of a white residual at 95 % probability",
 }
 _VERDICTS = ("verdict", "cost", "replayed", "folded")
 _FOLD_NUMBERS = {"misfit": "mean |E|^2 / sigma^2", "rms_log_db": "dB rms", "phase_rms_deg": "degrees rms"}
@@ -236,7 +243,7 @@ def _read_agreement(group: Any, name: str) -> Agreement:
 
 _REPLAY_VARIABLES = {
     "fit_percent": ("100 (1 - rms error / rms motion)", "%"),
-    "reachable_percent": ("the same of a true model, by what does not repeat", "%"),
+    "reachable_percent": ("the same of a true model, from the part that does not repeat", "%"),
     "error_rms": ("rms error", ""),
 }
 _REPLAY_SIGNALS = {
@@ -247,7 +254,7 @@ _REPLAY_ATTRIBUTES = ("quantity", "shown", "rate_hz", "rate_is_known")
 
 
 def _write_replay(group: Any, replay: Replay) -> None:
-    """One period of one record is kept, in single precision: it is there to be looked at."""
+    """One period of one record is kept for plots, in single precision."""
     for name in _REPLAY_ATTRIBUTES:
         group.attrs[name] = getattr(replay, name)
     group.attrs["band_hz"] = replay.band_hz
