@@ -35,8 +35,10 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         for name in _FIT_ATTRIBUTES:
             file.attrs[name] = getattr(result, name)
         values = result.values
-        parameter = scale(file, "parameter", list(values), "parameter")
-        variable(file, "theta", list(values.values()), [parameter], "estimate, fixed and tied ones included", "SI")
+        names = [p.name for p in result.parameters]
+        parameter = scale(file, "parameter", names, "parameter")
+        estimates = [values[name] for name in names]
+        variable(file, "theta", estimates, [parameter], "estimate, fixed and tied ones included", "SI")
         _write_parameters(file, result.parameters, parameter)
         free = scale(file, "free_parameter", result.parameters.free_names, "parameter that the solver varies")
         variable(file, "x", result.x, [free], "estimate as the solver's variable (ln p where log)")
@@ -75,14 +77,7 @@ def _write_further(file: Any, result: FitResult, free: Any) -> None:
     if len(result.share):
         configuration = scale(file, "configuration", result.configurations, "configuration")
         variable(file, "share", result.share, [configuration, free], "share of the information about a parameter")
-        variable(
-            file,
-            "informing_hz",
-            result.informing_hz,
-            [free, end],
-            "middle half of the information about a parameter",
-            "Hz",
-        )
+        variable(file, "informing_hz", result.informing_hz, [free, end], "middle half of that information", "Hz")
         variable(file, "weakest", result.weakest, [free], "least known combination of parameters")
 
 

@@ -1,0 +1,87 @@
+"""A stamp, a fit of a few parameters, arrays and names of any kind, and equality to the last bit."""
+
+import dataclasses
+import math
+
+import hypothesis.strategies as st
+import numpy as np
+from hypothesis import settings
+from hypothesis.extra.numpy import arrays
+
+from elastid.base.note import Note
+from elastid.fit.result import FitResult, LocalOptimum
+from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.store import Stamp
+
+STAMP = Stamp("inputs", "code", "0.1.0", 3, "name: Kühlhaus\n" * 6000)
+QUICK = settings(deadline=None, max_examples=15)
+
+TEXT = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
+NAME = TEXT.filter(bool)
+NUMBER = st.floats(allow_nan=False, allow_infinity=False, width=64)
+
+
+def finite(*shape):
+    return arrays(np.float64, shape, elements=st.floats(-1e6, 1e6))
+
+
+def positive(*shape):
+    return arrays(np.float64, shape, elements=st.floats(0, 1e6))
+
+
+def complex_numbers(*shape):
+    return arrays(np.complex128, shape, elements=st.complex_numbers(max_magnitude=1e6))
+
+
+REPAIRS = st.dictionaries(NAME, st.integers(0, 9), max_size=2)
+
+
+def names(n):
+    return st.lists(NAME, min_size=n, max_size=n, unique=True).map(tuple)
+
+
+def same(a, b):
+    """Equal to the last bit, whatever is inside; NaN equals NaN."""
+    if dataclasses.is_dataclass(a):
+        return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
+    if isinstance(a, tuple):
+        return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, np.ndarray):
+        return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
+    if isinstance(a, float) and math.isnan(a):
+        return isinstance(b, float) and math.isnan(b)
+    return type(a) is type(b) and a == b
+
+
+NOTE = st.builds(Note, TEXT, TEXT, TEXT, st.sampled_from(["information", "warning"]))
+
+
+def some_fit(n_starts=2):
+    parameters = ParameterSet(
+        (
+            Parameter("k_1", 100.0, "N*m/rad", 1.0, math.inf, log=True, prior=Prior(90.0, 0.1)),
+            Parameter("k_2", 0.1 + 0.2, "N*m/rad", tie=Tie("k_1", 0.5)),
+            Parameter("d_1", 3.0, "N*m*s/rad", free=False),
+            Parameter("delay", 0.0, "s", -1e-3, 1e-3),
+            Parameter("k_1@b", 80.0, "N*m/rad", free=False, only=("b", "c")),
+            Parameter("factor", 2.0, free=False, ratio=True),
+            Parameter("k_3", 60.0, "N*m/rad", tie=Tie("k_1", 0.5, "factor")),
+        )
+    )
+    start = LocalOptimum(np.array([1.0, 0.0]), np.array([2.0, 1e-4]), 12.5, 7, True, "Solve_Succeeded")
+    return FitResult(
+        parameters,
+        np.array([2.0, 1e-4]),
+        np.array([[1e-4, 0.0], [0.0, math.inf]]),
+        12.5,
+        10,
+        1.1,
+        "converged",
+        "all is well",
+        (start,) * n_starts,
+        2,
+        np.array([False, True]),
+        np.array([1.0, 0.1]),
+        "complex",
+        (Note("a-code", "a word", "a place", "information"),),
+    )

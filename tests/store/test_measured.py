@@ -1,0 +1,162 @@
+"""Records and responses come back to the last bit, on named axes with units."""
+
+import h5py
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis.extra.numpy import arrays
+from plants.artefacts import NAME, NOTE, NUMBER, QUICK, REPAIRS, STAMP, complex_numbers, finite, names, positive, same
+
+from elastid.record import Configuration, Record
+from elastid.response import Covariance, FrequencyResponse, Levels, Quality
+from elastid.store import (
+    read_configurations,
+    read_records,
+    read_responses,
+    write_records,
+    write_responses,
+)
+
+CONFIGURATION = st.builds(Configuration, NAME, finite(2))
+
+
+@st.composite
+def records(draw, name=NAME, configuration=CONFIGURATION):
+    N, n_u, n_y = draw(st.integers(2, 4)), draw(st.integers(1, 2)), draw(st.integers(1, 3))
+    motion = st.sampled_from(["position", "velocity", "acceleration"])
+    return Record(
+        draw(name),
+        draw(configuration),
+        draw(st.integers(0, 5)),
+        draw(st.integers(0, 5)),
+        draw(st.floats(1e-3, 1e6)),
+        N,
+        draw(names(n_u)),
+        draw(names(n_y)),
+        tuple(draw(motion) for _ in range(n_y)),
+        draw(finite(3 * N, n_u)),
+        draw(finite(3 * N, n_y)),
+        draw(st.none() | finite(3 * N, n_u)),
+        draw(st.booleans()),
+        tuple(draw(st.lists(NOTE, max_size=2))),
+        draw(st.sampled_from(["band-limited", "zero-order"])),
+        N % 2 == 0 and draw(st.booleans()),
+        draw(REPAIRS),
+        tuple(draw(st.lists(st.integers(0, 2), max_size=2))),
+        tuple(draw(st.lists(NAME, max_size=2))),
+    )
+
+
+@st.composite
+def responses(draw, name=NAME):
+    F, n_y, n_u = draw(st.integers(1, 3)), draw(st.integers(1, 2)), draw(st.integers(1, 2))
+    diagonal = st.builds(Covariance, positive(F, n_y, n_u), NUMBER)
+    kronecker = st.builds(
+        Covariance, positive(F, n_y, n_u), NUMBER, complex_numbers(F, n_u, n_u), complex_numbers(F, n_y, n_y)
+    )
+    full = st.builds(
+        Covariance, positive(F, n_y, n_u), NUMBER, st.none(), st.none(), complex_numbers(F, n_y * n_u, n_y * n_u)
+    )
+    covariances = st.none() | diagonal | kronecker | full
+    freq_hz = np.cumsum(draw(arrays(np.float64, F, elements=st.floats(0.1, 100))))
+    return FrequencyResponse(
+        freq_hz,
+        draw(complex_numbers(F, n_y, n_u)),
+        draw(names(n_u)),
+        draw(names(n_y)),
+        draw(st.sampled_from(["position", "velocity", "acceleration"])),
+        Configuration(draw(name), draw(finite(3))),
+        draw(covariances),
+        draw(covariances),
+        draw(st.booleans()),
+        tuple(draw(st.lists(NOTE, max_size=2))),
+        draw(covariances),
+        draw(st.none() | qualities(freq_hz, n_y, n_u)),
+        draw(REPAIRS),
+        tuple(draw(st.lists(NAME, max_size=2))),
+    )
+
+
+def qualities(freq_hz, n_y, n_u):
+    F = len(freq_hz)
+    levels = st.builds(Levels, st.just(freq_hz), positive(F, n_y), positive(F, n_y))
+    return st.builds(
+        Quality,
+        coherence=positive(F, n_y, n_u),
+        multiple_coherence=positive(F, n_y),
+        singular_values=positive(F, min(n_y, n_u)),
+        input_singular_values=positive(F, n_u),
+        input_noise=positive(F, n_u),
+        output_noise=positive(F, n_y),
+        excited=levels,
+        stochastic=st.none() | positive(F, n_y),
+        even=st.none() | levels,
+        odd=st.none() | levels,
+    )
+
+
+@given(record=records())
+@QUICK
+def test_a_record_comes_back_to_the_last_bit(tmp_path_factory, record):
+    """Whatever its names, channels, notes: what is read equals what was written."""
+    path = tmp_path_factory.mktemp("store") / "records.h5"
+    write_records(path, [record], STAMP)
+    assert same(next(read_records(path)), record)
+
+
+@given(response=responses())
+@QUICK
+def test_a_response_comes_back_to_the_last_bit(tmp_path_factory, response):
+    """Complex numbers, all covariances in every form or none, quality or none."""
+    path = tmp_path_factory.mktemp("store") / "frf.h5"
+    write_responses(path, [response])
+    assert same(read_responses(path), (response,))
+
+
+def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_path):
+    """Names that HDF5 would read as paths included."""
+    configurations = [Configuration(name, [0.0]) for name in ("z", "a/b", "..")]
+    written = [
+        Record(f"{c.name}-{i}", c, i, 0, 10.0, 2, ("u",), ("y",), ("position",), np.ones((4, 1)), np.ones((4, 1)))
+        for c in configurations
+        for i in (1, 0)
+    ]
+    path = tmp_path / "records.h5"
+    write_records(path, iter(written))
+    assert read_configurations(path) == ("z", "a/b", "..")
+    assert [r.name for r in read_records(path, "a/b")] == ["a/b-1", "a/b-0"]
+    assert [r.name for r in read_records(path)] == [r.name for r in written]
+
+
+def test_axes_are_dimension_scales_with_units_and_names(tmp_path):
+    """G hangs on its frequencies, outputs and inputs, as other programs expect of HDF5."""
+    response = FrequencyResponse(
+        [1.0, 2.0], np.ones((2, 1, 1)), ("motor 1",), ("joint 1",), "acceleration", Configuration("c", [0.0])
+    )
+    write_responses(tmp_path / "frf.h5", [response])
+    with h5py.File(tmp_path / "frf.h5") as file:
+        G = file["c/G"]
+        assert [d.label for d in G.dims] == ["freq_hz", "output", "input"]
+        assert all(d[0].is_scale for d in G.dims)
+        assert G.attrs["units"] == "(rad/s^2)/(N*m)"
+        assert G.attrs["long_name"]
+        assert file["c/freq_hz"].attrs["units"] == "Hz"
+        assert G.dtype == np.complex128
+
+
+def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path):
+    """Killed half-way, the file of before is untouched."""
+    path = tmp_path / "records.h5"
+    record = Record("a", Configuration("c", [0.0]), 0, 0, 1.0, 2, ("u",), ("y",), ("position",), *[np.ones((4, 1))] * 2)
+    write_records(path, [record])
+    before = path.read_bytes()
+
+    def interrupted():
+        yield record
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_records(path, interrupted())
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,96 @@
+"""Fits and validations come back to the last bit."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from plants.artefacts import (
+    STAMP,
+    same,
+    some_fit,
+)
+
+from elastid.store import (
+    read_fit,
+    read_validation,
+    write_fit,
+    write_validation,
+)
+from elastid.validation.resonances import Peak
+from elastid.validation.results import Agreement, Fold, Replay, Validation
+
+
+@pytest.mark.parametrize("n_starts", [0, 2])
+def test_a_fit_comes_back_to_the_last_bit(tmp_path, n_starts):
+    """Ties, priors, infinite bounds and variances, every start."""
+    write_fit(tmp_path / "fit.h5", some_fit(n_starts), STAMP)
+    assert same(read_fit(tmp_path / "fit.h5"), some_fit(n_starts))
+
+
+def test_intervals_and_information_come_back_to_the_last_bit(tmp_path):
+    """With them or without any of them."""
+    pairs = np.array([[1.0, math.inf], [math.nan, math.nan]])
+    full = dataclasses.replace(
+        some_fit(),
+        profile95=pairs,
+        bootstrap95=2 * pairs,
+        configurations=("b", "a"),
+        share=np.array([[0.25, 0.5], [0.75, 0.5]]),
+        informing_hz=3 * pairs,
+        weakest=np.array([0.6, -0.8]),
+    )
+    write_fit(tmp_path / "fit.h5", full)
+    assert same(read_fit(tmp_path / "fit.h5"), full)
+
+
+def test_a_validation_comes_back_to_the_last_bit(tmp_path):
+    """NaN where nothing could be said, and configurations without peaks."""
+
+    def agreement(name, peaks):
+        block = np.arange(2.0).reshape(2, 1)
+        lags = np.full((3, 2, 1), np.nan)
+        return Agreement(
+            name,
+            name == "b",
+            ("y1", "y2"),
+            ("u",),
+            block.astype(int),
+            block,
+            block,
+            block,
+            0.95,
+            lags,
+            lags,
+            block,
+            block,
+            peaks,
+        )
+
+    peaks = (Peak("y1", "u", "resonance", 10.0, math.nan),)
+    validation = Validation((agreement("b", peaks), agreement("a", ())), "carries over")
+    write_validation(tmp_path / "validation.h5", validation, STAMP)
+    assert same(read_validation(tmp_path / "validation.h5"), validation)
+    fits, signals = np.array([[90.0], [np.nan]]), np.arange(3.0)[:, None]
+    replay = Replay(
+        "a",
+        ("r1", "r/2"),
+        ("y1",),
+        "velocity",
+        ("m/s",),
+        (1.0, 4.5),
+        fits,
+        fits,
+        fits,
+        "r/2",
+        10.0,
+        False,
+        signals,
+        -signals,
+    )
+    folds = (Fold("b", 1.5, 0.2, 3.0), Fold("a", math.nan, math.nan, math.nan, "no start led anywhere"))
+    more = dataclasses.replace(
+        validation, cost="is high", replays=(replay,), replayed="90 %", folds=folds, folded="does not hang on any"
+    )
+    write_validation(tmp_path / "more.h5", more, STAMP)
+    assert same(read_validation(tmp_path / "more.h5"), more)
