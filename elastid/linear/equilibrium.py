@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, frozen
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.closed_posture import assembled
@@ -29,7 +29,7 @@ HALVINGS = 30
 LARGEST_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
 
 
-@dataclass(frozen=True)
+@frozen_value
 class OperatingPoint:
     """Coordinates q (n_q,), multipliers lambda_ (n_c,) and holding torques u (n_u,) at rest, link side, SI."""
 
@@ -37,11 +37,6 @@ class OperatingPoint:
     q: FloatArray
     lambda_: FloatArray
     u: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in ("q", "lambda_", "u"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
 
 def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configuration) -> OperatingPoint:
@@ -102,8 +97,7 @@ def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArr
 
 def free_coordinates(model: ElasticModel) -> IntArray:
     """The coordinates (n_f,) that find their rest: all but the motors', which are held."""
-    free: IntArray = np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
-    return free
+    return np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
 
 
 def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
@@ -118,8 +112,7 @@ def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
     pull, size = modes.T @ torque, np.abs(stiffness)
     floor = 1e-13 * size.max() or 1.0
     moving = (size > floor) | (np.abs(pull) > rounding)
-    step: FloatArray = -modes @ np.where(moving, pull / np.maximum(size, floor), 0.0)
-    return step
+    return np.asarray(-modes @ np.where(moving, pull / np.maximum(size, floor), 0.0))
 
 
 def _shortened(

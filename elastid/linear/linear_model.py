@@ -13,18 +13,18 @@ linearises again at its result until nothing moves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen, frozen_value
 from elastid.linear.measurement_chain import Element
 from elastid.record import Configuration, Motion
 
 DELAY = "delay"
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Slope:
     """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter.
 
@@ -37,14 +37,8 @@ class Slope:
     C: FloatArray | None = None
     T: FloatArray | None = None
 
-    def __post_init__(self) -> None:
-        """Freeze the matrices."""
-        for name in ("M", "D", "K", "C", "T"):
-            if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen(getattr(self, name)))
 
-
-@dataclass(frozen=True)
+@frozen_value
 class LinearModel:
     """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
 
@@ -71,14 +65,12 @@ class LinearModel:
     Z: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check shapes; without T no output is an accelerometer."""
-        if self.T is None:
-            object.__setattr__(self, "T", np.zeros(self.C.shape))
-        if self.Z is None:
-            object.__setattr__(self, "Z", np.eye(self.M.shape[0]))
-        for name in ("theta_ref", "M", "D", "K", "B", "C", "T", "Z"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        """Check shapes; without T no output is an accelerometer."""
         n = self.M.shape[0]
+        if self.T is None:
+            object.__setattr__(self, "T", frozen(np.zeros(self.C.shape)))
+        if self.Z is None:
+            object.__setattr__(self, "Z", frozen(np.eye(n)))
         expected = {"M": (n, n), "D": (n, n), "K": (n, n), "B": (n, len(self.inputs)), "C": (len(self.outputs), n)}
         expected["T"] = expected["C"]
         for name, shape in expected.items():

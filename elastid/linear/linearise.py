@@ -143,8 +143,7 @@ def linearise(
 
 
 def _symmetric(triangle: FloatArray, n: int) -> FloatArray:
-    full: FloatArray = triangle[_places(n)]
-    return full
+    return np.asarray(triangle[_places(n)])
 
 
 @cache

@@ -6,12 +6,10 @@ r"""Natural frequencies, damping, mode shapes and antiresonances of a LinearMode
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy.linalg
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.linear.linear_model import LinearModel
 
 # |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.
@@ -20,7 +18,7 @@ RIGID = 1e-6
 HIGHEST = 10.0
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Modes:
     """Oscillating modes by rising frequency: freq_hz (n_m,), damping ratio zeta (n_m,), shapes (n, n_m).
 
@@ -32,12 +30,6 @@ class Modes:
     zeta: FloatArray
     shapes: ComplexArray
     real_poles: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in ("freq_hz", "zeta", "real_poles"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        object.__setattr__(self, "shapes", frozen(self.shapes, np.complex128))
 
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
@@ -88,8 +80,7 @@ def _normalised(shapes: ComplexArray) -> ComplexArray:
     if not shapes.size:
         return shapes
     largest = np.take_along_axis(shapes, np.abs(shapes).argmax(axis=0)[None], axis=0)
-    normalised: ComplexArray = shapes / largest
-    return normalised
+    return np.asarray(shapes / largest)
 
 
 def _eigenvalues(M: FloatArray, D: FloatArray, K: FloatArray) -> tuple[ComplexArray, ComplexArray]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.note import Note
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
@@ -18,18 +17,13 @@ from elastid.model.nonlinear_springs import deflections, tangents
 FLANK = 2.0
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Preload:
     """The springs at rest, in the order of `joints`: deflection (rad, m), tangent (Nm/rad, N/m), (n_s,) each."""
 
     joints: tuple[str, ...]
     deflection: FloatArray
     tangent: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        object.__setattr__(self, "deflection", frozen(self.deflection))
-        object.__setattr__(self, "tangent", frozen(self.tangent))
 
 
 def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Preload, ...]:

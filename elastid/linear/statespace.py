@@ -12,18 +12,16 @@ The lags of the measurement chain, the same for every motor, are states of their
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.measurement_chain import LagElement
 from elastid.record import Configuration, Motion
 
 
-@dataclass(frozen=True)
+@frozen_value
 class StateSpace:
     """A (2n, 2n), B (2n, n_u), C (n_y, 2n), D (n_y, n_u) of one configuration and the delay T_d in s; link side, SI."""
 
@@ -37,17 +35,11 @@ class StateSpace:
     outputs: tuple[str, ...]
     quantity: Motion
 
-    def __post_init__(self) -> None:
-        """Freeze the matrices."""
-        for name in ("A", "B", "C", "D"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""
         s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
         X = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B.astype(complex))
-        G: ComplexArray = ((self.C @ X + self.D) * np.exp(-s * self.delay)).astype(complex)
-        return G
+        return np.asarray((self.C @ X + self.D) * np.exp(-s * self.delay))
 
 
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:

@@ -9,27 +9,20 @@ it is negative where these help the mode on, as the weight of an arm that stands
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 
 
-@dataclass(frozen=True)
+@frozen_value
 class StrainEnergy:
     """springs: names k_... of the parameters.  share (n_s, n_m) of each in each mode.  load (n_m,): w_g, the rest."""
 
     springs: tuple[str, ...]
     share: FloatArray
     load: FloatArray
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        object.__setattr__(self, "share", frozen(self.share))
-        object.__setattr__(self, "load", frozen(self.load))
 
 
 def strain_energy(model: ElasticModel, theta: FloatArray, point: OperatingPoint, shapes: ComplexArray) -> StrainEnergy:

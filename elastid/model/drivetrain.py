@@ -61,8 +61,7 @@ def input_matrix(robot: Robot) -> FloatArray:
 
 def rotor_rates(robot: Robot) -> FloatArray:
     """eta B^T (n_u, n_q): how fast each rotor turns in its housing per rate of the coordinates, motor side."""
-    rates: FloatArray = robot.eta @ input_matrix(robot).T
-    return rates
+    return np.asarray(robot.eta @ input_matrix(robot).T)
 
 
 def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
@@ -91,7 +90,7 @@ def drivetrain(robot: Robot, theta: Mapping[str, ca.SX]) -> Drivetrain:
 
 def gear_deflections(robot: Robot) -> FloatArray:
     """delta = q_m - q_a of each driven joint as rows (n_u, n_q); zero rows for rigid gears."""
-    rows: FloatArray = input_matrix(robot).T
+    rows = input_matrix(robot).T
     rows[range(len(rows)), robot.driven_indices] -= 1.0
     return rows
 

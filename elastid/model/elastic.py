@@ -27,18 +27,17 @@ Conventions, for all of `model`, `linear` and `simulation`:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, frozen
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.robot import FRAME_AXES, Robot
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_value(eq=False)
 class ElasticModel:
     """The equations as named CasADi functions of q (n_q,), v = q' (n_q,), theta (n_theta,), lambda_ (n_c,).
 
@@ -84,11 +83,6 @@ class ElasticModel:
     springs: tuple[str, ...]
     strain: ca.Function
     independent: tuple[str, ...] | None = None
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        object.__setattr__(self, "theta", frozen(self.theta))
-        object.__setattr__(self, "B", frozen(self.B))
 
     @property
     def n_q(self) -> int:

@@ -163,8 +163,7 @@ def placed(R: list[FloatArray], p: list[FloatArray], frame: int, local: FloatArr
     """A point (3,) in a frame's axes (-1: the base's) in the base frame (Q, 3), Q = count postures."""
     if frame < 0:
         return np.tile(local, (count, 1))
-    at: FloatArray = p[frame] + R[frame] @ local
-    return at
+    return np.asarray(p[frame] + R[frame] @ local)
 
 
 def _chain(layout: Tree, frame: int) -> set[int]:

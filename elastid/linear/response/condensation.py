@@ -52,8 +52,7 @@ class Leaves:
         """B^T Z^-1 Y (F, m, n_d) of real B (n, m), Y (n, n_d); other arguments as `solve`."""
         X = np.ascontiguousarray(self.solve(M, D, K, omega, B).swapaxes(1, 2))
         F, m, n = X.shape
-        products: ComplexArray = (X.reshape(F * m, n) @ Y.astype(complex)).reshape(F, m, Y.shape[1])
-        return products
+        return np.asarray((X.reshape(F * m, n) @ Y.astype(complex)).reshape(F, m, Y.shape[1]))
 
     def solve(self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray) -> ComplexArray:
         """X (F, n, m) of Z = K + j omega D - omega^2 M and real B (n, m); LinAlgError where Z is singular."""
@@ -89,5 +88,4 @@ def _stiffness(M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray) -
 
 
 def _solved(Z: ComplexArray, B: FloatArray) -> ComplexArray:
-    X = np.linalg.solve(Z, B.astype(complex))
-    return np.asarray(X, np.complex128)
+    return np.asarray(np.linalg.solve(Z, B.astype(complex)))

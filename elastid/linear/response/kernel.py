@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.condensation import Leaves
 from elastid.linear.response.ldl import Elimination, is_worth_it
@@ -58,7 +58,7 @@ class Sides:
     tilts: IntArray
 
 
-@dataclass(frozen=True, eq=False)
+@frozen_value(eq=False)
 class Kernel:
     """G and dG of one LinearModel on the lines freq_hz (F,), for the parameters `wanted` (P names).
 
@@ -70,8 +70,7 @@ class Kernel:
     wanted: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        """Freeze the lines and check the names."""
-        object.__setattr__(self, "freq_hz", frozen(self.freq_hz))
+        """Check the names."""
         for name in self.wanted:
             if name not in self.model.parameters:
                 raise KeyError(f"the model has no parameter {name}; there are {', '.join(self.model.parameters)}")
@@ -142,7 +141,7 @@ class Kernel:
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
             omega = 2 * np.pi * self.freq_hz[block]
-            s: ComplexArray = (1j * omega).astype(complex)
+            s = (1j * omega).astype(complex)
             found = self._solver.products(M, D, K, omega, right, asked)
             gain = factor(self.model, theta, s)
             moved, YX = found[:, :n_u, n_d:], found[:, :, :n_d]
@@ -172,7 +171,7 @@ class Kernel:
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
         change = (theta - self.model.theta_ref)[self._slopes[0]]
-        moved: FloatArray = (change @ self._slopes[1]).reshape(3, self.model.n, self.model.n)
+        moved = (change @ self._slopes[1]).reshape(3, self.model.n, self.model.n)
         return moved + np.stack([self.model.M, self.model.D, self.model.K])
 
     @cached_property

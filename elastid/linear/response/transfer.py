@@ -26,11 +26,10 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     Returns G (F, n_y, n_u), link side, model.quantity per Nm.
     """
     M, D, K = model.matrices(theta)
-    s: ComplexArray = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
+    s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
     C, T = model.readout(theta)
-    G: ComplexArray = factor(model, theta, s) * (C @ X + T @ X / s**2)
-    return G
+    return np.asarray(factor(model, theta, s) * (C @ X + T @ X / s**2))
 
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
@@ -42,7 +41,7 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> F
 def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
     """c = s^k exp(-s T_d) times the factors of the chain, of the shape of s = j omega."""
     delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
-    c: ComplexArray = s ** MOTION_ORDER[model.quantity] * np.exp(-s * delay)
+    c = s ** MOTION_ORDER[model.quantity] * np.exp(-s * delay)
     for element in model.chain:
         c = c * element.response(s, model.number(theta, element.name))
     return c

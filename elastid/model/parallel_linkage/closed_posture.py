@@ -47,8 +47,7 @@ class Mechanism:
     def rows(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """phi (Q, n_g) and Phi (Q, n_g, n_l) at q (Q, n_l)."""
         rows, Phi, _ = self.function.map(len(q))(q.T)
-        phi: FloatArray = np.array(rows.full().T)
-        return phi, _stacked(Phi, len(q))
+        return np.array(rows.full().T), _stacked(Phi, len(q))
 
     def lever(self, q: FloatArray) -> float:
         """The longest way (m) that an end goes per radian of a passive joint, at q (n_l,)."""
@@ -135,8 +134,7 @@ def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
     dq = np.zeros_like(q)
     dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK) @ phi[:, :, None])[:, :, 0]
     longest = np.abs(dq).max(axis=1, initial=0.0, keepdims=True)
-    step: FloatArray = dq * np.minimum(1.0, LARGEST / np.maximum(longest, LARGEST))
-    return step
+    return np.asarray(dq * np.minimum(1.0, LARGEST / np.maximum(longest, LARGEST)))
 
 
 def _closed_at_start(parts: Mechanism, q: FloatArray) -> FloatArray:
@@ -240,5 +238,4 @@ def _generic_rank(parts: Mechanism) -> int:
 
 def _stacked(matrix: ca.DM, count: int) -> FloatArray:
     full = matrix.full()
-    stacked: FloatArray = full.reshape(full.shape[0], count, -1).transpose(1, 0, 2)
-    return stacked
+    return np.asarray(full.reshape(full.shape[0], count, -1).transpose(1, 0, 2))

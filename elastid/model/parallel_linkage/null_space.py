@@ -110,5 +110,4 @@ def null_space(Phi: FloatArray) -> FloatArray:
         return np.eye(Phi.shape[1])
     _, s, Vt = np.linalg.svd(Phi)
     rank = int(np.sum(s > RANK * s.max()))
-    Z: FloatArray = Vt[rank:].T
-    return Z
+    return Vt[rank:].T
