@@ -141,7 +141,7 @@ class Prospect:
         both = self.linearisation.at(configuration, theta[:-1], (*motors, *self.outputs), self.quantity)
         n_u = len(motors)
         every = frequency_response(both, theta, self.freq_hz)
-        model = both.reading(range(n_u, len(both.outputs)))
+        model = both.with_outputs(range(n_u, len(both.outputs)))
         return model, every[:, n_u:], every[:, :n_u]
 
     def torques(self, configuration: Configuration, x: FloatArray) -> ComplexArray:

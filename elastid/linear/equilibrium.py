@@ -3,7 +3,8 @@ r"""Rest under gravity: the operating point of a configuration.
 .. math:: \partial V / \partial q + \Phi^T \lambda = B u, \qquad \varphi(q) = 0, \qquad q_m = q_{m0}
 
 The motors stand where they were measured; links and further elastic joints give way until springs, gravity and the
-forces in the loops balance. Redundant constraints leave lambda open by what does no work; the least one is taken.
+forces in the loops balance. Redundant constraints leave lambda undetermined by forces that do no work; the smallest is
+taken.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ from elastid.model.parallel_linkage.null_space import motions, null_space
 from elastid.record import Configuration
 
 MAX_STEPS = 60
-LARGEST_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
-SINGULAR = 1e-12  # smallest eigenvalue of M, scaled to a unit diagonal, that rounding cannot explain
-CLOSED = 1e-9  # m or rad: what rounding may leave of a constraint
-SMALLEST_STEP = 1e-12  # rad or m: convergence is quadratic, the error left is far below
-SMALL_STEP = 1e-9  # rad or m: below, rounding decides whether a step leads downhill
-HALVINGS = 30
-LARGEST_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
+MAX_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
+CONVERGED_STEP = 1e-12  # rad or m: convergence is quadratic, the error left is far below
+ROUNDING_STEP = 1e-9  # rad or m: below, rounding decides whether a step leads downhill
+MAX_HALVINGS = 30
+MAX_GAP = 1e-9  # m or rad: residual of a constraint that rounding explains
+MAX_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over
+ROUNDING_INERTIA = 1e-12  # eigenvalue of M, scaled to a unit diagonal, that rounding explains
 
 
 @frozen_value
@@ -43,7 +44,7 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
     """Statics by Newton's method with the exact stiffness, from the posture that a rigid robot would have.
 
     theta (n_theta,): model.parameters, SI.  configuration.angles (n_u,): the motors' angles, link side (or m).
-    StudyError where the number of angles is wrong, a joint finds no rest, gives way under gravity or moves no inertia.
+    StudyError for a wrong number of angles, a joint that finds no rest, tips over under gravity or moves no inertia.
     """
     free = free_coordinates(model)
     q = rigid_posture(model, configuration, theta)
@@ -59,9 +60,9 @@ def equilibrium(model: ElasticModel, theta: FloatArray, configuration: Configura
         step = np.zeros(model.n_q)
         step[free] = close + Z @ _downhill(Z.T @ K @ Z, pull, 1e-9 * np.abs(gravity).max())
         largest = np.abs(step).max(initial=0.0)
-        step *= min(1.0, LARGEST_STEP / max(largest, SMALLEST_STEP))
+        step *= min(1.0, MAX_STEP / max(largest, CONVERGED_STEP))
         q, now = _shortened(model, theta, q, now, step, free)
-        if largest <= SMALLEST_STEP:
+        if largest <= CONVERGED_STEP:
             break
     rounding = 1e-8 * np.abs(gravity).max() + 1e-12 * np.abs(now.K).max()
     _check_closed(model, configuration, now.phi)
@@ -84,7 +85,7 @@ class _Balance:
 
 
 def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArray) -> _Balance:
-    """At q (n_q,), with the multipliers that leave least on the free coordinates; of many, the smallest."""
+    """At q (n_q,), with the multipliers of the least torque on the free coordinates; of many, the smallest."""
     gravity = model.potential_gradient(q, theta).full()[:, 0]
     if not model.n_c:
         none = np.zeros(0)
@@ -96,12 +97,12 @@ def _balance(model: ElasticModel, theta: FloatArray, q: FloatArray, free: IntArr
 
 
 def free_coordinates(model: ElasticModel) -> IntArray:
-    """The coordinates (n_f,) that find their rest: all but the motors', which are held."""
+    """The free coordinates (n_f,): all but the motors', which are held."""
     return np.setdiff1d(np.arange(model.n_q), [model.index(motor) for motor in model.inputs])
 
 
 def _downhill(K: FloatArray, torque: FloatArray, rounding: float) -> FloatArray:
-    """Newton's step where K is positive definite; where it is not, one that leads down there, too.
+    """Newton's step where K is positive definite, else a step of descent.
 
     A joint with neither spring nor gravity has no stiffness and stays where it is; one whose spring is inside its gap
     has none either, but a torque beyond rounding.
@@ -120,10 +121,10 @@ def _shortened(
 ) -> tuple[FloatArray, _Balance]:
     """q and balance after the step, halved until the slope of V along it is not nearly as steep uphill at its end."""
     slope = float(now.torque @ step)
-    for halving in range(HALVINGS):
+    for halving in range(MAX_HALVINGS):
         moved = q + 0.5**halving * step
         now = _balance(model, theta, moved, free)
-        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < SMALL_STEP:
+        if float(now.torque @ step) <= -0.9 * slope or np.abs(step).max(initial=0.0) < ROUNDING_STEP:
             break
     return moved, now
 
@@ -172,7 +173,7 @@ def _check_rest(
 
 
 def _check_closed(model: ElasticModel, configuration: Configuration, phi: FloatArray) -> None:
-    if np.abs(phi).max(initial=0.0) > CLOSED:
+    if np.abs(phi).max(initial=0.0) > MAX_GAP:
         raise StudyError(
             f"configuration {configuration.name}: the loops of robot {model.robot.name} stay open by "
             f"{np.abs(phi).max():.3g} m at rest under gravity; its springs are too soft for the weight they carry"
@@ -201,7 +202,7 @@ def _check_deflections(model: ElasticModel, configuration: Configuration, moved:
     for joint in model.robot.joints:
         place = f"joint {joint.name}"
         by = moved[model.index(place)]
-        if joint.spring is not None and abs(by) > LARGEST_DEFLECTION:
+        if joint.spring is not None and abs(by) > MAX_DEFLECTION:
             raise StudyError(
                 f"configuration {configuration.name}: {place} tips over, it comes to rest {by:.3g} {joint.unit} from "
                 "where its motor holds it; its springs are too soft for the weight they carry, raise their stiffness"
@@ -212,7 +213,7 @@ def _check_inertia(model: ElasticModel, configuration: Configuration, M: FloatAr
     M = Z.T @ M @ Z
     scale = np.sqrt(np.where(np.diag(M) > 0, np.diag(M), 1.0))
     eigenvalues, modes = np.linalg.eigh(M / np.outer(scale, scale))
-    share = np.linalg.norm(Z @ modes[:, eigenvalues <= SINGULAR], axis=1)
+    share = np.linalg.norm(Z @ modes[:, eigenvalues <= ROUNDING_INERTIA], axis=1)
     names = ", ".join(name for name, part in zip(model.coordinates, share, strict=True) if part > 0.1)
     if not names:
         return

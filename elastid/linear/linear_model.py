@@ -42,7 +42,7 @@ class Slope:
 class LinearModel:
     """M, D, K (n, n) symmetric at theta_ref (n_theta,), slopes by parameter name, B (n, n_u), C and T (n_y, n).
 
-    quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not reach this
+    quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not enter this
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
     was eliminated.  Link side, SI.
@@ -108,8 +108,8 @@ class LinearModel:
             T += 0.0 if slope.T is None else change * slope.T
         return C, T
 
-    def reading(self, rows: Sequence[int]) -> LinearModel:
-        """The same with some of the outputs, by their places."""
+    def with_outputs(self, rows: Sequence[int]) -> LinearModel:
+        """The same with some of its outputs, by their places."""
         kept = list(rows)
 
         def part(matrix: FloatArray | None) -> FloatArray | None:

@@ -8,12 +8,13 @@ the velocities and leave nothing. The operating point moves with the parameters,
 
 .. math:: \frac{dK}{d\theta} = \frac{\partial K}{\partial \theta} + \frac{\partial K}{\partial q} \frac{dq_0}{d\theta}
 
-and M, C alike (`following`). Where all springs are linear the second term is left out: it is a thousandth of the first
-and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers close loops;
-the minimal formulation, with rods cut, follows. Where coordinates of the geometry are parameters nothing is left out.
+and M, C alike (`operating_point_slopes`). Where all springs are linear the second term is left out: it is a thousandth
+of the first and would give each stiffness as many rank-one terms as there are coordinates. So it is where multipliers
+close loops; the minimal formulation, with rods cut, follows. Where coordinates of the geometry are parameters nothing
+is left out.
 
 Constraints are eliminated by the motions Z that they allow at the operating point, dq = Z y: Z^T (.) Z of each matrix
-and slope, Z^T B and C Z. Nothing beyond this line knows that there were any.
+and slope, Z^T B and C Z. No later stage sees a constraint.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.measurement_chain import elements
-from elastid.linear.operating_point_slopes import Following, following_of, total
+from elastid.linear.operating_point_slopes import PointDerivatives, differentiate_point, total
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.parallel_linkage.null_space import motions
@@ -43,17 +44,17 @@ class Linearisation:
     """A model with its derivatives to theta, built once and evaluated at each configuration.
 
     matrices(q, lambda_, theta) -> lower triangles of M, D, K side by side (n_q (n_q + 1) / 2, 3), and their Jacobian to
-    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  following: None where the operating point is held.
+    theta, (3 n_q (n_q + 1) / 2, n_theta), sparse.  point: None where the operating point is held.
     """
 
     model: ElasticModel
     matrices: ca.Function
-    following: Following | None
+    point: PointDerivatives | None
 
     @property
     def follows(self) -> bool:
         """Whether the derivatives follow the operating point, which moves with the parameters."""
-        return self.following is not None
+        return self.point is not None
 
     def is_affine_in(self, names: Collection[str]) -> bool:
         """Whether M, D, K about a held operating point are affine in these parameters together, as in m but not m c."""
@@ -75,8 +76,8 @@ class Linearisation:
         triangles = ca.horzcat(*(ca.densify(matrix)[lower] for matrix in matrices))
         slopes = ca.jacobian(ca.vec(triangles), theta)
         moves = _moves_with_parameters(model) or (follows and model.n_c == 0)
-        following = following_of(model, triangles, q, lambda_, theta) if moves else None
-        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), following)
+        point = differentiate_point(model, triangles, q, lambda_, theta) if moves else None
+        return cls(model, ca.Function("matrices", [q, lambda_, theta], [triangles, slopes]), point)
 
     @classmethod
     def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> Linearisation:
@@ -94,10 +95,10 @@ class Linearisation:
         slopes = slopes.full()
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
         C, T = model.output_jacobian(point.q, outputs, theta), model.gravity_jacobian(point.q, outputs)
-        if self.following is None:
+        if self.point is None:
             of_name = _slopes(model, slopes, Z)
         else:
-            moved = self.following.at(point, theta, K, Z, tuple(outputs))
+            moved = self.point.at(point, theta, K, Z, tuple(outputs))
             held = _slopes(model, slopes + moved.triangles, Z)
             of_name = total(held, moved, {"M": M, "D": D, "K": K, "C": C, "T": T}, Z)
         return LinearModel(
@@ -120,7 +121,7 @@ class Linearisation:
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
-    """Whether the tangent stiffness depends on where gravity deflects a spring to, or springs in series are no sum.
+    """Whether the tangent stiffness depends on the deflection under gravity, or springs are in series.
 
     Or the geometry, which moves everything, is among the parameters.
     """

@@ -42,7 +42,7 @@ class LagElement:
 
 @dataclass(frozen=True)
 class DifferenceElement:
-    """H(x) = (1 - e^-x) / x, x = s T: what a difference over T is to a derivative."""
+    """H(x) = (1 - e^-x) / x, x = s T: a difference over T in the place of a derivative."""
 
     name: str
 
@@ -63,7 +63,7 @@ Element = LagElement | DifferenceElement
 
 
 def elements(chain: Chain) -> tuple[Element, ...]:
-    """The elements of a chain that are there: first those of the torque, then those of the sensor."""
+    """The elements of a chain: first those of the torque, then those of the sensor."""
     return (*torque_elements(chain), *sensor_elements(chain))
 
 

@@ -13,9 +13,9 @@ from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.linear.linear_model import LinearModel
 
 # |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.
-RIGID = 1e-6
-# Zeros beyond this multiple of the highest natural frequency cannot be told from zeros at infinity.
-HIGHEST = 10.0
+MAX_RIGID_RATE = 1e-6
+# Zeros beyond this multiple of the highest natural frequency cannot be distinguished from zeros at infinity.
+MAX_ZERO_RATIO = 10.0
 
 
 @frozen_value
@@ -53,7 +53,7 @@ def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: st
     M, D, K = model.matrices(theta)
     B, C = model.B[:, [model.inputs.index(input)]], model.readout(theta)[0][[model.outputs.index(output)]]
     N_b, N_c = scipy.linalg.null_space(B.T), scipy.linalg.null_space(C)
-    highest = HIGHEST * float(np.abs(_eigenvalues(M, D, K)[0]).max())
+    highest = MAX_ZERO_RATIO * float(np.abs(_eigenvalues(M, D, K)[0]).max())
     return _modes(N_b.T @ M @ N_c, N_b.T @ D @ N_c, N_b.T @ K @ N_c, basis=N_c, highest=highest)
 
 
@@ -63,11 +63,11 @@ def _modes(M: FloatArray, D: FloatArray, K: FloatArray, basis: FloatArray, highe
     kept = np.isfinite(poles) & (np.abs(poles) <= highest)
     poles, shapes = poles[kept], basis @ x[:, kept]
     scale = np.abs(poles).max(initial=0.0)
-    poles = np.where(np.abs(poles) <= RIGID * scale, 0.0, poles)
-    real = np.abs(poles.imag) <= RIGID * scale
-    swinging = np.flatnonzero(~real & (poles.imag > 0))
-    swinging = swinging[np.argsort(np.abs(poles[swinging]))]
-    found, shapes = poles[swinging], shapes[:, swinging]
+    poles = np.where(np.abs(poles) <= MAX_RIGID_RATE * scale, 0.0, poles)
+    real = np.abs(poles.imag) <= MAX_RIGID_RATE * scale
+    oscillating = np.flatnonzero(~real & (poles.imag > 0))
+    oscillating = oscillating[np.argsort(np.abs(poles[oscillating]))]
+    found, shapes = poles[oscillating], shapes[:, oscillating]
     shapes = _normalised(shapes)
     decaying = poles[real].real
     return Modes(

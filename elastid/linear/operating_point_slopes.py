@@ -1,4 +1,4 @@
-r"""How all that is taken at the operating point moves with the parameters, the point itself moving with them.
+r"""Slopes of the matrices at the operating point, which itself moves with the parameters.
 
 .. math:: \begin{bmatrix} K_{ff} & \Phi_f^T \\ \Phi_f & 0 \end{bmatrix}
           \begin{bmatrix} dq_f \\ d\lambda \end{bmatrix} = - \frac{\partial}{\partial \theta}
@@ -26,15 +26,15 @@ from elastid.base.errors import StudyError
 from elastid.linear.equilibrium import OperatingPoint, free_coordinates
 from elastid.linear.linear_model import Slope
 from elastid.model.elastic import ElasticModel
-from elastid.model.parallel_linkage.null_space import RANK, null_space
+from elastid.model.parallel_linkage.null_space import RANK_TOLERANCE, null_space
 
-# What is left of a loop that opens, beside how far a coordinate would open it if nothing followed.
-OPEN = 1e-6
+# Gap of a loop beside the one that a parameter would open if no joint followed.
+MAX_OPENING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
-    """triangles (3 n (n + 1) / 2, n_theta): what the point's motion adds to the slopes of M, D, K.
+class PointSlopes:
+    """triangles (3 n (n + 1) / 2, n_theta): added to the slopes of M, D, K by the point's motion.
 
     By name, for parameters that have any: Z (n_q, n) of the motions allowed, C and T (n_y, n_q) of what is measured.
     """
@@ -46,7 +46,7 @@ class Moved:
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class PointDerivatives:
     """shift(q, lambda_, theta) -> the partial derivatives of the equation above, A the triangles of M, D, K, and Phi.
 
     of_theta: of statics (n_f, n_theta), phi (n_c, n_theta), vec Phi (n_c n_q, n_theta).  of_q: of A (.., n_f), vec Phi
@@ -60,7 +60,7 @@ class Following:
 
     def at(
         self, point: OperatingPoint, theta: FloatArray, K: FloatArray, Z: FloatArray, outputs: tuple[str, ...]
-    ) -> Moved:
+    ) -> PointSlopes:
         """The motion at an equilibrium, whose stiffness is K (n_q, n_q) and whose motions are Z (n_q, n).
 
         StudyError for a coordinate of the geometry with which no joint can keep the loops closed.
@@ -70,9 +70,9 @@ class Following:
         A_q, Phi_q = (part.full() for part in self.of_q(*at))
         if not model.n_c:
             dq = -np.linalg.lstsq(K[np.ix_(free, free)], statics)[0]
-            return Moved(A_q @ dq, **_reading(model, at, outputs, dq))
+            return PointSlopes(A_q @ dq, **_reading(model, at, outputs, dq))
         Phi = model.constraint_jacobian(point.q, theta).full()
-        inverse, Y = np.linalg.pinv(Phi[:, free], rcond=RANK), null_space(Phi[:, free])
+        inverse, Y = np.linalg.pinv(Phi[:, free], rcond=RANK_TOLERANCE), null_space(Phi[:, free])
         K_f = K[np.ix_(free, free)]
         back = -inverse @ phi
         self._check_closed(Phi[:, free] @ back + phi, phi)
@@ -85,11 +85,11 @@ class Following:
                 motions[name] = np.zeros_like(Z)
                 motions[name][free] = -inverse @ (dPhi @ Z)
         triangles = A_q @ dq + self.of_lambda(*at).full() @ dlambda
-        return Moved(triangles, motions, **_reading(model, at, outputs, dq))
+        return PointSlopes(triangles, motions, **_reading(model, at, outputs, dq))
 
     def _check_closed(self, left: FloatArray, phi: FloatArray) -> None:
         """Every row of phi (n_c, n_theta) can be taken back by the joints."""
-        opened = np.abs(left).max(axis=0) > OPEN * np.abs(phi).max(initial=0.0)
+        opened = np.abs(left).max(axis=0) > MAX_OPENING * np.abs(phi).max(initial=0.0)
         names = [name for name, one in zip(self.model.parameters, opened, strict=True) if one]
         if names:
             raise StudyError(
@@ -99,14 +99,16 @@ class Following:
             )
 
 
-def following_of(model: ElasticModel, triangles: ca.SX, q: ca.SX, lambda_: ca.SX, theta: ca.SX) -> Following:
+def differentiate_point(
+    model: ElasticModel, triangles: ca.SX, q: ca.SX, lambda_: ca.SX, theta: ca.SX
+) -> PointDerivatives:
     """Differentiate the equilibrium, and the triangles of M, D, K as expressions of q, lambda_ and theta."""
     free = free_coordinates(model).tolist()
     Phi, phi = model.constraint_jacobian(q, theta), model.constraint(q, theta)
     statics = model.potential_gradient(q, theta) + (Phi.T @ lambda_ if model.n_c else 0)
     arguments, stacked = [q, lambda_, theta], ca.vec(triangles)
     held = (statics[free], phi, ca.vec(Phi))
-    return Following(
+    return PointDerivatives(
         model,
         ca.Function("of_theta", arguments, [ca.jacobian(part, theta) for part in held]),
         ca.Function("of_q", arguments, [ca.jacobian(part, q)[:, free] for part in (stacked, ca.vec(Phi))]),
@@ -115,7 +117,7 @@ def following_of(model: ElasticModel, triangles: ca.SX, q: ca.SX, lambda_: ca.SX
 
 
 def total(
-    slopes: Mapping[str, Slope], moved: Moved, matrices: Mapping[str, FloatArray], Z: FloatArray
+    slopes: Mapping[str, Slope], moved: PointSlopes, matrices: Mapping[str, FloatArray], Z: FloatArray
 ) -> dict[str, Slope]:
     """Slopes of Z^T (M, D, K) Z, of C Z and T Z: those with Z, C and T held, and what their own motion adds.
 

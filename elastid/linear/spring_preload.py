@@ -1,4 +1,4 @@
-"""What gravity makes of nonlinear springs: deflection, torque and tangent stiffness where the robot rests."""
+"""Nonlinear springs under gravity: their deflection and tangent stiffness where the robot rests."""
 
 from __future__ import annotations
 

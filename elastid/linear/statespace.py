@@ -1,4 +1,4 @@
-r"""LinearModel -> state space: what control engineers' tools read.
+r"""LinearModel -> state space, the form that control engineers' tools read.
 
 .. math:: \dot x = A x + B u(t - T_d), \quad y = C x + D u(t - T_d), \qquad x = [q;\, \dot q]
 

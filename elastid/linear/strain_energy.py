@@ -1,10 +1,10 @@
-r"""Where a mode's potential energy is: the share of every spring, and that of weight and preload.
+r"""Potential energy of a mode: the share of every spring, and that of weight and preload.
 
 .. math:: w_s = \frac{c_s |b_s \phi|^2}{\phi^H K \phi}, \qquad w_g = 1 - \sum_s w_s, \qquad
           K = \partial^2 (V + \lambda_0^T \varphi) / \partial q^2
 
-Springs as `model.strain` has them. w_g is of gravity, compensators and what the torques at rest do as the robot turns;
-it is negative where these help the mode on, as the weight of an arm that stands upright does.
+c_s, b_s: `ElasticModel.strain`. w_g: gravity, compensators and the turning of the torques at rest; negative where these
+soften the mode, as the weight of an upright arm does.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ from elastid.robot.gears import Gearbox
 class Drivetrain:
     """K and D (n_q, n_q) of springs, dampers and viscous friction, M (n_q, n_q) of the rotors, as SX of theta.
 
-    M: of rotors without a carrier; one that rides on a body stands in `rotors`.
+    M: of rotors without a carrier; those that ride on a body are in `motor_coupling`.
     """
 
     M: ca.SX
@@ -106,7 +106,7 @@ def spring_deflections(robot: Robot) -> dict[str, FloatArray]:
 
 
 def rigid_rows(robot: Robot) -> FloatArray:
-    """A (n_c, n_q): A q = 0, as the rigid ones among gears that couple axes want it; no rows without any."""
+    """A (n_c, n_q) of A q = 0, the constraints of rigid gears that are coupled with elastic ones; else no rows."""
     delta = gear_deflections(robot)
     rows = [box.rigid @ delta[list(box.gears)] for box in robot.gearboxes]
     return np.vstack([np.zeros((0, delta.shape[1])), *rows])
@@ -131,7 +131,7 @@ def _series_stiffness(box: Gearbox, theta: Mapping[str, ca.SX]) -> ca.SX:
 
 
 def _in_series(box: Gearbox, delta: FloatArray, theta: Mapping[str, ca.SX]) -> tuple[ca.SX, ca.SX]:
-    """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), as the module says."""
+    """K and D (n_q, n_q) of a gearbox with deflections delta (n_g, n_q), compliances added."""
     X, to_q, K_a = ca.DM(box.X), ca.DM(delta), _series_stiffness(box, theta)
     slowness = [theta[f"d{name[1:]}"] / theta[name] ** 2 for name in box.springs]
     losses = sum((each * X[:, s] @ X[:, s].T for s, each in enumerate(slowness)), start=ca.SX(0))

@@ -10,7 +10,7 @@ Conventions, for all of `model`, `linear` and `simulation`:
 
 - Everything is on the link side: a motor coordinate q_m is the motor's angle divided by its gear ratio, a motor torque
   is multiplied by it, inertia and viscous friction by its square. Where gears couple axes, q_m = eta^-1 q_m^m and
-  u = eta^T tau_m: `motor 5` is then what all motors together would make of joint 5 if no spring gave, not one shaft.
+  u = eta^T tau_m: `motor 5` is then the angle of joint 5 that all motors make without deflection, not one shaft.
   `drivetrain` alone applies ratios.
 - u is the torque that the motor's magnetic field exerts; a positive torque drives a positive angle.
 - The gear spring drives the arm and holds the motor back by the same torque,
@@ -21,7 +21,7 @@ Conventions, for all of `model`, `linear` and `simulation`:
 - lambda enters as +Phi^T lambda on the left, as in the Lagrangian T - V - lambda^T phi.
 - Reduced motor model (Spong): the rotor of a motor without a carrier turns about its own axis only; its inertial
   coupling S with the motion of the link that carries it, of relative size 1 / ratio, is left out. The carrier's mass
-  and inertia include the motor. A motor that rides `on` a body has both, from its kinetic energy: `rotors`.
+  and inertia include the motor. A motor that rides `on` a body has both, from its kinetic energy: `motor_coupling`.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class ElasticModel:
         frame_velocity(q, theta) -> J (6 n_f, n_q): velocity and angular velocity of each named frame, in its own axes
         frame_gravity(q) -> g (3 n_f,): gravity in the axes of each named frame
         constraint_jacobian(q, theta) -> Phi (n_c, n_q)     potential(q, theta) -> V
-        strain(q, theta) -> tangent stiffness c (n_s,) and rows b (n_s, n_q) of what each spring gives by, b dq
+        strain(q, theta) -> tangent stiffness c (n_s,) and rows b (n_s, n_q) of deflections b dq
 
     springs: the names k_... of the parameters of these n_s springs (`strain`).
     independent: None where the constraints are kept with their multipliers, else (minimal formulation) the coordinates
@@ -122,7 +122,7 @@ class ElasticModel:
 
     @property
     def rates(self) -> tuple[tuple[str, str, str], ...]:
-        """What the rows of angular_velocity and frame_velocity are: kind, name, axis."""
+        """Kind, name and axis of each row of angular_velocity, then of frame_velocity."""
         bodies = (("body", body.name, axis) for body in self.robot.all_bodies for axis in "xyz")
         return (*bodies, *(("frame", frame.name, axis) for frame in self.robot.frames for axis in FRAME_AXES))
 
@@ -153,7 +153,7 @@ class ElasticModel:
         return C
 
     def gravity_jacobian(self, q: FloatArray, locations: Sequence[str]) -> FloatArray:
-        r"""T (n_y, n_q): what tilting adds to the accelerometers, y = C q'' + T q; 0 for all other places.
+        r"""T (n_y, n_q) of the gravity that tilting adds to accelerometers, y = C q'' + T q; 0 for all other places.
 
         An accelerometer reads the acceleration of its origin (Niglis & Oberg 2015, eq. (2.5), at rest) less gravity,
         both in its own axes. A small rotation phi of these axes turns gravity in them by g x phi, so that the reading
@@ -173,7 +173,7 @@ class ElasticModel:
     def _rates(
         self, q: FloatArray, locations: Sequence[str], theta: FloatArray | None
     ) -> dict[tuple[str, str, str], FloatArray]:
-        """Rows of the Jacobians of bodies and frames; of none where no location needs them."""
+        """Rows of the Jacobians of bodies and frames; none where no location needs them."""
         if all(place.startswith(("motor ", "joint ")) for place in locations):
             return {}
         angular = self.angular_velocity(q).full()

@@ -1,4 +1,4 @@
-"""formulate(robot, spec): the equations that a study asks for, whatever the robot is built of."""
+"""formulate(robot, spec): the equations of motion in the formulation that a study chooses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from elastid.model.serial import serial
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
 
-# What suits the robot, without approximation.
+# The formulation that suits the robot, without approximation.
 EXACT = ModelSpec()
 
 

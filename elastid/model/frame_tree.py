@@ -58,7 +58,7 @@ class Tree:
 
 
 def tree(robot: Robot, theta: Mapping[str, ca.SX] = NUMBERS) -> Tree:
-    """Lay out the frames of a robot's joints, placements and oblique axes gone into constants.
+    """The frames of a robot's joints, with placements and oblique axes as constants.
 
     theta: names to symbols; coordinates among them are these symbols, all others numbers.
     """
@@ -122,7 +122,7 @@ class Turn:
     """A rotation about coordinate axis k by an angle of cosine c and sine s; i, j, k in cyclic order.
 
     origin (3,): of the turned frame in its parent, which changes where the joint slides; there c = 1 and s = 0, and
-    what is multiplied by them drops out.
+    products with them drop out.
     """
 
     k: int

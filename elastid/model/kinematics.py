@@ -1,9 +1,9 @@
-r"""Where a robot's bodies are: positions of joints, centres of mass and points of bodies, frames and their Jacobians.
+r"""Kinematics of many postures: positions of joints, centres of mass and points of bodies, frames, their Jacobians.
 
 .. math:: [v;\, \omega] = J(q)\, \dot q, \qquad \tau = J(q)^T\, [F;\, N]
 
 Niglis & Oberg (2015), eqs. (2.1), (2.3), (2.4), (2.6); their J is the analytic Jacobian, this one the geometric one.
-Many postures at once, in NumPy. Where driven joints alone are given, elastic joints that are not driven stand at 0. All
+In NumPy. Where driven joints alone are given, elastic joints that are not driven stand at 0. All
 in the axes of the base, SI. `ElasticModel.frame_velocity` is the same Jacobian in CasADi, in the frame's own axes.
 """
 
@@ -26,7 +26,7 @@ from elastid.robot import TOOL, Robot
 class Skeleton:
     """Points of a robot in Q postures and the straight links between them.
 
-    points (Q, n, 3).  names: what each point is.  links: pairs of points.  moves (n,): whether any joint moves it.
+    points (Q, n, 3).  names: of each point, in words.  links: pairs of points.  moves (n,): whether any joint moves it.
     tool: the point that is the last centre of mass.
     """
 
@@ -77,7 +77,7 @@ def _seat(robot: Robot, layout: Tree, name: str) -> Attachment:
 def point_jacobians(
     layout: Tree, R: list[FloatArray], p: list[FloatArray], carrier: int, point: FloatArray
 ) -> FloatArray:
-    """J (Q, 6, n_l): what each joint below the carrying frame (-1: the base) does to a point (Q, 3)."""
+    """J (Q, 6, n_l) of a point (Q, 3) to each joint below the frame that carries it (-1: the base)."""
     J = np.zeros((len(point), 6, len(layout.frames)))
     for i in _chain(layout, carrier):
         axis = R[i][:, :, layout.frames[i].axis]
@@ -108,7 +108,7 @@ def skeleton(
 
 
 def _moves(layout: Tree, knot: Knot) -> bool:
-    """Of a joint's own origin: only what is below the joint, or its sliding."""
+    """Whether any joint moves it; a joint's own turning does not move its origin."""
     if knot.kind == "joint":
         return layout.frames[knot.frame].parent >= 0 or layout.frames[knot.frame].slides
     return knot.frame >= 0

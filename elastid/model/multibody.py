@@ -33,7 +33,7 @@ class Inertia:
 
 
 def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[Inertia, ...]:
-    """What each frame carries, its bodies summed, as symbols of theta; what is fixed to the base moves nothing."""
+    """The inertia that each frame carries, summed over its bodies, as symbols of theta; not that fixed to the base."""
     carried = [_nothing() for _ in layout.frames]
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
         if seat.frame >= 0:
@@ -61,7 +61,7 @@ def _tensor(body: Body, theta: Mapping[str, ca.SX]) -> list[ca.SX]:
 
 
 def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> tuple[Inertia, ...]:
-    """What each joint moves, in its own frame; the last entry is the whole robot, about the base's origin."""
+    """The inertia that each joint moves, in its own frame; last, that of the robot about the base's origin."""
     total = [*carried, _nothing()]
     for i in reversed(range(len(layout.frames))):
         total[layout.frames[i].parent] += _seen_from_parent(total[i], layout.frames[i], turned[i])
@@ -79,7 +79,7 @@ def _seen_from_parent(body: Inertia, frame: BodyFrame, turn: Turn) -> Inertia:
 
 
 def mass_matrix(layout: Tree, composite: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> ca.SX:
-    """M (n, n), symmetric: row i is the momentum of all that joint i moves, at a rate of 1, on every joint below it."""
+    """M (n, n), symmetric: row i is the momentum that joint i makes at a rate of 1, on every joint below it."""
     n = len(layout.frames)
     M = ca.SX(n, n)
     for i, frame in enumerate(layout.frames):
@@ -96,7 +96,7 @@ def mass_matrix(layout: Tree, composite: tuple[Inertia, ...], turned: tuple[Turn
 
 
 def _along(frame: BodyFrame, moment: ca.SX, force: ca.SX) -> ca.SX:
-    """What of a moment (3,) about a frame's origin and a force (3,) its joint has to bear."""
+    """The part of a moment (3,) about a frame's origin and of a force (3,) that its joint bears."""
     return force[frame.axis] if frame.slides else moment[frame.axis]
 
 

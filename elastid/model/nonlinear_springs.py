@@ -1,10 +1,10 @@
-r"""What nonlinear springs add to linear ones: potential and torque beyond k Delta^2 / 2 and k Delta.
+r"""Nonlinear springs: their potential and torque beyond the linear k Delta^2 / 2 and k Delta.
 
 .. math:: V = \tfrac13 k_2 \Delta^3 + \tfrac13 k_{2s} |\Delta|^3 + \tfrac14 k_3 \Delta^4
               - \tfrac12 (k - k_i) [F(\Delta + b) - F(\Delta - b) - 2 F(b)], \qquad
           F(x) = \tfrac12 [x \sqrt{x^2 + e^2} + e^2 \,\mathrm{arsinh}(x / e)]
 
-with F' = sqrt(x^2 + e^2), so that the last term takes from a linear spring what the gap does not transmit. The torque
+with F' = sqrt(x^2 + e^2), so that the last term takes the torque of the gap from a linear spring. The torque
 is written out rather than differentiated: a simulation evaluates it at every step. Law and names: `robot.spring`;
 the polynomial: Niglis & Oberg (2015), eq. (2.13).
 """
@@ -24,8 +24,8 @@ from elastid.robot import Robot
 def deflections(robot: Robot, q: ca.SX) -> dict[str, ca.SX]:
     """The deflection of each joint's spring, by joint: q_m - q_a of an elastic gear, q_na of an elastic joint.
 
-    A spring before gears that couple axes is deflected by what they make of all their q_m - q_a (`drivetrain`); one in
-    series with the spring of a motor's shaft has no deflection of its own.
+    A spring before coupled gears is deflected by a combination of all their q_m - q_a (`drivetrain`); one in series
+    with the spring of a motor's shaft has no deflection of its own.
     """
     gears = spring_deflections(robot)
     return {

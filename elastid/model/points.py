@@ -1,9 +1,9 @@
-r"""Where points of a robot's bodies are, as CasADi expressions of the joints' coordinates.
+r"""Positions of points of a robot's bodies, as CasADi expressions of the joints' coordinates.
 
 .. math:: p = p_i + R_i\, T_i(q_i)\, p_{i+1}
 
-from the body up to a frame that carries it. A point is led from frame to frame, at six operations a turn about a
-coordinate axis; rotation matrices are never formed. Two points are compared in the last frame that carries both, so
+from the body up to a frame that carries it. A point is transformed from frame to frame, at six operations a turn about
+a coordinate axis; rotation matrices are never formed. Two points are compared in the last frame that carries both, so
 that an expression holds the joints between them and no others.
 """
 
@@ -19,7 +19,7 @@ from elastid.robot import BASE, Robot
 
 
 def seat(robot: Robot, layout: Tree, body: str) -> Attachment:
-    """Where a body sits in the tree of frames; `base` for what does not move. KeyError for an unknown body."""
+    """Where a body sits in the tree of frames; `base` for the base itself. KeyError for an unknown body."""
     if body == BASE:
         return Attachment(-1, np.eye(3), np.zeros(3))
     for candidate, attachment in zip(robot.all_bodies, layout.attachments, strict=True):

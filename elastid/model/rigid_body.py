@@ -1,4 +1,4 @@
-r"""The rigid robot alone: torques of a motion, torques of a force from outside. CasADi functions of link coordinates.
+r"""The rigid robot alone: torques of a motion and of an external force, as CasADi functions of link coordinates.
 
 .. math:: \tau = M(q)\, a + c(q, v) + g(q), \qquad \tau_{ext} = J(q)^T w
 
@@ -21,7 +21,7 @@ from elastid.robot import Robot
 
 
 def inverse_dynamics(robot: Robot) -> ca.Function:
-    """tau(q, v, a, theta) (n_l,): what the joints bear, by Newton-Euler; theta in the order of robot.parameters().
+    """tau(q, v, a, theta) (n_l,) that the joints bear, by Newton-Euler; theta in the order of robot.parameters().
 
     Nm of a rotation, N of a translation, in the order of robot.joints.
     """

@@ -1,4 +1,4 @@
-"""Which points a robot's skeleton has, in whatever posture: joints, bodies, centres of mass, frames, further ones."""
+"""The points of a robot's skeleton: joints, bodies, centres of mass, frames and further ones."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-r"""What each spring of a robot gives by in a small motion dq about q, and what it then stores.
+r"""Deflection and stored energy of each spring of a robot in a small motion dq about q.
 
 .. math:: E_s = \tfrac12\, c_s\, (b_s\, dq)^2, \qquad b_s = \partial x_s / \partial q
 
 with the tangent stiffness c_s and the deflection x_s. Of springs in series x_s is the torque that each bears, that of
 X^T K_a (q_m - q_a) in the letters of `drivetrain`, and c_s = 1 / k_s. Preload, which turns with the robot, is no part
-of it: with the weight it is what is left of the energy of K.
+of it: with the weight it makes the rest of the energy of K.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-r"""The robot as sticks that may move a little: bodies, rods of loops, struts of compensators.
+r"""The robot as a stick figure in small motion: bodies, rods of loops, struts of compensators.
 
 .. math:: \delta p = J(q)\, \delta q_l
 """
@@ -24,7 +24,7 @@ Kind: TypeAlias = Literal["arm", "mass", "strut"]
 class StickFigure:
     """points (n, 3) in the base frame, m; jacobian (n, 3, n_l): their velocities per rate of each joint.
 
-    links: pairs of points, and what is between them: an arm, the way to a centre of mass where the arm ends, or a rod
+    links: pairs of points and the kind of link: an arm, the way to a centre of mass where the arm ends, or a rod
     or strut between two bodies.  joints: which points are joints.
     """
 

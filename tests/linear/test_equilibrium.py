@@ -141,7 +141,10 @@ def test_not_finite_parameter_is_refused():
 def test_wrong_number_of_angles_is_refused():
     """A configuration gives one angle for each motor."""
     model = serial(two_links())
-    with pytest.raises(StudyError, match=r"configuration c: 3 angles .* has 2 driven joints \(1, 2\)"):
+    with pytest.raises(
+        StudyError,
+        match=r"configuration c: 3 angles for 2 driven joints \(1, 2\) of robot two links; give one for each",
+    ):
         equilibrium(model, model.theta, Configuration("c", (0, 0, 0)))
 
 

@@ -213,7 +213,7 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse) -> Linea
             )
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
-    return replace(model.reading(outputs), B=model.B[:, inputs], inputs=response.inputs)
+    return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs)
 
 
 def linear_model(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> LinearModel:

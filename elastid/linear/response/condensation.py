@@ -17,14 +17,14 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 # |Z_ll| beside the sizes of its terms, below which the quotient would cost digits.
-NEAR_RESONANCE = 1e-2
+MIN_PIVOT = 1e-2
 
 
 @dataclass(frozen=True)
 class Leaves:
-    """Which coordinates are leaves (n_l,), the others (n_r,), and on which of the others each leaf hangs (n_l,).
+    """Which coordinates are leaves (n_l,), the others (n_r,), and which of the others each leaf acts on (n_l,).
 
-    No two leaves hang on the same one.
+    No two leaves act on the same one.
     """
 
     leaf: IntArray
@@ -65,7 +65,7 @@ class Leaves:
         Z = _stiffness(M[rows, columns], D[rows, columns], K[rows, columns], omega)
         Z_rr, own, z = Z[:, : n_r * n_r].reshape(-1, n_r, n_r), Z[:, n_r * n_r : -n_l], Z[:, -n_l:]
         size = np.abs(K[leaf, leaf]) + omega[:, None] ** 2 * np.abs(M[leaf, leaf])
-        if np.any(np.abs(own) < NEAR_RESONANCE * size):
+        if np.any(np.abs(own) < MIN_PIVOT * size):
             return _solved(_stiffness(M, D, K, omega), B)
         share = z / own
         Z_rr[:, on, on] -= z * share

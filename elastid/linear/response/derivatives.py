@@ -21,8 +21,8 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
 
-# Matrices of length one that differ by less than this are the same.
-SAME = 1e-12
+# Matrices of length one that differ by less than this are equal.
+EQUAL_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
     E = matrix / sigma
     for place, other in enumerate(bases):
         product = float(np.sum(E * other))
-        if np.abs(E - np.sign(product) * other).max() < SAME:
+        if np.abs(E - np.sign(product) * other).max() < EQUAL_TOLERANCE:
             return place, sigma * float(np.sign(product))
     bases.append(E)
     return len(bases) - 1, sigma
@@ -183,6 +183,6 @@ def _root(E: FloatArray) -> tuple[float, FloatArray] | None:
     """Sign and y of E = +-y y^T; None for a higher rank."""
     values, vectors = np.linalg.eigh(E)
     largest = int(np.argmax(np.abs(values)))
-    if np.sum(np.abs(values) > SAME * abs(values[largest])) > 1:
+    if np.sum(np.abs(values) > EQUAL_TOLERANCE * abs(values[largest])) > 1:
         return None
     return float(np.sign(values[largest])), vectors[:, largest] * np.sqrt(abs(values[largest]))

@@ -33,8 +33,8 @@ BLOCK = 200
 class Products(NamedTuple):
     """A block of lines: s = j omega (F,), the gain c (F,), G (F, n_y, n_u), and Y^T Z^-1 b of right sides b.
 
-    YX (F, m, n_d), right sides b: the columns of B first, then others, of which `Kernel.output_columns` tells the one
-    of each output.  moved (n_m, F, n_y, n_u): c (dC + dT / s^2) Z^-1 B of each of `Kernel.moved_outputs`.
+    YX (F, m, n_d), right sides b: the columns of B first, then others, `Kernel.output_columns` gives the one of
+    each output.  moved (n_m, F, n_y, n_u): c (dC + dT / s^2) Z^-1 B of each of `Kernel.moved_outputs`.
     """
 
     block: slice
@@ -127,7 +127,7 @@ class Kernel:
 
     @cached_property
     def moved_outputs(self) -> tuple[str, ...]:
-        """The wanted parameters that move what is measured: geometry, between the springs and a sensor."""
+        """The wanted parameters that move C or T: geometry between the springs and a sensor."""
         moved = self.model.moved_outputs
         return tuple(name for name in self.wanted if name in moved)
 
@@ -162,7 +162,7 @@ class Kernel:
 
     @cached_property
     def _solver(self) -> Leaves | Elimination:
-        """Of Z X = B at any theta: what of Z is never zero is known."""
+        """Of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         n = self.model.n
         matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
         coupled = np.any(matrices != 0, axis=0)

@@ -18,14 +18,14 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 # |pivot| beside the sizes of its terms, below which the quotients would cost digits.
-SMALL_PIVOT = 1e-3
+MIN_PIVOT = 1e-3
 # Lines times coordinates squared, from which a fit of some hundred evaluations is faster with compiled loops.
-MANY = 20_000
+MIN_WORK = 20_000
 
 
 def is_worth_it(n_lines: int, n: int) -> bool:
     """Whether so many lines of n coordinates win back the second that loading the loops takes, and they are there."""
-    return n_lines * n**2 >= MANY and is_compiled()
+    return n_lines * n**2 >= MIN_WORK and is_compiled()
 
 
 @cache
@@ -71,7 +71,7 @@ class Elimination:
         order = np.ix_(self.order, self.order)
         found, smallest = np.empty((len(omega), B.shape[1], Y.shape[1]), complex), np.empty(len(omega))
         eliminate(M[order], D[order], K[order], B[self.order], omega, self.filled, Y[self.order], found, smallest)
-        for line in np.flatnonzero(~(smallest > SMALL_PIVOT**2)):  # not above: NaN too
+        for line in np.flatnonzero(~(smallest > MIN_PIVOT**2)):  # not above: NaN too
             Z = K + 1j * omega[line] * D - omega[line] ** 2 * M
             found[line] = np.linalg.solve(Z, B.astype(complex)).T @ Y
         return found

@@ -1,4 +1,4 @@
-"""The loop of `elimination` compiled by numba; to import only where that is installed.
+"""The loop of `ldl` compiled by numba; to import only where that is installed.
 
 The innermost loops run over lines that lie side by side in memory, real and imaginary parts apart, so that the
 processor takes several lines at once. Compiled at the first call, in a second or two, and kept for the next one. The

@@ -1,4 +1,4 @@
-r"""What models of parallel linkages leave out: approximations whose error a study can measure.
+r"""Approximate models of parallel linkages, whose error a study can measure.
 
 The elastic rod of a loop condensed into the gear spring of the lever that drives it, with the rate y of the rod's
 elongation per lever angle:
@@ -7,8 +7,8 @@ elongation per lever angle:
           \frac{1}{k_{eff}} = \frac{1}{k} + \frac{1}{k_{rod}}, \qquad
           d_{eff} = k_{eff}^2 \left( \frac{d}{k^2} + \frac{d_r y^2}{k_{rod}^2} \right)
 
-In a parallelogram y = l sin(angle between lever and rod): a spring that looks constant in one posture and is not. What
-sits between the two springs, crank and part of the rod, has no motion of its own any more.
+In a parallelogram y = l sin(angle between lever and rod): a spring that looks constant in one posture and is not. The
+parts between the two springs, crank and part of the rod, lose their own motion.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ def elastic_joints_within(robot: Robot) -> tuple[int, ...]:
 
 
 def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
-    """The parameters that mean nothing in a variant, or nothing beside the gear spring of a lever.
+    """The parameters without an effect of their own in a variant.
 
-    A stiff loop knows neither the elasticity of its rods nor of what bends in it; where gear and rod are condensed into
-    one constant, that is the gear's.
+    Those of rods and elastic joints inside stiff loops; where gear and rod are condensed into one constant, it is the
+    gear's.
     """
     if variant == "lumped_rod":
         return tuple(f"I_{loop.name}" for loop in robot.loops if loop.rod is not None)
@@ -61,7 +61,7 @@ def unseen(robot: Robot, variant: Variant) -> tuple[str, ...]:
 def unbent(robot: Robot, q: ca.SX) -> ca.SX:
     """The joints (n_l,) as loops see them that do not see elastic joints.
 
-    An elastic joint is straight; what lies behind the loop's next passive joint keeps its direction, as it does in a
+    An elastic joint is straight; the bodies behind the loop's next passive joint keep their direction, as in a
     parallelogram: about parallel axes the passive joint has turned back by as much.
     """
     seen, axes, elastic_joints = ca.SX(q), _axes(robot), set(elastic_joints_within(robot))
@@ -119,6 +119,6 @@ def _lever(robot: Robot, loop: Loop) -> int:
             if robot.joints[i].is_passive:
                 break
     raise StudyError(
-        f"model.variant: the rod {loop.name} hangs on no lever with an elastic gear, into whose spring it could be "
-        "condensed: a passive joint is between either end and the next motor; choose the variant exact"
+        f"model.variant: no lever with an elastic gear drives the rod {loop.name}, so that its stiffness cannot be "
+        "condensed into a gear's: a passive joint is between either end and the next motor; choose the variant exact"
     )

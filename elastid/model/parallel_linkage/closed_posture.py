@@ -1,4 +1,4 @@
-r"""Putting loops together: the passive joints of a robot where no spring and no rod gives, on the branch of its start.
+r"""Closed postures: the passive joints of a robot with rigid springs and rods, on the branch of its start.
 
 .. math:: \varphi(q_a, q_p) = 0, \qquad \dot q_p = -\Phi_p^{-1} \Phi_a \dot q_a
 
@@ -17,16 +17,15 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.model.parallel_linkage.loop_closure import Closure, closures
+from elastid.model.parallel_linkage.null_space import RANK_TOLERANCE
 from elastid.robot import Robot
 
-STEP = 0.05  # rad or m of a driven joint between two postures on the way
-NEWTON = 4  # steps at each of them; the error of the predictor is about STEP^2
-FIRST = 60  # steps at the start posture, from angles that are guesses
-LARGEST = 0.3  # rad or m in one of these
-CLOSED = 1e-10  # m between two ends that are together
-# sin of the angle at which a lever no longer moves what it should; postures nearer to alignment are refused.
-SINGULAR = 0.03
-RANK = 1e-9
+MAX_STEP = 0.05  # rad or m of a driven joint between two postures on the way
+NEWTON_STEPS = 4  # at each of them; the error of the predictor is about MAX_STEP^2
+NEWTON_STEPS_AT_START = 60  # from angles that are guesses
+MAX_NEWTON_STEP = 0.3  # rad or m
+MAX_GAP = 1e-10  # m between the ends of a closed loop
+MIN_LEVER_SINE = 0.03  # of the angle between lever and rod; postures nearer to alignment are refused
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ def mechanism(robot: Robot) -> Mechanism:
 
 
 def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
-    """The joints (n_l,) at the driven joints' angles (n_u,): passive ones as the loops have them, elastic ones at 0.
+    """The joints (n_l,) at the driven joints' angles (n_u,): passive ones as the loops require, elastic ones at 0.
 
     StudyError where the loops do not close there, leave a joint undetermined, lock a motor or are about to fold over.
     """
@@ -78,7 +77,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
     parts = mechanism(robot)
     q = followed(robot, angles[None]).ravel()
     phi, _ = parts.rows(q[None])
-    if not np.abs(phi).max(initial=0.0) <= CLOSED:
+    if not np.abs(phi).max(initial=0.0) <= MAX_GAP:
         raise StudyError(_why_open(parts, angles))
     _check_posture(parts, q)
     return q
@@ -87,7 +86,7 @@ def assembled(robot: Robot, angles: FloatArray) -> FloatArray:
 def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -> FloatArray:
     """The joints (Q, n_l) at the driven joints' angles (Q, n_u), followed from the start; some may stay open.
 
-    near (n_u,): angles amid the others, through which all of them are reached, so that the way there is gone once.
+    near (n_u,): angles amid the others, through which all of them are reached, so that the way there is followed once.
     """
     start = _open(robot, np.array([[joint.start for joint in robot.driven]]))
     if not robot.loops:
@@ -96,13 +95,13 @@ def followed(robot: Robot, angles: FloatArray, near: FloatArray | None = None) -
     start[:, parts.passive] = [robot.joints[i].start for i in parts.passive]
     q = _closed_at_start(parts, start)
     if near is not None:
-        q = _gone(parts, q, near[None])
-    return _gone(parts, q, angles)
+        q = _moved(parts, q, near[None])
+    return _moved(parts, q, angles)
 
 
-def _gone(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
+def _moved(parts: Mechanism, q: FloatArray, angles: FloatArray) -> FloatArray:
     """From one posture q (1, n_l) to the driven joints' angles (Q, n_u)."""
-    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / STEP)))
+    steps = max(1, int(np.ceil(np.abs(angles - q[0, parts.driven]).max(initial=0.0) / MAX_STEP)))
     q = np.repeat(q, len(angles), axis=0)
     way = (angles - q[:, parts.driven]) / steps
     for _ in range(steps):
@@ -117,14 +116,14 @@ def rates(robot: Robot, q: FloatArray) -> FloatArray:
     if robot.loops:
         parts = mechanism(robot)
         _, Phi = parts.rows(q)
-        T[:, parts.passive] = -np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK) @ Phi[:, :, parts.driven]
+        T[:, parts.passive] = -np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK_TOLERANCE) @ Phi[:, :, parts.driven]
     return T
 
 
 def _stepped(parts: Mechanism, q: FloatArray, way: FloatArray) -> FloatArray:
     """One step (Q, n_u) of the driven joints: along the tangent, then back onto the closure."""
     q = q + (rates(parts.robot, q) @ way[:, :, None])[:, :, 0]
-    for _ in range(NEWTON):
+    for _ in range(NEWTON_STEPS):
         q = q + _correction(parts, q)
     return q
 
@@ -132,15 +131,15 @@ def _stepped(parts: Mechanism, q: FloatArray, way: FloatArray) -> FloatArray:
 def _correction(parts: Mechanism, q: FloatArray) -> FloatArray:
     phi, Phi = parts.rows(q)
     dq = np.zeros_like(q)
-    dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK) @ phi[:, :, None])[:, :, 0]
+    dq[:, parts.passive] = -(np.linalg.pinv(Phi[:, :, parts.passive], rcond=RANK_TOLERANCE) @ phi[:, :, None])[:, :, 0]
     longest = np.abs(dq).max(axis=1, initial=0.0, keepdims=True)
-    return np.asarray(dq * np.minimum(1.0, LARGEST / np.maximum(longest, LARGEST)))
+    return np.asarray(dq * np.minimum(1.0, MAX_NEWTON_STEP / np.maximum(longest, MAX_NEWTON_STEP)))
 
 
 def _closed_at_start(parts: Mechanism, q: FloatArray) -> FloatArray:
-    for _ in range(FIRST):
+    for _ in range(NEWTON_STEPS_AT_START):
         q = q + _correction(parts, q)
-        if np.abs(parts.rows(q)[0]).max() <= CLOSED:
+        if np.abs(parts.rows(q)[0]).max() <= MAX_GAP:
             break
     return q + _correction(parts, q)
 
@@ -156,7 +155,7 @@ def _why_open(parts: Mechanism, angles: FloatArray) -> str:
     robot = parts.robot
     (start,) = followed(robot, np.array([[joint.start for joint in robot.driven]]))
     (end,) = followed(robot, angles[None])
-    at_start = np.abs(parts.rows(start[None])[0]).max() > CLOSED
+    at_start = np.abs(parts.rows(start[None])[0]).max() > MAX_GAP
     loop, gap = _widest(parts, start if at_start else end)
     if at_start:
         return (
@@ -214,7 +213,7 @@ def _check_posture(parts: Mechanism, q: FloatArray) -> None:
         return
     _, s, Vt = np.linalg.svd(Phi[0][:, parts.passive])
     smallest = s[n_p - 1] if len(s) >= n_p else 0.0
-    if smallest > SINGULAR * parts.lever(q):
+    if smallest > MIN_LEVER_SINE * parts.lever(q):
         return
     free = [parts.robot.joints[parts.passive[i]].name for i in np.flatnonzero(np.abs(Vt[n_p - 1]) > 0.3)]
     if _generic_rank(parts) < n_p:
@@ -233,7 +232,7 @@ def _generic_rank(parts: Mechanism) -> int:
     random = np.random.default_rng(0)
     q = random.uniform(-1.0, 1.0, (5, len(parts.robot.joints)))
     _, Phi = parts.rows(q)
-    return int(max(np.linalg.matrix_rank(one[:, parts.passive], tol=RANK * np.abs(one).max()) for one in Phi))
+    return int(max(np.linalg.matrix_rank(one[:, parts.passive], tol=RANK_TOLERANCE * np.abs(one).max()) for one in Phi))
 
 
 def _stacked(matrix: ca.DM, count: int) -> FloatArray:

@@ -1,4 +1,4 @@
-r"""Loop closure: what the ends of each loop ask of the joints' coordinates.
+r"""Loop closure: the constraints of each loop on the joints' coordinates.
 
 .. math:: \varphi_{point} = p_2 - p_1, \qquad
           \varphi_{rod} = \frac{|p_2 - p_1|^2 - (L + s)^2}{2 L}

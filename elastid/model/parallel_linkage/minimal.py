@@ -1,11 +1,11 @@
-r"""minimal(robot): independent coordinates y, the linkage folded in; exact, or one of the approximations in use.
+r"""minimal(robot): independent coordinates y, the loops eliminated; exact, or one of the usual approximations.
 
 .. math:: q = \gamma(y): \quad \varphi(\gamma(y)) = 0, \qquad \dot q = Z \dot y, \quad
           Z = \begin{bmatrix} I \\ -\Phi_d^{-1} \Phi_i \end{bmatrix}, \qquad Z^T [M(q) \ddot q + f(q, \dot q) - B u] = 0
 
 Niglis & Oberg (2015), eq. (2.34). Elastic rods are cut: they are force elements, and a loop that they close needs no
-constraint. What other loops close is embedded by the implicit function theorem, which loses nothing, in the linear
-model and in the simulation; the dependent coordinates stay in q and are worked out, not integrated.
+constraint. Other loops are eliminated by the implicit function theorem, exactly, in the linear model and in the
+simulation; the dependent coordinates stay in q and are solved for, not integrated.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def minimal(robot: Robot, spec: ModelSpec, geometry: Collection[str] = ()) -> El
 
 
 def _refuse_moving_start(robot: Robot, parameters: Collection[str]) -> None:
-    """The stiffness of that variant is the one at the start posture, which hangs on the geometry."""
+    """The stiffness of that variant is the one at the start posture, which depends on the geometry."""
     moving = [name for name in robot.geometry if name in parameters]
     if moving:
         raise StudyError(

@@ -1,8 +1,8 @@
-r"""Which coordinates a loop determines: pivots of Phi, and the motion that the constraints leave free.
+r"""Dependent coordinates of loops by pivots of Phi, and the motions that the constraints leave free.
 
 .. math:: \Phi\, \dot q = 0 \iff \dot q = Z \dot y, \qquad \Phi Z = 0
 
-Constraints may be redundant (a planar loop closed in space): rows that say nothing new have no pivot.
+Constraints may be redundant (a planar loop closed in space): redundant rows have no pivot.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.errors import StudyError
 from elastid.model.elastic import ElasticModel
 
-# A singular value or a pivot below this part of the largest is none.
-RANK = 1e-9
-# A pivot this small beside its row is taken only where the coordinates that are better to be dependent are used up.
-WEAK = 0.05
+# A singular value or a pivot below this part of the largest is zero.
+RANK_TOLERANCE = 1e-9
+# Of a pivot beside its row; smaller ones are taken only where the preferred dependent coordinates are used up.
+MIN_PIVOT = 0.05
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ def partition(model: ElasticModel, Phi: FloatArray) -> Partition:
     dependent: list[int] = []
     scale = np.abs(Phi).max(axis=1, initial=0.0, keepdims=True)
     A = Phi / np.where(scale > 0, scale, 1.0)
-    rank = np.linalg.matrix_rank(Phi, tol=RANK * np.abs(Phi).max(initial=0.0)) if Phi.size else 0
+    rank = np.linalg.matrix_rank(Phi, tol=RANK_TOLERANCE * np.abs(Phi).max(initial=0.0)) if Phi.size else 0
     passes = [(tier <= last) & allowed for last in range(int(tier.max()) + 1)]
-    for least, columns in [*((WEAK, columns) for columns in passes), (RANK, passes[-1])]:
+    for least, columns in [*((MIN_PIVOT, columns) for columns in passes), (RANK_TOLERANCE, passes[-1])]:
         while len(rows) < rank:
             size = np.abs(A) * columns
             size[rows] = 0.0
@@ -109,5 +109,5 @@ def null_space(Phi: FloatArray) -> FloatArray:
     if not Phi.size:
         return np.eye(Phi.shape[1])
     _, s, Vt = np.linalg.svd(Phi)
-    rank = int(np.sum(s > RANK * s.max()))
+    rank = int(np.sum(s > RANK_TOLERANCE * s.max()))
     return Vt[rank:].T
