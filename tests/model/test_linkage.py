@@ -336,7 +336,7 @@ def test_what_no_loop_can_be_is_refused():
         (lambda: Loop("l", ends, Pin(), Rod(1.0)), "not both"),
         (lambda: Rod(0.0), "must be positive"),
         (lambda: Rod(1.0, damping=3.0), "no stiffness"),
-        (lambda: linkage(loop=Loop("crank", ends)), "called so already"),
+        (lambda: linkage(loop=Loop("crank", ends)), "has this name"),
         (lambda: linkage(loop=Loop("l", (Anchor("crnk"), Anchor("upper")))), "did you mean 'crank'"),
         (lambda: ModelSpec("constrained", "rigid_loop"), "minimal formulation"),
     ):
