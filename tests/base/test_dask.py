@@ -22,6 +22,21 @@ def address():
 
 
 @pytest.mark.filterwarnings("default")
+def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are():
+    """One worker that is a thread of this process: what is sent and what comes back."""
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        on_dask(cluster.scheduler_address),
+    ):
+        assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
+        with pytest.raises(ValueError, match=r"math domain|nonnegative"):
+            ordered(math.sqrt, [1.0, -1.0], 1)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
 def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
     """Starts, costs and order to the last bit, and an error of the work arrives as it is."""
     model = plant((0, 1, 2))
