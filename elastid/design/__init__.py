@@ -1,1 +1,1 @@
-"""Which configurations to measure, how often and with which powers, and what that is expected to tell."""
+"""Design of experiments: configurations, realisations and spectra to measure, and a forecast of the estimates."""

@@ -1,4 +1,4 @@
-"""Which configurations may be measured: candidates within the limits, away from singular postures, floor and boxes."""
+"""Candidate configurations: within the limits, away from singular postures, floor and boxes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from elastid.model.kinematics import Skeleton, skeleton, tool_jacobian
 from elastid.record import Configuration
 from elastid.robot import Robot
 
-DRAWN = 200
-# A grid beyond this is a typing error, not a wish.
-MOST = 200_000
-# Points looked at along a straight link.
-ALONG_A_LINK = 5
-# Postures that tell which singular value of the Jacobian is zero everywhere (a planar arm) and which only at times.
-TYPICAL = 64
+DEFAULT_COUNT = 200
+# A larger grid is taken for a typing error.
+MAX_GRID_POINTS = 200_000
+# Points checked along a straight link.
+POINTS_PER_LINK = 5
+# Random postures that separate singular values of the Jacobian that are zero everywhere (planar arm) from others.
+N_TYPICAL_POSTURES = 64
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class Candidates:
     refused: Mapping[str, int]
 
     @property
-    def said(self) -> str:
-        """The reasons in words."""
+    def reasons(self) -> str:
+        """The reasons with their counts, for a message."""
         return ", ".join(f"{count} {reason}" for reason, count in self.refused.items())
 
 
@@ -41,7 +41,7 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
     """The admissible candidates of a study; the same seed draws the same.
 
     swing: rad or m that each joint moves to either side, one number or (n_u,).  StudyError for a wrong number of angles
-    or a body that is not there, for a slide without limits, and where no candidate is left, with what is in the way.
+    or an unknown body, for a slide without limits, and where no candidate is left, with the reasons.
     """
     low, high = _range(robot, swing)
     names, angles = _proposed(spec, robot, *_range(robot, swing + spec.margin), seed)
@@ -56,10 +56,9 @@ def draw_candidates(spec: CandidateSpec, robot: Robot, seed: int, swing: float |
             refused[reason] = int((left & bad).sum())
         left &= ~bad
     if not left.any():
-        what = ", ".join(f"{count} {reason}" for reason, count in refused.items())
         raise StudyError(
-            f"design.candidates: none of {len(angles)} candidates is admissible: {what}; "
-            f"{_way_out(spec, robot, angles, list(refused))}"
+            f"design.candidates: none of {len(angles)} candidates is admissible: {Candidates((), refused).reasons}; "
+            f"{_remedy(spec, robot, angles, list(refused))}"
         )
     kept = tuple(Configuration(names[i], angles[i]) for i in np.flatnonzero(left).tolist())
     return Candidates(kept, refused)
@@ -71,7 +70,7 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
     if endless:
         raise StudyError(
             f"design.candidates: joint {endless[0]} slides and has no limits.angle to draw its position from; give "
-            "both ends of its way in the robot's file"
+            "both ends of its travel in the robot's file"
         )
     each = np.broadcast_to(swing, len(limits))
     low = np.where(np.isfinite(limits[:, 0]), limits[:, 0] + swing, -math.pi)
@@ -81,8 +80,7 @@ def _range(robot: Robot, swing: float | FloatArray) -> tuple[FloatArray, FloatAr
             raise StudyError(
                 f"design.candidates: {by:g} {joint.unit} of carrier and margin to either side leave joint {joint.name} "
                 f"no room within its limits [{joint.limits.angle[0]:g}, {joint.limits.angle[1]:g}] {joint.unit}; lower "
-                "the "
-                "carrier's amplitude or design.candidates.margin"
+                "the carrier's amplitude or design.candidates.margin"
             )
     return low, high
 
@@ -101,21 +99,21 @@ def _proposed(
         counts = spec.grid if isinstance(spec.grid, tuple) else (spec.grid,) * n
         if refused := robot.count_refusal(len(counts), "numbers"):
             raise StudyError(f"design.candidates.grid: {refused}")
-        if math.prod(counts) > MOST:
+        if math.prod(counts) > MAX_GRID_POINTS:
             raise StudyError(
-                f"design.candidates.grid: {math.prod(counts)} candidates; take fewer points per joint, at most {MOST} "
-                "in all"
+                f"design.candidates.grid: {math.prod(counts)} candidates; take fewer points per joint, at most "
+                f"{MAX_GRID_POINTS} in all"
             )
         axes = [np.linspace(a, b, m) if m > 1 else [(a + b) / 2] for a, b, m in zip(low, high, counts, strict=True)]
         angles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, n)
     else:
         draw = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0xCA,)))
-        angles = low + (high - low) * draw.random((spec.random or DRAWN, n))
+        angles = low + (high - low) * draw.random((spec.random or DEFAULT_COUNT, n))
     return [f"candidate{i + 1}" for i in range(len(angles))], angles
 
 
 def _obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterator[tuple[str, BoolArray]]:
-    """Who reaches the floor or a box: all points that move, and the links between them."""
+    """Candidates (Q,) that reach the floor or a box with a point that moves or a link between two of them."""
     known = [body.name for body in robot.bodies]
     for name in spec.points:
         if name not in known:
@@ -124,20 +122,17 @@ def _obstacles(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> Iterato
         return
     points = _along(skeleton(robot, angles, spec.points))
     if spec.floor is not None:
-        low_enough: BoolArray = (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
-        yield "reach the floor", low_enough
+        yield "reach the floor", (points @ upwards(robot)).min(axis=1) < spec.floor + spec.clearance
     for box in spec.boxes:
         low, high = np.array(box.lower) - spec.clearance, np.array(box.upper) + spec.clearance
-        inside: BoolArray = np.all((points > low) & (points < high), axis=2)
-        yield f"reach into box {box.name}", np.any(inside, axis=1)
+        yield f"reach into box {box.name}", np.any(np.all((points > low) & (points < high), axis=2), axis=1)
 
 
 def upwards(robot: Robot) -> FloatArray:
     """The direction against gravity; z where there is none."""
     gravity = np.array(robot.gravity)
     g = float(np.linalg.norm(gravity))
-    up: FloatArray = -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
-    return up
+    return -gravity / g if g > 0 else np.array([0.0, 0.0, 1.0])
 
 
 def _along(skeleton: Skeleton) -> FloatArray:
@@ -145,7 +140,7 @@ def _along(skeleton: Skeleton) -> FloatArray:
     points = [skeleton.points[:, skeleton.moves]]
     for a, b in skeleton.links:
         if skeleton.moves[a] and skeleton.moves[b]:
-            part = np.linspace(0, 1, ALONG_A_LINK + 2)[1:-1, None]
+            part = np.linspace(0, 1, POINTS_PER_LINK + 2)[1:-1, None]
             points.append(skeleton.points[:, [a]] + part * (skeleton.points[:, [b]] - skeleton.points[:, [a]]))
     return np.concatenate(points, axis=1)
 
@@ -153,8 +148,7 @@ def _along(skeleton: Skeleton) -> FloatArray:
 def _singular(spec: CandidateSpec, robot: Robot, angles: FloatArray) -> BoolArray:
     if len(robot.driven) < 2:
         return np.zeros(len(angles), dtype=np.bool_)
-    singular: BoolArray = dexterity(robot, angles) < spec.singular
-    return singular
+    return np.asarray(dexterity(robot, angles) < spec.singular)
 
 
 def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
@@ -163,34 +157,32 @@ def dexterity(robot: Robot, angles: FloatArray) -> FloatArray:
     Up to three driven joints: of the tool's velocity; more: with its angular velocity times the robot's reach. A
     direction in which the tool can never move (out of the plane of a planar arm) does not count.
     """
-    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (TYPICAL, angles.shape[1]))
+    typical = np.random.default_rng(0).uniform(-np.pi, np.pi, (N_TYPICAL_POSTURES, angles.shape[1]))
     slides = np.array([joint.slides for joint in robot.driven])
-    typical[:, slides] = angles[np.arange(TYPICAL) % len(angles)][:, slides]
+    typical[:, slides] = angles[np.arange(N_TYPICAL_POSTURES) % len(angles)][:, slides]
     reach = np.linalg.norm(skeleton(robot, typical).points, axis=2).max()
 
     def values(q: FloatArray) -> FloatArray:
-        # A metre of a slide counts as much as the reach about a joint that turns.
+        # One metre of a slide is weighted as one radian of a joint that turns times the reach.
         J = tool_jacobian(robot, q) * np.where(slides, reach, 1.0)
         J = J[:, :3] if q.shape[1] <= 3 else np.concatenate([J[:, :3], reach * J[:, 3:]], axis=1)
         s = np.linalg.svd(J, compute_uv=False)
-        relative: FloatArray = s / np.maximum(s[:, :1], 1e-300)
-        return relative
+        return np.asarray(s / np.maximum(s[:, :1], 1e-300))
 
     rank = int(np.sum(np.median(values(typical), axis=0) > 1e-6))
-    smallest: FloatArray = values(angles)[:, rank - 1]
-    return smallest
+    return values(angles)[:, rank - 1]
 
 
-def _way_out(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequence[str]) -> str:
-    """What would let a candidate in."""
-    ways = []
+def _remedy(spec: CandidateSpec, robot: Robot, angles: FloatArray, reasons: Sequence[str]) -> str:
+    """Changes that would make a candidate admissible."""
+    remedies = []
     if any("floor" in reason for reason in reasons) and spec.floor is not None:
         height = (_along(skeleton(robot, angles, spec.points)) @ upwards(robot)).min(axis=1).max()
-        ways.append(f"a floor below {height - spec.clearance:.3g} m would let the highest of them in")
+        remedies.append(f"a floor below {height - spec.clearance:.3g} m would let the highest of them in")
     if any("box" in reason for reason in reasons):
-        ways.append("make the boxes or clearance smaller")
+        remedies.append("make the boxes or clearance smaller")
     if any("singular" in reason for reason in reasons):
-        ways.append(f"the best of them has {dexterity(robot, angles).max():.3g}: lower singular")
+        remedies.append(f"the best of them has {dexterity(robot, angles).max():.3g}: lower singular")
     if any("limits" in reason for reason in reasons):
-        ways.append("give angles within the limits of the robot")
-    return "; ".join(ways)
+        remedies.append("give angles within the limits of the robot")
+    return "; ".join(remedies)

@@ -1,9 +1,9 @@
-r"""Which configurations to measure, and how often: the candidates' information, shared out optimally, in whole numbers.
+r"""The choice of configurations and realisations: optimal shares of the candidates, rounded to whole experiments.
 
 .. math:: H_i = 2\,\mathrm{Re} \sum_k J_k^H W_k J_k
 
-at the nominal parameters, or at guesses about them, with the weights W that the fit will give to the responses that the
-plan is expected to bring (`expected`). How they are shared out: `optimal`.
+at the nominal parameters, or at guesses about them, with the weights W that the fit will give to the expected responses
+(`prospect`). The shares: `optimal`.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from elastid.experiment.plan.plan import Chosen
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 
-# Directions of parameters whose information, relative to the best known, is below this: no candidate sees them.
-UNSEEN = 1e-12
+# Relative to the best known direction of parameters; no candidate informs those below.
+MIN_RELATIVE_INFORMATION = 1e-12
 # Candidates of one piece of work; for fewer evaluations in all other processes are not started.
 CHUNK = 16
 MIN_EVALUATIONS = 400
-# Random choices of as many candidates that a choice is compared with.
-RANDOM_CHOICES = 100
+# Random choices of as many candidates, with which a choice is compared.
+N_RANDOM_CHOICES = 100
 
 
 @dataclass(frozen=True)
 class Choice:
-    """chosen: what to measure beside the configurations given.  periods: of each experiment.
+    """chosen: to be measured beside the configurations given.  periods: of each experiment.
 
-    efficiency: of the whole experiments, relative to the best that any shares of them could reach.  than_random: how
-    many times smaller the mean standard deviation is expected than for the median of random choices.  of: candidates.
+    efficiency: of the whole experiments, relative to the best possible shares.  than_random: expected mean standard
+    deviation of the median random choice, relative to that of this one.  of: number of candidates.
     """
 
     chosen: tuple[Chosen, ...]
@@ -62,7 +62,7 @@ class Choice:
 
 @dataclass(frozen=True)
 class InformationTask:
-    """What is asked for: how many experiments with how many periods, beside what is known already.
+    """How many experiments to choose, and with how many periods, beside the information that is there already.
 
     known (S, n_x, n_x): information of given configurations, earlier measurements and priors, for each guess.
     """
@@ -95,7 +95,7 @@ def choose_configurations(
     """The best whole experiments among the candidates, for the best of the tasks.
 
     x (S, n_x): guesses of the parameters.  taken: names that other configurations have.  StudyError for unknown
-    parameters, fewer candidates than asked for, and where no candidate tells anything.
+    parameters, fewer candidates than asked for, and where no candidate informs any parameter.
     """
     parameters = tasks[0].prospect.parameters
     wanted = interest(parameters.free_names, spec.parameters)
@@ -103,11 +103,11 @@ def choose_configurations(
     if spec.count is not None and len(here) < spec.count:
         raise StudyError(
             f"design.count: {spec.count} configurations are asked for, {len(here)} candidates are admissible"
-            + (f" ({candidates.said})" if candidates.refused else "")
+            + (f" ({candidates.reasons})" if candidates.refused else "")
             + f"; lower count to {len(here)}, give more candidates, or more realisations of each"
         )
     over = "mean" if spec.robust is None else spec.robust.over
-    best: tuple[float, Choice] | None = None
+    choices: list[tuple[float, Choice]] = []
     for task in tasks:
         H, kept = informations(task.prospect, here, x, execution)
         criterion, ground = visible(DesignCriterion(spec.criterion, wanted, over), H, task.known, parameters)
@@ -116,13 +116,11 @@ def choose_configurations(
         numbers = whole(H, shares.weights, task.count, criterion, known)
         value = _value(H, numbers, criterion, known)
         efficiency = math.exp(min(0.0, value - math.log(task.count) - shares.bound))
-        if best is None or value > best[0]:
-            random = _random_value(H, task.count, criterion, known, seed)
-            chosen = _named([here[i] for i in kept], numbers, task.prospect.realisations, taken)
-            than_random = math.exp((value - random) / 2)
-            best = value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(kept))
-    assert best is not None
-    return best[1]
+        random = _random_value(H, task.count, criterion, known, seed)
+        chosen = _named([here[i] for i in kept], numbers, task.prospect.realisations, taken)
+        than_random = math.exp((value - random) / 2)
+        choices.append((value, Choice(chosen, task.prospect.periods, efficiency, than_random, len(kept))))
+    return max(choices, key=lambda choice: choice[0])[1]
 
 
 def informations(
@@ -139,7 +137,7 @@ def informations(
     found = [one for part in parts for one in part]
     kept = [i for i, one in enumerate(found) if one is not None]
     if not kept:
-        prospect.expected(configurations[0], x[0])  # says why
+        prospect.expected(configurations[0], x[0])  # raises with the reason
         raise StudyError(
             "design: no candidate has an equilibrium for all guesses of the parameters; lower robust.factor"
         )
@@ -153,7 +151,7 @@ def _informations(
 
 
 def _information(prospect: Prospect, x: FloatArray, configuration: Configuration) -> FloatArray | None:
-    """H (S, n_x, n_x); None where a guess finds no rest under gravity there."""
+    """H (S, n_x, n_x); None where there is no equilibrium for one of the guesses."""
     try:
         return np.stack([prospect.expected(configuration, one).information(one) for one in x])
     except (StudyError, DataError):
@@ -163,19 +161,19 @@ def _information(prospect: Prospect, x: FloatArray, configuration: Configuration
 def visible(
     criterion: DesignCriterion, H: FloatArray, known: FloatArray, parameters: ParameterSet
 ) -> tuple[DesignCriterion, FloatArray]:
-    """The criterion on what all candidates together see, and information (n_x, n_x) that stands in for the rest."""
+    """The criterion on the parameters that the candidates together inform, and information (n_x, n_x) for the rest."""
     pooled = (H.mean(axis=1) + known).mean(axis=0)
     length = np.sqrt(np.maximum(np.diag(pooled), 0.0))
     length[length == 0] = 1.0
     eigenvalues, V = np.linalg.eigh(pooled / np.outer(length, length))
-    blind = V[:, eigenvalues < UNSEEN]
+    blind = V[:, eigenvalues < MIN_RELATIVE_INFORMATION]
     seen = np.abs(blind).max(axis=1, initial=0.0) < 1e-3
     columns = criterion.interest[:, [seen[int(np.argmax(column))] for column in criterion.interest.T]]
     if columns.shape[1] == 0:
         names = ", ".join(parameters.free_names[i] for i in np.flatnonzero(criterion.interest.sum(axis=1)))
         raise StudyError(
-            f"design: no candidate tells anything about {names}: nothing of it reaches the measured outputs; fix these "
-            "parameters, or log a place that they move (experiment.simulated.outputs)"
+            f"design: no candidate informs {names}: the measured outputs do not depend on it; fix these parameters, or "
+            "log a place that they move (experiment.simulated.outputs)"
         )
     ground = (blind * length[:, None]) @ (blind * length[:, None]).T
     return replace(criterion, interest=columns), ground
@@ -191,7 +189,7 @@ def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: 
     Q = H.shape[1]
     values = [
         _value(H, np.bincount(draw.choice(Q, count, replace=count > Q), minlength=Q), criterion, known)
-        for _ in range(RANDOM_CHOICES)
+        for _ in range(N_RANDOM_CHOICES)
     ]
     return float(np.median(values))
 

@@ -1,9 +1,9 @@
-r"""What a plan will tell, before the robot moves: standard deviations, correlations, what stays unseen, and from where.
+r"""The forecast of a plan: standard deviations, correlations, undetermined directions, and the origin of information.
 
 .. math:: cov(x) = A^{-1} \Big[ \tfrac12 \mathrm{Re} \sum_k J_k^H S_k J_k \Big] A^{-1}, \qquad A = \sum_q \sum_k A_{qk}
 
-the covariance that the fit itself will state (`fit.uncertainty`) for the responses expected. Of what is known about
-parameter p the part c^T A_qk c / c^T A c, c = A^-1 e_p, comes from line k of configuration q.
+the covariance that the fit itself will state (`fit.uncertainty`) for the expected responses. The share
+c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes from line k of configuration q.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from elastid.fit.problem.residuals import as_real
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.parameters import ParameterSet
 
-# A direction known no better than by this factor e^1 (of a linear parameter: than by its span) is not seen.
-BLIND = 1.0
-# Parts of a direction that are named.
-NAMED = 0.2
-CORRELATED = 0.95
+# A direction whose standard deviation is larger (in ln p; of a linear parameter in its span) is undetermined.
+MAX_DIRECTION_STD = 1.0
+# Components of such a direction that a note names, and the correlation from which on a pair is reported.
+MIN_NAMED_COMPONENT = 0.2
+MIN_REPORTED_CORRELATION = 0.95
 
 
 @dataclass(frozen=True)
 class Forecast:
-    """Expected certainty of the free parameters (n,), at their nominal values.
+    """Expected uncertainty of the free parameters (n,), at their nominal values.
 
     nominal (n,) and units: SI.  log (n,): whether covariance is of ln p.  covariance (n, n): of the solver's variables,
-    inf on the diagonal where a parameter cannot be seen.  share (Q, F, n): where what is known comes from, summing to 1
-    for each parameter.  blind (n_b, n): directions that the plan does not see, of length one.  configurations: those
-    that the fit uses.  notes: what to know before the robot moves.  choice: how the configurations were chosen.
+    inf on the diagonal where a parameter is undetermined.  share (Q, F, n): of the information, summing to 1 for each
+    parameter.  blind (n_b, n): undetermined directions, of length one.  configurations: those that the fit uses.
+    notes: to be read before the robot moves.  choice: how the configurations were chosen.
     """
 
     parameters: tuple[str, ...]
@@ -60,22 +60,20 @@ class Forecast:
     @property
     def std(self) -> FloatArray:
         """Standard deviations (n,) in SI, first order for logarithmic parameters."""
-        std: FloatArray = np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0)
-        return std
+        return np.asarray(np.sqrt(np.diag(self.covariance)) * np.where(self.log, np.abs(self.nominal), 1.0))
 
     @property
     def relative(self) -> FloatArray:
         """Standard deviations (n,) relative to the nominal values; NaN where that is zero."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            relative: FloatArray = np.where(self.nominal != 0, self.std / np.abs(self.nominal), np.nan)
-        return relative
+            return np.where(self.nominal != 0, self.std / np.abs(self.nominal), np.nan)
 
     @property
     def correlation(self) -> FloatArray:
-        """Correlations (n, n); NaN off the diagonal for what cannot be seen."""
+        """Correlations (n, n); NaN off the diagonal for undetermined parameters."""
         std = np.sqrt(np.diag(self.covariance))
         with np.errstate(divide="ignore", invalid="ignore"):
-            correlation: FloatArray = self.covariance / np.outer(std, std)
+            correlation = np.asarray(self.covariance / np.outer(std, std))
         np.fill_diagonal(correlation, 1.0)
         return correlation
 
@@ -90,7 +88,7 @@ class Forecast:
 
 
 def forecast(expected: Sequence[ExpectedResponse], x: FloatArray) -> Forecast:
-    """What a plan with these expected responses, all on the same lines, tells about parameters near x (n_x,).
+    """The forecast for parameters near x (n_x,) from the expected responses of a plan, all on the same lines.
 
     Raises StudyError where the plan has fewer lines than there are unknowns.
     """
@@ -138,8 +136,7 @@ def _share(fit: ElasticFit, x: FloatArray, R: FloatArray) -> FloatArray:
         parts.append(np.sum(np.abs(effect) ** 2, axis=(2, 3)).T)
     share = np.stack(parts)
     total = share.sum(axis=(0, 1))
-    part: FloatArray = np.divide(share, total, out=np.zeros_like(share), where=total > 0)
-    return part
+    return np.asarray(np.divide(share, total, out=np.zeros_like(share), where=total > 0))
 
 
 def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray:
@@ -148,8 +145,7 @@ def _blind(R: FloatArray, parameters: ParameterSet, x: FloatArray) -> FloatArray
         [1.0 if p.log else _span(p.lower, p.upper, value) for p, value in zip(parameters.free, x, strict=True)]
     )
     _, singular_values, Vt = np.linalg.svd(R * span)
-    blind: FloatArray = Vt[singular_values < 1 / BLIND]
-    return blind
+    return np.asarray(Vt[singular_values < 1 / MAX_DIRECTION_STD])
 
 
 def _span(lower: float, upper: float, value: float) -> float:
@@ -163,10 +159,10 @@ def _too_few(blind: int, unknowns: int, configurations: int, lines: int) -> list
     many = f"{configurations} configuration" + ("s" if configurations > 1 else "")
     return [
         Note(
-            "too-few-lines",
+            "undetermined-parameters",
             f"{many} with {lines} lines cannot determine the {unknowns} unknowns: {blind} of them, or combinations, "
-            "stay unseen; measure more configurations (`design` chooses those that tell most), log more places, excite "
-            "more, or fix some of fit.parameters",
+            "stay undetermined; measure more configurations (`design` chooses the most informative), log more places, "
+            "excite more, or fix some of fit.parameters",
         )
     ]
 
@@ -175,19 +171,22 @@ def _unseen(blind: FloatArray, names: Sequence[str]) -> list[Note]:
     sentences = []
     for direction in blind:
         largest = np.argsort(-np.abs(direction), kind="stable")
-        parts = [i for i in largest if abs(direction[i]) > NAMED]
+        parts = [i for i in largest if abs(direction[i]) > MIN_NAMED_COMPONENT]
         who = ", ".join(names[i] for i in parts)
         if len(parts) == 1:
             sentences.append(
-                Note("unseen-parameter", f"this plan cannot see {who}: fix it, or measure where it moves something")
+                Note(
+                    "undetermined-parameter",
+                    f"this plan cannot determine {who}: fix it, or measure outputs that depend on it",
+                )
             )
             continue
         terms = " ".join(f"{direction[i] * np.sign(direction[parts[0]]):+.2f} {names[i]}" for i in parts)
         sentences.append(
             Note(
-                "unseen-combination",
-                f"this plan cannot see the combination {terms} (relative changes) of {who}: fix or tie one of them, or "
-                "measure a configuration that tells them apart",
+                "undetermined-combination",
+                f"this plan cannot determine the combination {terms} (relative changes) of {who}: fix or tie one of "
+                "them, or measure a configuration that distinguishes them",
             )
         )
     return sentences
@@ -199,9 +198,9 @@ def _tied(covariance: FloatArray, names: Sequence[str]) -> list[Note]:
         correlation = np.triu(np.nan_to_num(covariance / np.outer(std, std)), 1)
     return [
         Note(
-            "correlated",
-            f"{names[i]} and {names[j]} will hardly be told apart: their estimates will be correlated by "
+            "correlated-parameters",
+            f"{names[i]} and {names[j]} can barely be distinguished: their estimates will have a correlation of "
             f"{correlation[i, j]:.3f}",
         )
-        for i, j in np.argwhere(np.abs(correlation) > CORRELATED)
+        for i, j in np.argwhere(np.abs(correlation) > MIN_REPORTED_CORRELATION)
     ]

@@ -1,11 +1,11 @@
-r"""What Coulomb friction does to a frequency response: some damping, and a distortion that looks like noise.
+r"""Effects of Coulomb friction on a frequency response: equivalent damping, and a distortion that acts like noise.
 
 .. math:: \tau_c\, \mathrm{sign}(v_c + v) = d\, v + s, \qquad
           d = \frac{\mathrm{Re} \sum_k V_k^* T_k}{\sum_k |V_k|^2}
 
 T_k are the lines of the friction torque, V_k those of the motor's velocity under the multisine, v_c the velocity of the
-carrier. d is the best linear approximation, which the fit finds as viscous friction; s hangs on the phases, returns in
-every period and averages over realisations only.
+carrier. d is the best linear approximation, which the fit finds as viscous friction; s depends on the phases, repeats
+in every period and averages over realisations only.
 """
 
 from __future__ import annotations
@@ -20,8 +20,10 @@ from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.friction.robot_friction import coulomb_levels
 from elastid.robot import Robot
 
-# Lines over which the level of the distortion is averaged: it is drawn from few experiments.
-SMOOTH = 9
+# Lines over which the level of the distortion is averaged: it comes from few experiments.
+N_SMOOTHED_LINES = 9
+# Coulomb friction per rms torque: a multisine whose peaks are three times its rms still slides at a third.
+MAX_COULOMB_RATIO = 1 / 3
 
 
 def friction_level(
@@ -35,21 +37,17 @@ def friction_level(
     T = np.fft.rfft(coulomb * np.sign(v), axis=1)[:, lines] * (2 / period_samples)
     d = np.sum(V.conj() * T, axis=(0, 1)).real / np.sum(np.abs(V) ** 2, axis=(0, 1))
     power = np.mean(np.abs(T - d * V) ** 2, axis=0)
-    width = min(SMOOTH, len(lines))
+    width = min(N_SMOOTHED_LINES, len(lines))
     window = np.ones(width)
     weight = np.convolve(np.ones(len(lines)), window, "same")
     smooth = np.stack([np.convolve(column, window, "same") / weight for column in power.T], axis=1)
     return d, smooth
 
 
-# A multisine whose peaks are three times its rms still slides where Coulomb friction is a third of that rms.
-STICKING = 1 / 3
-
-
 def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Note, ...]:
-    """A word for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
+    """A note for each motor whose Coulomb friction is more than a third of its rms torque (Nm, link side), at rest.
 
-    Under a carrier joints slide whatever the multisine.
+    Under a carrier the joints slide with any multisine.
     """
     if carrier is not None:
         return ()
@@ -58,7 +56,7 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
     words = []
     for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
-        if coulomb > STICKING * torque:
+        if coulomb > MAX_COULOMB_RATIO * torque:
             unit = "N" if joint.slides else "N*m"
             words.append(
                 Note(

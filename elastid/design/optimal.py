@@ -1,4 +1,4 @@
-r"""Optimal design: how to share experiments among candidates of known information, with a bound that certifies itself.
+r"""Optimal design: the shares of candidates of known information in an experiment, with a bound on their optimality.
 
 .. math:: \max_\lambda\ \varphi\Big(M_0 / N + \sum_i \lambda_i H_i\Big), \quad \lambda_i \ge 0, \ \sum_i \lambda_i = 1
 
@@ -8,8 +8,8 @@ smallest. Phi is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no
 for D g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it. (Silvey, Titterington and
 Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.)
 
-Several information matrices of each candidate, one for each guess of the parameters, are averaged over or judged by
-the worst guess. It knows no robot.
+Several information matrices of each candidate, one for each guess of the parameters, are averaged or judged by the
+worst guess.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from elastid.base.arrays import FloatArray, IntArray
 Letter: TypeAlias = Literal["D", "A", "E"]
 Over: TypeAlias = Literal["mean", "worst"]
 
-TOLERANCE = 1e-3
+MAX_GAP = 1e-3
 MAX_UPDATES = 10_000
-# A round of updates that raises phi by less has arrived: what is left of the gap is the softness below.
-ARRIVED = 1e-7
-# The smallest eigenvalue and the worst guess are taken softly while searching; the certificate is of the hard ones.
-SOFT_EIGENVALUE = 30.0
-SOFT_GUESS = 300.0
-# Updates between two looks at all candidates; in between only those that could carry weight are worked on.
-ROUND = 25
-# A singular information matrix is lifted by this part of its diagonal.
-ROUNDING = 1e-13
-# Beginnings of the search for whole experiments, and how many candidates it looks at: those with the largest gains.
-BEGINNINGS, LOOKED_AT = 6, 400
+# A round of updates that raises phi by less has converged: the rest of the gap comes from the soft minima below.
+MIN_PROGRESS = 1e-7
+# Powers of the soft minima of eigenvalues and guesses in the search; the bound is computed with the true minima.
+EIGENVALUE_POWER = 30.0
+GUESS_POWER = 300.0
+# Updates between two evaluations of all candidates; in between only those that could carry weight are updated.
+UPDATES_PER_ROUND = 25
+# A singular information matrix is regularised by this part of its diagonal.
+RIDGE = 1e-13
+# Starts of the search for whole experiments, and its number of candidates: those with the largest gains.
+N_STARTS, N_SEARCHED = 6, 400
 # Powers p on the way to the smallest eigenvalue.
-SOFTENED = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
-# Candidates that an exchange is worked out for exactly, after a first-order ranking of all.
-SCREENED = 40
+POWER_SEQUENCE = (1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+# Candidates for which an exchange is computed exactly, after a first-order ranking of all.
+N_SCREENED = 40
 
 
 @dataclass(frozen=True)
 class DesignCriterion:
-    """letter: D, A or E.  interest (d, s): columns that pick the parameters of interest (or combinations of them).
+    """letter: D, A or E.  interest (d, s): columns that select the parameters of interest (or combinations of them).
 
     softness: p < infinity for E, on the way to it.
     """
@@ -57,24 +57,16 @@ class DesignCriterion:
 
     def value(self, M: FloatArray) -> FloatArray:
         """phi (...) of information matrices M (S, ..., d, d), guesses taken together; -inf where one is singular."""
-        variances: FloatArray = np.linalg.eigvalsh(self._inside(M)).astype(np.float64)
-        phi = self._hard(variances)
-        worst: FloatArray = phi.min(axis=0) if self.over == "worst" else phi.mean(axis=0)
-        return worst
-
-    def _inside(self, M: FloatArray) -> FloatArray:
-        """(M^-1)_SS (..., s, s), the covariance of what is of interest."""
-        covariance: FloatArray = self.interest.T @ self._solved(M)
-        return covariance
+        phi = self._hard(np.linalg.eigvalsh(self.interest.T @ self._solved(M)).astype(np.float64))
+        return np.asarray(phi.min(axis=0) if self.over == "worst" else phi.mean(axis=0))
 
     def _solved(self, M: FloatArray) -> FloatArray:
-        """M^-1 K (..., d, s); a singular M is taken as one whose variances are huge."""
+        """M^-1 K (..., d, s); a singular M gets huge variances."""
         diagonal = np.einsum("...ii->...i", M)
-        ridge = ROUNDING * np.maximum(diagonal, ROUNDING * diagonal.max(axis=-1, keepdims=True))
+        ridge = RIDGE * np.maximum(diagonal, RIDGE * diagonal.max(axis=-1, keepdims=True))
         K = self.interest
-        lifted = M + ridge[..., None] * np.eye(M.shape[-1])
-        solved: FloatArray = np.linalg.solve(lifted, np.broadcast_to(K, (*M.shape[:-2], *K.shape)))
-        return solved
+        regular = M + ridge[..., None] * np.eye(M.shape[-1])
+        return np.asarray(np.linalg.solve(regular, np.broadcast_to(K, (*M.shape[:-2], *K.shape))))
 
     def _hard(self, variances: FloatArray) -> FloatArray:
         """ln Phi from the eigenvalues (..., s) of (M^-1)_SS; rounding may leave one of a singular M negative."""
@@ -97,10 +89,10 @@ class DesignCriterion:
         X = self._solved(M)
         variances, V = np.linalg.eigh(K.T @ X)
         phi = self._hard(variances)
-        power = {"D": 0.0, "A": 1.0, "E": min(self.softness, SOFT_EIGENVALUE)}[self.letter]
+        power = {"D": 0.0, "A": 1.0, "E": min(self.softness, EIGENVALUE_POWER)}[self.letter]
         relative = (variances / variances.max(axis=1, keepdims=True)) ** power
         share = relative / relative.sum(axis=1, keepdims=True)  # of each eigenvalue in the gradient
-        # grad ln Phi_p = X V diag(share / variance) V^T X^T; for E so long that it bounds the smallest eigenvalue.
+        # grad ln Phi_p = X V diag(share / variance) V^T X^T; for E scaled so that it bounds the smallest eigenvalue.
         scale = share / variances
         soft = phi
         if self.letter == "E" and np.isinf(self.softness):
@@ -114,8 +106,8 @@ class DesignCriterion:
         if self.over == "mean" or len(phi) == 1:
             weight = np.full(len(phi), 1 / len(phi))
             return CriterionValue(float(phi.mean()), float(soft.mean()), 0.0, weight[:, None, None] * gradient)
-        weight = np.exp(-SOFT_GUESS * (soft - soft.min()))
-        searched = float(soft.min() - np.log(weight.mean()) / SOFT_GUESS)
+        weight = np.exp(-GUESS_POWER * (soft - soft.min()))
+        searched = float(soft.min() - np.log(weight.mean()) / GUESS_POWER)
         weight /= weight.sum()
         slack = float(weight @ phi - phi.min())
         return CriterionValue(float(phi.min()), searched, slack, weight[:, None, None] * gradient)
@@ -123,7 +115,7 @@ class DesignCriterion:
 
 @dataclass(frozen=True)
 class CriterionValue:
-    """value: phi.  searched: the smooth function that is climbed.  slack: how far the guesses' average lies above phi.
+    """value: phi.  searched: the smooth function that is maximised.  slack: by how much the guesses' mean exceeds phi.
 
     gradient (S, d, d): no design exceeds value + slack + ln max_i sum_s Tr(gradient_s H_si).
     """
@@ -148,12 +140,12 @@ class RelaxedDesign:
 
     @property
     def bound(self) -> float:
-        """What phi no design can exceed."""
+        """Upper bound of phi of all designs."""
         return self.value + self.gap
 
 
 def relaxed_design(
-    H: FloatArray, criterion: DesignCriterion, known: FloatArray | None = None, tolerance: float = TOLERANCE
+    H: FloatArray, criterion: DesignCriterion, known: FloatArray | None = None, tolerance: float = MAX_GAP
 ) -> RelaxedDesign:
     """The shares of candidates with information H (S, Q, d, d) per experiment, until the gap is below tolerance.
 
@@ -164,7 +156,7 @@ def relaxed_design(
     packed = _packed(H if known is None else H + known[:, None])
     weights = np.full(H.shape[1], 1 / H.shape[1])
     slope = criterion.slope(_unpacked(weights @ packed, d))
-    for updates in range(0, MAX_UPDATES + 1, ROUND):
+    for updates in range(0, MAX_UPDATES + 1, UPDATES_PER_ROUND):
         g = _gains(packed, slope)
         excess = float(g.max()) - 1
         gap = slope.slack + float(np.log1p(excess))
@@ -173,7 +165,7 @@ def relaxed_design(
         active = np.flatnonzero((weights > 1e-4 * weights.max()) | (g > 1 - 2 * max(excess, tolerance)))
         before = slope.searched
         weights, slope = _climb(packed[:, active], weights, active, criterion, d)
-        if updates and abs(slope.searched - before) < min(ARRIVED, tolerance / 1e4):
+        if updates and abs(slope.searched - before) < min(MIN_PROGRESS, tolerance / 1e4):
             tolerance = np.inf
     return RelaxedDesign(weights, slope.value, gap, excess)
 
@@ -181,14 +173,14 @@ def relaxed_design(
 def _climb(
     packed: FloatArray, weights: FloatArray, active: IntArray, criterion: DesignCriterion, d: int
 ) -> tuple[FloatArray, CriterionValue]:
-    """ROUND multiplicative updates on the active candidates; the others give up their shares."""
+    """UPDATES_PER_ROUND multiplicative updates on the active candidates; the others lose their shares."""
     share = weights[active] / weights[active].sum()
-    # A candidate that has come back needs some weight to grow from.
+    # A candidate that has become active again needs some weight to grow from.
     share = np.maximum(share, 1e-3 / len(share))
     share /= share.sum()
     slope = criterion.slope(_unpacked(share @ packed, d))
     power = 1.0 if criterion.letter == "D" and criterion.over == "mean" else 0.5
-    for _ in range(ROUND):
+    for _ in range(UPDATES_PER_ROUND):
         g = _gains(packed, slope)
         while True:
             tried = share * g**power
@@ -207,26 +199,26 @@ def _climb(
 def whole(
     H: FloatArray, weights: FloatArray, count: int, criterion: DesignCriterion, known: FloatArray | None = None
 ) -> IntArray:
-    """How many of `count` whole experiments each candidate gets (Q,): shares rounded, then exchanged one by one.
+    """Numbers (Q,) of whole experiments of each candidate, `count` in all: shares rounded, then exchanged one by one.
 
-    The best of several beginnings, one of them the shares rounded, the others drawn from the shares.
+    The best of several starts, one of them the rounded shares, the others drawn from the shares.
     known (S, d, d): information that is there already, undivided.
     """
     packed = _packed(H)
     base = np.zeros((len(H), packed.shape[-1])) if known is None else _packed(known)
     slope = criterion.slope(_unpacked(base / count + weights @ packed, H.shape[-1]))
-    looked_at = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:LOOKED_AT]
-    share = weights[looked_at] / weights[looked_at].sum()
+    searched = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:N_SEARCHED]
+    share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
-    beginnings = [_apportioned(share, count), *draw.multinomial(count, share, BEGINNINGS - 1)]
+    starts = [_apportioned(share, count), *draw.multinomial(count, share, N_STARTS - 1)]
     if criterion.letter == "E":
-        # The smallest eigenvalue alone is a poor guide from far away; ever harder means of all lead near.
-        for softness in SOFTENED:
+        # The smallest eigenvalue alone is a poor guide from far away; means of increasing power approach it.
+        for softness in POWER_SEQUENCE:
             soft = replace(criterion, softness=softness)
-            beginnings = [_exchanged(one, packed[:, looked_at], base, soft)[0] for one in beginnings]
-    ends = [_exchanged(one, packed[:, looked_at], base, criterion) for one in beginnings]
+            starts = [_exchanged(one, packed[:, searched], base, soft)[0] for one in starts]
+    ends = [_exchanged(one, packed[:, searched], base, criterion) for one in starts]
     numbers = np.zeros(len(weights), dtype=np.int64)
-    numbers[looked_at] = max(ends, key=lambda end: end[1])[0]
+    numbers[searched] = max(ends, key=lambda end: end[1])[0]
     return numbers
 
 
@@ -253,11 +245,11 @@ def _exchanged(
 def _best_addition(
     rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, d: int, leaves: int
 ) -> tuple[int, float]:
-    """The candidate that does most for information `rest` (S, p), and the value with it."""
-    # The gradient half way: without the one that left, M may be close to singular.
+    """The candidate that adds most to information `rest` (S, p), and the value with it."""
+    # The gradient half way: without the removed experiment M may be close to singular.
     slope = criterion.slope(_unpacked(rest + packed[:, leaves] / 2, d))
     g = _gains(packed, slope)
-    best = np.argsort(-g, kind="stable")[:SCREENED]
+    best = np.argsort(-g, kind="stable")[:N_SCREENED]
     values = criterion.value(_unpacked(rest[:, None] + packed[:, best], d))
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])
@@ -278,9 +270,8 @@ def _apportioned(weights: FloatArray, count: int) -> IntArray:
 
 
 def _gains(packed: FloatArray, slope: CriterionValue) -> FloatArray:
-    """g (Q,): what a little more of each candidate does, relative to what is there."""
-    gains: FloatArray = np.einsum("sqp,sp->q", packed, _packed(slope.gradient), optimize=True)
-    return np.maximum(gains, 0.0)
+    """g (Q,): relative gain of phi by a small increase of each candidate's share."""
+    return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, _packed(slope.gradient), optimize=True), 0.0))
 
 
 def _packed(matrices: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-r"""Optimal powers: how what each input may have is shared out between the lines, with a bound that certifies itself.
+r"""Optimal powers: the distribution of each input's power over the lines, with a bound on its optimality.
 
 .. math:: \max_P\ \varphi\Big(M_0 + \sum_q H_q(P)\Big), \qquad \sum_{kl} c_{okl} P_{kl} \le 1, \quad
           P_{kl} \ge \epsilon \bar P_{kl}
@@ -6,16 +6,16 @@ r"""Optimal powers: how what each input may have is shared out between the lines
 .. math:: H = 2\,\mathrm{Re} \sum_{kij} \frac{J_{kij} J_{kij}^H}{\sigma_{kij}^2}, \qquad
           \sigma_{kij}^2 = \frac{C_{ki}}{M} \sum_l \frac{|T_{klj}|^2}{P_{kl}} + f_{kij}
 
-c_o: what a power costs of limit o: the RMS that an input may have, the torque, velocity ... that a motor may reach.
-T = I + F G: what must be injected at l for a torque at j alone.  C: variance of the equation error.  f: what power does
-not lower (the floor of the weights, distortion).  P bar: the even powers within the limits; epsilon of them keep the
-response itself measurable at every line.
+c_o: cost of a power in terms of limit o: the RMS of an input, the torque, velocity ... of a motor.  T = I + F G: the
+torques to be injected at l for an acting torque at j alone.  C: variance of the equation error.  f: variance that does
+not depend on power (floor of the weights, distortion).  P bar: the even powers within the limits; epsilon of them keep
+the response itself measurable at every line.
 
 Each 1 / sigma^2 is concave in P, and so is phi (`optimal`): with g = d phi / d P no P* in reach is better than
 phi + <g, P* - P>, and <g, P*> <= max g / h for any price h = sum_o mu_o c_o of a power. The multiplicative updates
-P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a climb to where what is gained for the price is the same wherever there is more
-than the least power. (Silvey, Titterington and Torsney 1978 for one limit; for one input in the noise limit this is the
-optimal spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.) It knows no robot.
+P <- P (g / h)^a, mu_o <- mu_o (c_o P)^a converge to an equal ratio of gain and price at all lines with more than the
+least power. (Silvey, Titterington and Torsney 1978 for one limit; for one input in the noise limit this is the optimal
+spectrum of Mehra, IEEE Trans. Automatic Control 19 (1974) 753.)
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from elastid.design.optimal import DesignCriterion
 from elastid.fit.problem.residuals import as_real
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
-TOLERANCE = 0.01
+MAX_GAP = 0.01
 MAX_UPDATES = 1000
-# Updates without progress after which their exponent becomes half as large, and what it is at least.
-PATIENCE, LEAST_STEP = 60, 0.2
-SMALLEST = 1e-12
-# Even powers: steps until they are balanced, and which share in a limit makes it an input's own.
-BALANCING_STEPS, COUNTS = 30, 0.1
+# Updates without progress after which their exponent is halved, and its least value.
+PATIENCE, MIN_EXPONENT = 60, 0.2
+MIN_PRICE = 1e-12
+# Even powers: steps of balancing, and the share of an input in a limit from which on that limit bounds the input.
+BALANCING_STEPS, MIN_LIMIT_SHARE = 30, 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class PowerSource:
-    """What one configuration tells at any powers.
+    """The information of one configuration as a function of powers.
 
     J (n_x, F, n_y, n_u): sqrt(2) dG/dx.  error (F, n_y): C / M.  spread (F, n_u, n_u): |T|^2, from input l to column j.
     fixed (F, n_y, n_u): f.  used (F, n_y, n_u): elements that the fit sees.
@@ -56,8 +56,7 @@ class PowerSource:
     def information(self, P: FloatArray) -> FloatArray:
         """H (n_x, n_x) at powers P (F, n_u), summed over the experiments of a realisation."""
         rows = as_real(self.J * np.sqrt(self._weight(P))).reshape(len(self.J), -1)
-        H: FloatArray = rows @ rows.T
-        return H
+        return np.asarray(rows @ rows.T)
 
     def gains(self, P: FloatArray, gradient: FloatArray) -> FloatArray:
         """d Tr(gradient H) / d P (F, n_u), for a gradient (n_x, n_x) without negative eigenvalues."""
@@ -66,14 +65,12 @@ class PowerSource:
         rows = half.T @ as_real(self.J).reshape(len(self.J), -1)
         seen = np.sum(rows**2, axis=0).reshape(*self.used.shape, 2).sum(axis=-1)
         per_column = np.einsum("fij,fi->fj", seen * self._weight(P) ** 2, self.error)
-        gains: FloatArray = np.einsum("flj,fj->fl", self.spread, per_column) / P**2
-        return gains
+        return np.asarray(np.einsum("flj,fj->fl", self.spread, per_column) / P**2)
 
     def _weight(self, P: FloatArray) -> FloatArray:
         column = np.einsum("flj,fl->fj", self.spread, 1 / P)
         variance = self.error[:, :, None] * column[:, None, :] + self.fixed
-        weight: FloatArray = np.where(self.used, 1 / variance, 0.0)
-        return weight
+        return np.where(self.used, 1 / variance, 0.0)
 
 
 @dataclass(frozen=True)
@@ -95,11 +92,11 @@ def best_powers(
     criterion: DesignCriterion,
     known: FloatArray,
     least: float,
-    tolerance: float = TOLERANCE,
+    tolerance: float = MAX_GAP,
 ) -> Powers:
     """The best powers, where all configurations of a group have the same.
 
-    groups: for each group its configurations, for each of these a Source for each of S guesses.  cost (K, n_o, F, n_u):
+    groups: for each group its configurations, each with a PowerSource for each of S guesses.  cost (K, n_o, F, n_u):
     c of each group; every input and line must have one.  known (S, n_x, n_x): information that is there already.
     least: epsilon.
     """
@@ -118,7 +115,7 @@ def best_powers(
         value = float(phi.mean() if criterion.over == "mean" else phi.min())
         g = _gains(groups, P, gradient)
         ratio = g / np.einsum("ko,kofl->kfl", price, cost)
-        # phi is the log of what Tr(gradient M) bounds, 1 here but for a smallest eigenvalue taken softly.
+        # phi is bounded by the log of Tr(gradient M), which is 1 but for the soft minimum of the eigenvalues.
         reach = float(np.sum(gradient * M) + ratio.max() * np.sum(price * room) - np.sum(g * share))
         bound = min(bound, float(weight @ phi) + float(np.log(reach)))
         since = 0 if value > best.value + tolerance / 100 else since + 1
@@ -128,14 +125,14 @@ def best_powers(
         if bound - best.value <= tolerance:
             break
         if since > PATIENCE:
-            exponent, since = max(exponent / 2, LEAST_STEP), 0
+            exponent, since = max(exponent / 2, MIN_EXPONENT), 0
         share = share * (ratio / ratio.max()) ** exponent
         used = _used(cost, share) / room
-        price = np.maximum(price * (used / used.max()) ** exponent, SMALLEST)
+        price = np.maximum(price * (used / used.max()) ** exponent, MIN_PRICE)
         price /= np.sum(price * room)
         share = share / used.max(axis=1)[:, None, None]
         if criterion.over == "worst":
-            weight = np.maximum(weight * np.exp(exponent * (phi.min() - phi)), SMALLEST)
+            weight = np.maximum(weight * np.exp(exponent * (phi.min() - phi)), MIN_PRICE)
             weight /= weight.sum()
     P = _filled(cost, best.P)
     M = _information(groups, P, known)
@@ -144,7 +141,7 @@ def best_powers(
 
 
 def _filled(cost: FloatArray, P: FloatArray) -> FloatArray:
-    """Powers raised, input after input, until each comes to a limit: what the last update left of the limits."""
+    """Powers raised, input after input, until each comes to a limit: they use the rest that the last update left."""
     for i in range(P.shape[2]):
         mine = np.einsum("kof,kf->ko", cost[..., i], P[..., i])
         left = np.maximum(1 - _used(cost, P), 0.0)
@@ -169,8 +166,8 @@ def even_powers(cost: FloatArray) -> FloatArray:
     level = 1 / per_input.max(axis=1)
     for _ in range(BALANCING_STEPS):
         used = np.einsum("kol,kl->ko", per_input, level)
-        # Of the limits that an input's power counts in, the one that is used most.
-        counts = per_input * level[:, None, :] > COUNTS * used[..., None]
+        # Of the limits that bound an input, the one that is used most.
+        counts = per_input * level[:, None, :] > MIN_LIMIT_SHARE * used[..., None]
         level = level / np.max(np.where(counts, used[..., None], 0.0), axis=1) ** 0.5
     level = level / np.einsum("kol,kl->ko", per_input, level).max(axis=1, keepdims=True)
     return np.repeat(level[:, None, :], cost.shape[2], axis=1)
@@ -178,8 +175,7 @@ def even_powers(cost: FloatArray) -> FloatArray:
 
 def _used(cost: FloatArray, P: FloatArray) -> FloatArray:
     """Part (K, n_o) of each limit that is used."""
-    used: FloatArray = np.einsum("kofl,kfl->ko", cost, P)
-    return used
+    return np.asarray(np.einsum("kofl,kfl->ko", cost, P))
 
 
 def _information(groups: Sequence[Sequence[Sequence[PowerSource]]], P: FloatArray, known: FloatArray) -> FloatArray:

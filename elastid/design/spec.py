@@ -1,4 +1,4 @@
-"""The `design` section of a study: which configurations to choose from, and what makes a good choice."""
+"""The `design` section of a study: candidates, and the criterion of the choice."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class BoxSpec:
     upper: Vector3
 
     def __post_init__(self) -> None:
-        """Refuse a box without inside."""
+        """Refuse an empty box."""
         if any(not low < high for low, high in zip(self.lower, self.upper, strict=True)):
             raise ValueError(f"box {self.name}: each number of lower must be below that of upper")
 
@@ -86,14 +86,14 @@ class GuessSpec:
     over: Literal["mean", "worst"] = "mean"
 
     def __post_init__(self) -> None:
-        """Refuse what is no sample."""
+        """Refuse an empty sample."""
         if self.guesses < 1 or not self.factor > 1:
             raise ValueError("guesses must be at least 1 and factor above 1")
 
 
 @section
 class LevelSpec:
-    """What disturbs the responses; without it the noise of the simulated rig.
+    """The disturbances of the responses; without it the noise of the simulated rig.
 
     distortion: nonlinear distortion (friction above all) that comes on top, as the standard deviation of G relative to
     |G| in one realisation.  absolute: standard deviation of G in one realisation, in its unit, in place of the rig's.
@@ -151,9 +151,9 @@ class DesignSpec:
 
 
 def interest(names: Sequence[str], patterns: Sequence[str]) -> FloatArray:
-    """Columns (n, s) of the identity that pick the parameters meant by names or patterns, all where there are none.
+    """Columns (n, s) of the identity that select the parameters of names or patterns, all where there are none.
 
-    StudyError for a pattern that stands for none of the names.
+    StudyError for a pattern that matches none of the names.
     """
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for name in names):

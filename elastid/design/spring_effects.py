@@ -1,11 +1,11 @@
-r"""What the amplitude of a multisine makes of a nonlinear spring: it is stiffer, or softer, than at rest.
+r"""Effect of the amplitude on a nonlinear spring: under a multisine it is stiffer, or softer, than at rest.
 
 .. math:: k_{eq} = E[\tau'(\Delta_0 + \sigma \xi)], \quad \xi \sim N(0, 1), \qquad
           k_{eq} - k_t = 3 k_3 \sigma^2 \text{ of a cubic spring}
 
-Delta_0: the deflection under gravity, k_t = tau'(Delta_0) what the model has, sigma: rms deflection by the multisine,
-k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and Schoukens
-2012, ch. 3). The fit finds k_eq where the model says k_t.
+Delta_0: the deflection under gravity, k_t = tau'(Delta_0): the stiffness in the model, sigma: rms deflection by the
+multisine, k_eq: the best linear approximation of the spring alone under normal excitation (Bussgang 1952; Pintelon and
+Schoukens 2012, ch. 3). The fit finds k_eq in the place of k_t.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.nonlinear_springs import deflections, tangents_at
 from elastid.record import Configuration
 
-# Part of the tangent stiffness by which the amplitude may change it without a word.
-WORTH_A_WORD = 0.02
-# Of Gauss and Hermite: exact for polynomials, within some per cent of a gap's flanks.
-NODES = 41
+# Relative change of the tangent stiffness by the amplitude that is not reported.
+MAX_CHANGE = 0.02
+# Gauss-Hermite quadrature: exact for polynomials, within a few percent at the flanks of a gap.
+N_NODES = 41
 
 
 @dataclass(frozen=True)
@@ -42,13 +42,13 @@ class Stiffening:
 
 
 def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) -> Stiffening:
-    """What a plan does to the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
+    """The effect of a plan on the springs of a robot with parameters x (n_x,); StudyError without equilibrium."""
     model = prospect.linearisation.model
     theta = prospect.parameters.expand(x)[:-1]
     (load,) = preloads(model, theta, [equilibrium(model, theta, configuration)])
     X = prospect.motion(configuration, x) @ _rows(model, load.joints).T
-    sigma: FloatArray = np.sqrt(np.sum(np.abs(X) ** 2, axis=1) / 2).max(axis=0)
-    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    sigma = np.sqrt(np.sum(np.abs(X) ** 2, axis=1) / 2).max(axis=0)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(N_NODES)
     tangent = _tangents(model, load.joints)
     at_nodes = np.array([tangent(load.deflection + sigma * node, theta).full()[:, 0] for node in nodes])
     k_eq = weights @ at_nodes / weights.sum()
@@ -56,7 +56,7 @@ def stiffening(prospect: Prospect, configuration: Configuration, x: FloatArray) 
 
 
 def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configuration], x: FloatArray) -> tuple[Note, ...]:
-    """A sentence for each spring that the planned amplitude changes by more than it should; x (n_x,)."""
+    """A note for each spring that the planned amplitude changes by more than MAX_CHANGE; x (n_x,)."""
     if all(joint.spring is None or joint.spring.is_linear for joint in prospects[0].robot.joints):
         return ()
     found = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
@@ -67,14 +67,14 @@ def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configurati
 def _word(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[Note]:
     worst = max(found, key=lambda one: abs(one.change[i]))
     change = float(worst.change[i])
-    if abs(change) > WORTH_A_WORD:
+    if abs(change) > MAX_CHANGE:
         yield (
             Note(
                 "stiffened-spring",
                 f"the multisine deflects the spring of joint {joint} by {worst.sigma[i]:.2g} {unit} rms in "
                 f"{worst.configuration}, which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} "
                 "than the tangent at rest that the model has, and biases the estimates by as much; lower "
-                f"excitation.torque_rms of its motors by a factor of {np.sqrt(abs(change) / WORTH_A_WORD):.1f} or more",
+                f"excitation.torque_rms of its motors by a factor of {np.sqrt(abs(change) / MAX_CHANGE):.1f} or more",
             )
         )
 
@@ -83,8 +83,8 @@ def _rows(model: ElasticModel, joints: Sequence[str]) -> FloatArray:
     """z (n_s, n_q): springs are deflected by z q."""
     q = ca.SX.sym("q", model.n_q)
     deflection = deflections(model.robot, q)
-    rows: FloatArray = ca.DM(ca.evalf(ca.jacobian(ca.vertcat(*(deflection[name] for name in joints)), q))).full()
-    return rows
+    jacobian = ca.jacobian(ca.vertcat(*(deflection[name] for name in joints)), q)
+    return np.asarray(ca.DM(ca.evalf(jacobian)).full())
 
 
 def _tangents(model: ElasticModel, joints: Sequence[str]) -> ca.Function:

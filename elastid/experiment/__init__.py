@@ -1,1 +1,1 @@
-"""Where, how often and on what the excitation runs: the plan, and the rigs that carry it out."""
+"""Experiments: their specs, the plan of configurations, realisations and torques, and the simulated rig."""

@@ -18,7 +18,7 @@ from elastid.base.errors import StudyError
 from elastid.design.candidates import draw_candidates
 from elastid.design.spec import CandidateSpec
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.simulated.hardware import filtered
+from elastid.experiment.simulated.hardware import filter_motions
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
@@ -219,7 +219,7 @@ def test_the_simulated_sensor_filter_is_the_one_of_the_model(order: int) -> None
         robot = Robot(
             "a", (Body("a", joints=(Joint("1", motor=Motor(1)),)),), chain=Chain(sensor_lag=T, sensor_order=order)
         )
-        steady = filtered(robot, np.sin(2 * np.pi * f * t)[:, None], rate)[2000:-40, 0]
+        steady = filter_motions(robot, np.sin(2 * np.pi * f * t)[:, None], rate)[2000:-40, 0]
         H = sensor_elements(robot.chain)[0].response(np.array([2j * np.pi * f]), T)[0]
         expected = (H * np.exp(2j * np.pi * f * t)).imag[2000:-40]
         assert np.abs(steady - expected).max() < 2e-3

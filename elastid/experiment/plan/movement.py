@@ -18,8 +18,8 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
 from elastid.robot import Robot
 
-# Harmonics of a square wave that the filter leaves less than this of the first one are left out.
-_NEGLIGIBLE = 1e-4
+# Amplitude, relative to the first, below which filtered harmonics of a square wave are left out.
+MIN_HARMONIC = 1e-4
 
 
 @frozen_value
@@ -56,22 +56,18 @@ def movement(carrier: CarrierSpec | None, plan: Plan) -> Movement:
 
 def one_period(carrier: CarrierSpec | None, plan: Plan) -> FloatArray:
     """Velocity (period_samples, n_u) of the movement while the periods repeat, rad/s or m/s."""
-    velocity: FloatArray = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
-    return velocity
+    return movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples]
 
 
 def reach(carrier: CarrierSpec, n_u: int, period_s: float, run_s: float) -> FloatArray:
-    """How far (n_u,), at most, the movement of runs of run_s takes each joint to either side, rad or m."""
+    """Largest excursion (n_u,) of each joint to either side in runs of run_s, rad or m."""
     v = np.abs(carrier.velocities(n_u))
-    swing: FloatArray = v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
-    return swing + carrier.amplitudes(n_u)
+    swing = v * run_s / 2 if carrier.kind == "offset" else v * period_s / (4 * carrier.cycles)
+    return np.asarray(swing + carrier.amplitudes(n_u))
 
 
 def check_movement(carrier: CarrierSpec, plan: Plan, robot: Robot) -> None:
-    """The carrier must not fall among the analysed lines, nor leave the joints' limits, the ramps included.
-
-    Raises StudyError with what would fit.
-    """
+    """StudyError for a carrier among the analysed lines or beyond the joints' limits, ramps included."""
     analysed = np.concatenate([plan.lines, plan.detection])
     refused = carrier_refusal(carrier, analysed, plan.rate_hz / plan.period_samples, len(plan.inputs))
     if refused:
@@ -127,7 +123,7 @@ def _square(carrier: CarrierSpec, plan: Plan) -> tuple[FloatArray, FloatArray, F
     h = np.arange(1, (plan.period_samples - 1) // (2 * carrier.cycles) + 1, 2)
     filtered = 1 / (h * np.sqrt(1 + (h * f / carrier.cutoff_hz) ** 4))
     analysed = np.isin(h * carrier.cycles, np.concatenate([plan.lines, plan.detection]))
-    kept = ~analysed & (filtered > _NEGLIGIBLE * filtered[0])
+    kept = ~analysed & (filtered > MIN_HARMONIC * filtered[0])
     omega = 2 * np.pi * f * h[kept]
     c = 4 / np.pi * filtered[kept]
     phase = np.outer(_time(plan), omega)
@@ -146,5 +142,4 @@ def _constant_velocity(v: FloatArray, s: FloatArray, ds: FloatArray, plan: Plan)
 
 def _time(plan: Plan) -> FloatArray:
     """Time (n,) in s from the start of the first period."""
-    time: FloatArray = (np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz
-    return time
+    return np.asarray((np.arange(plan.run_samples) - plan.first_sample) / plan.rate_hz)

@@ -1,4 +1,4 @@
-"""Plan: configurations x realisations x experiments x periods, and the torque spectra to inject."""
+"""Plan: configurations x realisations x experiments x periods, and the torque spectra to be injected."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Chosen:
 
 @frozen_value
 class Plan:
-    """What to run, sampled at rate_hz with period_samples per period.
+    """The runs of a robot, sampled at rate_hz with period_samples per period.
 
     lines (F,): excited DFT lines, frequency = line * rate_hz / period_samples.
     R (Q, M, E, F, n_u): torque amplitude spectrum, link-side Nm: r(t) = Re sum_f R_f exp(2 pi j f t); zero where a
@@ -97,7 +97,7 @@ class Plan:
 
     @property
     def robot_time_s(self) -> float:
-        """How long the robot runs, transients, ramps and holds included, movements between configurations not."""
+        """Duration of all runs, with transients, ramps and holds, without movements between configurations."""
         return len(self.experiments) * self.run_samples / self.rate_hz
 
     @property

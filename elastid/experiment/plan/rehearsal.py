@@ -1,4 +1,4 @@
-"""One run as the nominal robot would do it, from standstill to standstill."""
+"""Rehearsal: one whole run of the nominal robot, from standstill to standstill."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The rig that is a model of the robot: what its controller, drives and sensors do."""
+"""The simulated rig: a model of the robot with its controller, drives, friction and sensors."""

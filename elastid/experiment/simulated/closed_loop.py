@@ -2,8 +2,8 @@ r"""Predictions for a plan: closed-loop response and feed-forward torque of the 
 
 .. math:: u = [I + F H P]^{-1} r, \qquad q_m = H P u, \qquad F = k_p + k_d (1 - z^{-1}) / T_s
 
-r: injected torque, P: motor torque to motor angle, H: hold of the controller, F: its feedback. Friction's Coulomb part,
-which damps, is left out. Link side, SI.
+r: injected torque, P: motor torque to motor angle, H: hold of the controller, F: its feedback. Damping by Coulomb
+friction is left out. Link side, SI.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def _closed_loop_response(
     linearisation = _linearisation(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
-    linear = replace(linear, chain=torque_elements(robot.chain))  # the controller reads what no filter has seen
+    linear = replace(linear, chain=torque_elements(robot.chain))  # the controller reads unfiltered motions
     q0 = equilibrium(model, model.theta, configuration).q
     gains = tuned(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
     s = 2j * np.pi * freq_hz[:, None, None]

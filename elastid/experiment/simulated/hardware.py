@@ -1,4 +1,4 @@
-"""From a study's words about the simulated rig to its drives, its noise and the friction of each run."""
+"""Drives, noise, friction of each run, and sensor filter of the simulated rig, from its section of the study."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Noise:
     outputs: FloatArray
 
 
-def drawn(spec: NoiseSpec, plan: Plan, outputs: Sequence[str], seed: tuple[int, ...]) -> Noise:
+def draw_noise(spec: NoiseSpec, plan: Plan, outputs: Sequence[str], seed: tuple[int, ...]) -> Noise:
     """The noise of a run; white and colored parts come from the same seed, one after the other."""
     n, n_u = plan.run_samples, len(plan.inputs)
     random = np.random.default_rng(np.random.SeedSequence(seed))
@@ -92,10 +92,10 @@ def friction_of_a_run(
     contacts: Contacts, robot: Robot, point: OperatingPoint, warming: WarmingSpec | None, plan: Plan, run: Experiment,
     seed: int,
 ) -> FloatArray:  # fmt: skip
-    """The friction's numbers (n, 5 n_f) of every sample, or (5 n_f,) where nothing drifts: load, warmth, level.
+    """Friction coefficients (n, 5 n_f) of every sample, or (5 n_f,) without drift, from load, temperature and level.
 
-    The load on a joint is the torque that holds it in its configuration.  StudyError where load or warmth leave
-    friction that no contact has.
+    The load on a joint is the torque that holds it in its configuration.  StudyError where load or temperature give
+    coefficients that no friction law has.
     """
     loads = [_load(robot, one.place, point) for one in contacts.laws]
     try:
@@ -108,7 +108,7 @@ def friction_of_a_run(
         factor = np.random.default_rng(np.random.SeedSequence((seed, index, 1))).lognormal(0.0, warming.spread)
         level = (1 + warming.amplitude * cold) * factor
         ends = warming.temperature
-        # Numbers change slowly: they are worked out at a hundred moments and lie on straight lines between.
+        # They change slowly: computed at a hundred moments and interpolated linearly.
         moments = np.unique(np.linspace(0, n - 1, 100).astype(int))
         knots = np.array([
             _numbers([
@@ -127,7 +127,7 @@ def _numbers(curves: Sequence[FloatArray]) -> FloatArray:
 
 
 def _load(robot: Robot, place: str, point: OperatingPoint) -> float:
-    """Nm that friction at a place feels: the holding torque of a driven joint, the spring's of another."""
+    """Load in Nm on friction at a place: the holding torque of a driven joint, the spring's of another."""
     name = place.split(" ", 1)[1]
     driven = [joint.name for joint in robot.driven]
     if name in driven:
@@ -137,7 +137,7 @@ def _load(robot: Robot, place: str, point: OperatingPoint) -> float:
     return 0.0 if spring is None else float(abs(spring.stiffness * point.q[index]))
 
 
-def filtered(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
+def filter_motions(robot: Robot, y: FloatArray, rate_hz: float) -> FloatArray:
     """Motions (n, n_y), at rest before they begin, behind the low-pass filter of the robot's chain.
 
     The filter is the continuous one between samples joined by a cubic spline: right to 1e-3 at an eighth of the rate,
@@ -162,7 +162,7 @@ def _through(element: LagElement, T: float, y: FloatArray, h: float) -> FloatArr
     P = np.array([1.0, *element.coefficients])
     c = CubicSpline(np.arange(len(y)) * h, y).c[::-1]  # (4, n - 1, n_y), powers rising
     out = np.zeros(y.shape, complex)
-    # Gauss and Legendre, on pieces that no mode fades much in.
+    # Gauss-Legendre quadrature on pieces short against the decay of each mode.
     slopes = np.polynomial.polynomial.polyder(P)
     for x in np.polynomial.polynomial.polyroots(P):
         pole = x / T
@@ -173,5 +173,4 @@ def _through(element: LagElement, T: float, y: FloatArray, h: float) -> FloatArr
         given = np.tensordot([weight @ tau**m for m in range(4)], c, axes=1)
         mode = lfilter([1.0], [1.0, -np.exp(pole * h)], given, axis=0)
         out[1:] += mode / (T * np.polynomial.polynomial.polyval(x, slopes))
-    filtered: FloatArray = out.real
-    return filtered
+    return np.asarray(out.real)

@@ -1,7 +1,7 @@
-"""The rig that is a model: the one place where the model wing feeds the measured wing.
+"""The simulated rig: the one place where the model wing feeds the measured wing.
 
 The robot of the study, some of its numbers replaced by a truth that the fit must find, is simulated in closed loop with
-friction, encoders and noise. What it logs goes the way of every measured record.
+friction, encoders and noise. Its records are treated like measured ones.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from elastid.experiment.plan.movement import check_movement
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.closed_loop import feed_forward_of
-from elastid.experiment.simulated.hardware import Noise, drawn, filtered, friction_of_a_run
+from elastid.experiment.simulated.hardware import Noise, draw_noise, filter_motions, friction_of_a_run
 from elastid.experiment.simulated.plant import Plant, check_steps, plant_of, true_robot
 from elastid.experiment.simulated.run_notes import clipped, exceeded, opened
-from elastid.experiment.simulated.sensors import logged_quantity, planned, sensed
+from elastid.experiment.simulated.sensors import logged_quantity, sense, sense_movement
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
@@ -34,8 +34,8 @@ class SimulatedRig:
     """The plan of a study, carried out on a model of its robot; `seed` draws all noise.
 
     A record holds plan.periods periods; the ramp and the transient periods before them are simulated and dropped.
-    u: what the controller commands and the log sees, held from sample to sample.  y: positions, of a motor as its
-    encoder reads it, of a body as its angle from the equilibrium, small; of points accelerations (`sensors`).  Under a
+    u: commanded torques as logged, held from sample to sample.  y: positions, of a motor as its encoder reads it, of a
+    body as its (small) angle from the equilibrium; accelerations of points (`sensors`).  Under a
     carrier of constant velocity both are about the planned movement, which does not repeat: its angles, accelerations
     and torque are taken out of the log.
 
@@ -49,7 +49,7 @@ class SimulatedRig:
     seed: int
 
     def __post_init__(self) -> None:
-        """Look before the robot moves."""
+        """Check plan, robot and section against each other."""
         true_robot(self.robot, self.simulated.truth)
         if self.plan.inputs != self.robot.motor_locations:
             raise StudyError(
@@ -87,13 +87,13 @@ class SimulatedRig:
         end = plan.run_samples - plan.first_sample  # the way out is not measured
         trajectory = self._moved(plant, point, given, experiment, noise, 1.0, end)
         measured = slice(end - plan.periods * plan.period_samples, end)
-        told = (plant.model, q0, self.outputs, plan.rate_hz, plan.period_samples)
+        setup = (plant.model, q0, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
-        y = sensed(trajectory.q, trajectory.reading, *told) + noise.outputs[:end]
-        y = filtered(plant.model.robot, y, plan.rate_hz)
+        y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
+        y = filter_motions(plant.model.robot, y, plan.rate_hz)
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
-            u, y = u - given.feed_forward[:end], y - planned(moved, *told)
+            u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -128,10 +128,10 @@ class SimulatedRig:
 
     def _noise(self, experiment: Experiment) -> Noise:
         plan = self.plan
-        return drawn(self.simulated.noise, plan, self.outputs, (self.seed, *_indices(plan, experiment)))
+        return draw_noise(self.simulated.noise, plan, self.outputs, (self.seed, *_indices(plan, experiment)))
 
     def _prepared(self, experiment: Experiment) -> tuple[Plant, OperatingPoint, Reference]:
-        """The true robot, its equilibrium, and what its controller is given."""
+        """The true robot, its equilibrium, and the reference of its controller."""
         spec, rate_hz = self.simulated, self.plan.rate_hz
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
         plant = plant_of(true_robot(self.robot, spec.truth), spec.model, spec.loops, rate_hz, spec.substeps, *hardware)

@@ -22,7 +22,7 @@ MAX_CLIPPED_SHARE = 0.5
 
 
 def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
-    """A word for every motor whose measured torque u (n, n_u) was clipped; DataError where it mostly was."""
+    """A note for every motor whose measured torque u (n, n_u) was clipped; DataError where most of it was."""
     part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
     words = []
     for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
@@ -31,8 +31,8 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
             raise DataError(
                 f"configuration {experiment.configuration.name}, realisation {experiment.realisation}, experiment "
                 f"{experiment.experiment}: {name} is at its torque limit of {limit:.4g} {unit} in {share:.0%} of the "
-                "measured samples, so that nothing is controlled; lower excitation.torque_rms, move the configuration "
-                "to where gravity takes less, or correct limits.torque"
+                "measured samples and cannot control the robot; lower excitation.torque_rms, choose a configuration "
+                "with less gravity torque, or correct limits.torque"
             )
         if share > 0:
             words.append(
@@ -48,7 +48,7 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
 
 
 def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
-    """A word where the loops did not stay closed."""
+    """A note where the loops did not stay closed."""
     left = violation(model, trajectory.q)
     if left <= MAX_VIOLATION_M:
         return ()
@@ -62,7 +62,7 @@ def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
 
 
 def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:
-    """A word for every motor that went beyond its limits; the simulation does not clip."""
+    """A note for every motor that went beyond its limits; the simulation does not clip."""
     torque = np.abs(trajectory.u).max(axis=0)
     velocity = np.diff(trajectory.q @ B, axis=0) * rate_hz
     speed = np.abs(velocity).max(axis=0)

@@ -1,11 +1,12 @@
-r"""What the sensors of the simulated rig read of a motion: encoders, angles, and the acceleration of points.
+r"""Sensors of the simulated rig: encoders, angles, and the acceleration of points.
 
 .. math:: y = e^T R(q)^T (\ddot p - g) + e^T R(q_0)^T g \quad (accelerometer), \qquad
           y = e^T R(q)^T \ddot p \quad (frame)
 
-with the frame's origin p and axes R, e one of its axes. An accelerometer sees gravity: its constant part is taken out,
-what turns as the frame tilts stays in. The second derivative is taken of the sampled motion by central differences over
-nine samples, as a sensor with an anti-aliasing filter: to 1e-5 up to a tenth of the rate, 2e-3 up to a fifth.
+with the frame's origin p and axes R, e one of its axes. An accelerometer measures gravity: its constant part is
+removed, its change as the frame tilts remains. The second derivative is taken of the sampled motion by central
+differences over nine samples, as a sensor with an anti-aliasing filter: to 1e-5 up to a tenth of the
+rate, 2e-3 up to a fifth.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _REACH = len(_SECOND_DERIVATIVE) // 2
 
 
 def logged_quantity(place: str) -> Motion:
-    """What is logged at a place: of points the acceleration, of everything that turns or slides the position."""
+    """The quantity that is logged at a place: the acceleration of points, the position of joints, motors and bodies."""
     return "acceleration" if _is_point(place) else "position"
 
 
@@ -35,7 +36,7 @@ def output_stds(noise: NoiseSpec, outputs: Sequence[str]) -> FloatArray:
     return np.array([noise.acceleration_std if _is_point(place) else noise.angle_std for place in outputs])
 
 
-def sensed(
+def sense(
     q: FloatArray,
     reading: FloatArray,
     model: ElasticModel,
@@ -44,9 +45,9 @@ def sensed(
     rate_hz: float,
     period_samples: int,
 ) -> FloatArray:
-    """What the log reads (n, n_y) of a motion q (n, n_q), before noise; reading (n, n_u): of the encoders.
+    """Logged outputs (n, n_y) of a motion q (n, n_q), without noise; reading (n, n_u): of the encoders.
 
-    Joint angles as they are, of bodies and frames the small angle C (q - q0) from the equilibrium q0.
+    Joint angles in full, of bodies and frames the small angle C (q - q0) from the equilibrium q0.
     """
     C = model.output_jacobian(q0, outputs)
     y = q @ C.T
@@ -60,10 +61,10 @@ def sensed(
     return y
 
 
-def planned(
+def sense_movement(
     moved: FloatArray, model: ElasticModel, q0: FloatArray, outputs: Sequence[str], rate_hz: float, period_samples: int
 ) -> FloatArray:
-    """What a slow movement that was planned, moved (n, n_u) from the configuration, adds to the log (n, n_y)."""
+    """Contribution (n, n_y) of the planned movement, moved (n, n_u) from the configuration, to the logged outputs."""
     start = model.B.T @ q0
     path = rigid_path(model, q0, start, start + moved)
     y = (path - q0) @ model.output_jacobian(q0, outputs).T
@@ -78,7 +79,7 @@ def point_acceleration(
 ) -> FloatArray:
     """m/s^2 (n,) at `frame <name> <axis>` or `accelerometer <name> <axis>` along a motion q (n, n_q).
 
-    Before its first sample the motion goes on straight, after its last one as a period earlier.
+    Before its first sample the motion is extrapolated linearly, after its last one from a period earlier.
     """
     kind, name, axis = place.split(" ", 1)[0], *place.split(" ", 1)[1].rsplit(" ", 1)
     links = [model.index(f"joint {joint.name}") for joint in model.robot.joints]
@@ -86,12 +87,10 @@ def point_acceleration(
     acceleration = _second_derivative(poses.position, rate_hz, period_samples)
     along = poses.rotation[:, :, "xyz".index(axis)]
     if kind == "frame":
-        moved: FloatArray = np.einsum("nx,nx->n", along, acceleration)
-        return moved
+        return np.asarray(np.einsum("nx,nx->n", along, acceleration))
     gravity = np.array(model.robot.gravity)
     at_rest = frame_poses(model.robot, q0[None, links], name).rotation[0, :, "xyz".index(axis)]
-    read: FloatArray = np.einsum("nx,nx->n", along, acceleration - gravity) + at_rest @ gravity
-    return read
+    return np.asarray(np.einsum("nx,nx->n", along, acceleration - gravity) + at_rest @ gravity)
 
 
 def _second_derivative(p: FloatArray, rate_hz: float, period_samples: int) -> FloatArray:
