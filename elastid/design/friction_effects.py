@@ -54,16 +54,17 @@ def sticking(plan: Plan, robot: Robot, carrier: CarrierSpec | None) -> tuple[Not
     # Friction holds shafts, which gears may couple.
     power = np.sum(np.abs(plan.R @ np.linalg.inv(robot.mixing)) ** 2, axis=3) / 2
     rms = np.sqrt(power.sum(axis=(0, 1, 2)) / len(plan.experiments))
-    words = []
+    notes = []
     for joint, torque, coulomb in zip(robot.driven, rms.tolist(), coulomb_levels(robot).tolist(), strict=True):
         if coulomb > MAX_COULOMB_RATIO * torque:
             unit = "N" if joint.slides else "N*m"
-            words.append(
+            notes.append(
                 Note(
                     "sticking-motor",
-                    f"Coulomb friction of motor {joint.name} ({coulomb:.3g} {unit}) is more than a third of its rms "
-                    f"torque ({torque:.3g} {unit}): the joint sticks, and friction looks like stiffness; raise "
+                    f"its Coulomb friction ({coulomb:.3g} {unit}) is more than a third of its rms torque "
+                    f"({torque:.3g} {unit}): the joint sticks, and friction looks like stiffness; raise "
                     "excitation.torque_rms or add experiment.simulated.carrier",
+                    f"motor {joint.name}",
                 )
             )
-    return tuple(words)
+    return tuple(notes)

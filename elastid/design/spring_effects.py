@@ -61,21 +61,20 @@ def stiffening_notes(prospects: Sequence[Prospect], points: Sequence[Configurati
         return ()
     found = [stiffening(prospect, point, x) for prospect, point in zip(prospects, points, strict=True)]
     units = {joint.name: joint.unit for joint in prospects[0].robot.joints}
-    return tuple(word for i, joint in enumerate(found[0].joints) for word in _word(joint, units[joint], found, i))
+    return tuple(note for i, joint in enumerate(found[0].joints) for note in _notes(joint, units[joint], found, i))
 
 
-def _word(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[Note]:
+def _notes(joint: str, unit: str, found: Sequence[Stiffening], i: int) -> Iterator[Note]:
     worst = max(found, key=lambda one: abs(one.change[i]))
     change = float(worst.change[i])
     if abs(change) > MAX_CHANGE:
-        yield (
-            Note(
-                "stiffened-spring",
-                f"the multisine deflects the spring of joint {joint} by {worst.sigma[i]:.2g} {unit} rms in "
-                f"{worst.configuration}, which makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} "
-                "than the tangent at rest that the model has, and biases the estimates by as much; lower "
-                f"excitation.torque_rms of its motors by a factor of {np.sqrt(abs(change) / MAX_CHANGE):.1f} or more",
-            )
+        yield Note(
+            "stiffened-spring",
+            f"the multisine deflects its spring by {worst.sigma[i]:.2g} {unit} rms in {worst.configuration}, which "
+            f"makes it {abs(change):.1%} {'stiffer' if change > 0 else 'softer'} than the tangent at rest of the "
+            "model, and biases the estimates by as much; lower excitation.torque_rms of its motors by a factor of "
+            f"{np.sqrt(abs(change) / MAX_CHANGE):.1f} or more",
+            f"joint {joint}",
         )
 
 

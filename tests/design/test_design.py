@@ -456,4 +456,4 @@ def test_a_motor_that_friction_holds_is_told_with_the_forecast() -> None:
     robot = replace(TWO, bodies=(sticky, fore))
     experiment = ExperimentSpec({"a": (0.1, 0.2)}, ramp=0.0, simulated=simulated)
     notes = said(design(replace(PROBLEM, robot=robot, experiment=experiment)).forecast.notes)
-    assert notes[0].startswith("Coulomb friction of motor 1 (3 N*m) is more than a third of its rms torque (5 N*m)")
+    assert notes[0].startswith("motor 1: its Coulomb friction (3 N*m) is more than a third of its rms torque (5 N*m)")

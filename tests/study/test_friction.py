@@ -101,7 +101,7 @@ def test_sticking_is_told_for_every_law(tiny: Path) -> None:
     assert study.excitation is not None
     plan = make_plan(study.excitation, study.experiment, study.robot, 0)
     (note,) = sticking(plan, study.robot, None)
-    assert "motor 1 (0.1 N*m) is more than a third" in note.text
+    assert "motor 1: its Coulomb friction (0.1 N*m) is more than a third" in str(note)
 
 
 @pytest.mark.parametrize(

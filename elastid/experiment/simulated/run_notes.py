@@ -24,7 +24,7 @@ MAX_CLIPPED_SHARE = 0.5
 def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, ...]:
     """A note for every motor whose measured torque u (n, n_u) was clipped; DataError where most of it was."""
     part = np.mean(np.abs(u) >= plant.loop.drives.torque, axis=0)
-    words = []
+    notes = []
     for name, share, limit in zip(plant.model.inputs, part.tolist(), plant.loop.drives.torque.tolist(), strict=True):
         unit = "N" if plant.model.robot.slides(name) else "N*m"
         if share > MAX_CLIPPED_SHARE:
@@ -35,16 +35,15 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
                 "with less gravity torque, or correct limits.torque"
             )
         if share > 0:
-            words.append(
+            notes.append(
                 Note(
                     "clipped-torque",
-                    f"{name} was clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the "
-                    f"measured samples of configuration {experiment.configuration.name}, realisation "
-                    f"{experiment.realisation}, experiment {experiment.experiment}: the response is no longer linear; "
-                    "lower excitation.torque_rms",
+                    f"clipped at its torque limit of {limit:.4g} {unit} in {max(share, 1e-4):.2%} of the measured "
+                    "samples: the response is no longer linear; lower excitation.torque_rms",
+                    f"{experiment.name}, {name}",
                 )
             )
-    return tuple(words)
+    return tuple(notes)
 
 
 def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
