@@ -39,7 +39,7 @@ from elastid.parameters import ParameterSet
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
-from elastid.simulation.controller import tuned
+from elastid.simulation.controller import tune
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def _gains(
     """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
     model = linearisation_of(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
-    gains = tuned(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
+    gains = tune(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
     return gains.kp, gains.kd, gains.ki
 
 

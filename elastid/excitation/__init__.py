@@ -1,1 +1,1 @@
-"""What to inject: grids of lines, amplitude spectra, phases, multisines."""
+"""Excitation signals: grids of lines, amplitude spectra, phases, multisines."""

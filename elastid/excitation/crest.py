@@ -1,4 +1,4 @@
-r"""Crest factors made small: phases that minimise the peaks of several signals of the same multisine at once.
+r"""Low crest factors: phases that minimise the peaks of several signals of the same multisine at once.
 
 .. math:: \min_{a, b} \Bigl(\sum_{e, o, t} |x_{eo}(t) / w_o|^p\Bigr)^{1/p}, \qquad
           x_{eo}(t) = \mathrm{Re} \sum_k \sum_i T_{oi}(k)\, U_{eki}\, e^{2\pi j k t / T}
@@ -25,16 +25,16 @@ from elastid.excitation.spec import Effort
 _EARLY = ((4, 4, 60), (8, 4, 60), (16, 4, 60), (32, 8, 60), (64, 8, 60))
 _LATE = ((128, 16, 60), (256, 16, 80), (512, 16, 80), (1024, 20, 100), (2048, 24, 200))
 _LONG = ((128, 16, 200), (256, 16, 200), (512, 24, 300), (1024, 24, 300), (4096, 32, 600))
-# How many starts, how many of them (the best) are carried to the end, and how.
+# Starts, how many of the best are carried to the end, and its steps.
 _EFFORT = {"normal": (4, 1, _LATE), "high": (16, 6, _LONG)}
-# Samples per cycle of the highest line at which a peak is called true: it is missed by 0.5 % at most.
-_TRUE_PEAK = 32
-_SMALLEST = 1e-30
+# Samples per cycle of the highest line at which a peak is missed by 0.5 % at most.
+_PEAK_SAMPLES = 32
+_MIN_SIGNAL = 1e-30
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What is to have small peaks: base (E, F, n_u), U without its phases, at lines (F,).
+    """Signals whose peaks are minimised: base (E, F, n_u), U without its phases, at lines (F,).
 
     response (F, n_o, n_u): from the inputs to the outputs.  scale (n_o,): the unit in which each output's peaks count.
     """
@@ -47,11 +47,12 @@ class Signals:
     def spectra(self, phases_in: FloatArray, phases_ex: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """U (E, F, n_u) and the outputs' spectra (E, n_o, F) in units of scale, for a (F, n_u) and b (F, E)."""
         U = self.base * np.exp(1j * (phases_in + phases_ex.T[:, :, None]))
-        S: ComplexArray = np.einsum("foi,efi->eof", self.response, U) / self.scale[:, None]
-        return U, S
+        return U, np.einsum("foi,efi->eof", self.response, U) / self.scale[:, None]
 
 
-def minimised(signals: Signals, rng: np.random.Generator, effort: Effort = "normal") -> tuple[FloatArray, FloatArray]:
+def minimise_peaks(
+    signals: Signals, rng: np.random.Generator, effort: Effort = "normal"
+) -> tuple[FloatArray, FloatArray]:
     """Phases a (F, n_u) of the inputs and b (F, E) of the experiments with small peaks of every signal.
 
     The first start is Schroeder's for every input, the others are drawn: another generator, another optimum.
@@ -74,16 +75,14 @@ def minimised(signals: Signals, rng: np.random.Generator, effort: Effort = "norm
     return phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E)
 
 
-def peaks(lines: IntArray, S: ComplexArray, samples_per_cycle: int = _TRUE_PEAK) -> FloatArray:
+def peaks(lines: IntArray, S: ComplexArray, samples_per_cycle: int = _PEAK_SAMPLES) -> FloatArray:
     """Largest |x(t)| (...,) of signals with the spectra S (..., F), sought between the samples too."""
-    largest: FloatArray = np.abs(_signal(lines, S, samples_per_cycle * (int(lines[-1]) + 1))).max(axis=-1)
-    return largest
+    return np.asarray(np.abs(_signal(lines, S, samples_per_cycle * (int(lines[-1]) + 1))).max(axis=-1))
 
 
 def crest_factors(lines: IntArray, S: ComplexArray) -> FloatArray:
     """Peak over RMS (...,) of signals with the spectra S (..., F)."""
-    crest: FloatArray = peaks(lines, S) / np.sqrt(np.sum(np.abs(S) ** 2, axis=-1) / 2)
-    return crest
+    return np.asarray(peaks(lines, S) / np.sqrt(np.sum(np.abs(S) ** 2, axis=-1) / 2))
 
 
 def _continued(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, int, int]]) -> FloatArray:
@@ -99,8 +98,8 @@ def _norm(phases: FloatArray, signals: Signals, p: int, n: int) -> tuple[float, 
     E, F, n_u = signals.base.shape
     U, S = signals.spectra(phases[: F * n_u].reshape(F, n_u), phases[F * n_u :].reshape(F, E))
     x = _signal(signals.lines, S, n)
-    largest = max(float(np.abs(x).max()), _SMALLEST)
-    z = np.where(x == 0, _SMALLEST, x / largest)
+    largest = max(float(np.abs(x).max()), _MIN_SIGNAL)
+    z = np.where(x == 0, _MIN_SIGNAL, x / largest)
     power = z * z
     for _ in range(p.bit_length() - 2):
         np.multiply(power, power, out=power)
@@ -122,5 +121,4 @@ def _signal(lines: IntArray, S: ComplexArray, n: int) -> FloatArray:
     """x (..., n) over a period from spectra (..., F)."""
     spectrum = np.zeros((*S.shape[:-1], n // 2 + 1), dtype=np.complex128)
     spectrum[..., lines] = S
-    x: FloatArray = irfft(spectrum, n, axis=-1) * (n / 2)
-    return x
+    return np.asarray(irfft(spectrum, n, axis=-1) * (n / 2))

@@ -1,4 +1,4 @@
-"""Grids: which DFT lines a multisine excites. Line k of a period of N samples is the frequency k * rate / N.
+"""Grids: the DFT lines that a multisine excites. Line k of a period of N samples is the frequency k * rate / N.
 
 Even nonlinearities of an odd multisine fall on even lines, odd ones on the odd lines left out for their detection:
 out of every few consecutive odd lines one at random. (Pintelon and Schoukens, System Identification: A Frequency Domain
@@ -9,17 +9,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, frozen
+from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 
 Grid: TypeAlias = Literal["full", "odd", "odd-odd", "odd-random", "quasi-log", "odd-quasi-log", "lines"]
 
-# Of consecutive lines of a grid: which line comes first, and after how many the next.
+# Lines from one line of a grid to the next; the first is 1 modulo this.
 _STEP = {"full": 1, "odd": 2, "odd-odd": 4, "odd-random": 2, "quasi-log": 1, "odd-quasi-log": 2, "lines": 1}
 _MULTIPLES = {1: "multiples of", 2: "odd multiples of", 4: "1, 5, 9 ... times"}
 
@@ -27,17 +26,12 @@ _MULTIPLES = {1: "multiples of", 2: "odd multiples of", 4: "1, 5, 9 ... times"}
 _ON_A_LINE = 1e-6
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Lines:
     """excited (F,): lines with an amplitude.  detection: lines in the band left free, on which distortion shows."""
 
     excited: IntArray
     detection: IntArray
-
-    def __post_init__(self) -> None:
-        """Freeze."""
-        for name in ("excited", "detection"):
-            object.__setattr__(self, name, frozen(getattr(self, name), np.int64))
 
 
 def line_frequencies(lines: IntArray, rate_hz: float, period_samples: int) -> FloatArray:
@@ -77,9 +71,9 @@ def chosen_lines(lines: Sequence[int], band_hz: tuple[float, float], rate_hz: fl
     band = grid_lines("full", band_hz, rate_hz, period_samples)
     outside = [k for k in lines if k not in band]
     if outside or len(set(lines)) < len(lines):
-        what = f"line {outside[0]} is outside band_hz" if outside else "a line is given twice"
+        fault = f"line {outside[0]} is outside band_hz" if outside else "a line is given twice"
         raise StudyError(
-            f"excitation.lines: {what}; band_hz [{band_hz[0]:g}, {band_hz[1]:g}] and a period of "
+            f"excitation.lines: {fault}; band_hz [{band_hz[0]:g}, {band_hz[1]:g}] and a period of "
             f"{period_samples / rate_hz:g} s allow lines {band[0]} to {band[-1]}, each once"
         )
     return np.array(sorted(lines), dtype=np.int64)
@@ -108,7 +102,7 @@ def line_count_refusal(n_lines: int, needed: int, noun: str) -> str:
 
 
 def zippered(n_lines: int, n_u: int) -> IntArray:
-    """Which input (n_lines,) has each line: every input its own, interleaved. StudyError for fewer lines than inputs.
+    """The input (n_lines,) of each line: every input has its own, interleaved. StudyError for fewer lines than inputs.
 
     >>> zippered(5, 2).tolist()
     [0, 1, 0, 1, 0]

@@ -1,4 +1,4 @@
-"""The lines of a study: its grid in its band, and which of them stay free."""
+"""The planned lines of a study: those of its grid in its band, without those left free for detection."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Multisines: u(t) = Re sum_k U_k exp(2 pi j k t / T), and the sets of n_u experiments to which `phases` leads."""
+r"""Multisines: relative amplitudes of their lines, sets of n_u experiments with phases, and signals over time.
+
+.. math:: u(t) = \mathrm{Re} \sum_k U_k\, e^{2\pi j k t / T}, \qquad \sum_k |U_{k}|^2 / 2 = u_{rms}^2
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.excitation.crest import Signals, minimised
+from elastid.excitation.crest import Signals, minimise_peaks
 from elastid.excitation.phases import (
     Orthogonal,
     newman,
@@ -18,6 +21,27 @@ from elastid.excitation.phases import (
 )
 from elastid.excitation.spec import Effort, Phases
 from elastid.excitation.sweeps import sweep_spectrum
+
+
+def relative_amplitudes(freq_hz: FloatArray, power: float, table: Sequence[tuple[float, float]]) -> FloatArray:
+    """Relative amplitude (F,): f^power, times the table of (frequency, amplitude) points where there is one.
+
+    The table is straight lines on log-log axes and constant beyond its ends.
+    """
+    relative = np.asarray((freq_hz / freq_hz[0]) ** power)
+    if table:
+        frequency, amplitude = np.log(np.array(sorted(table))).T
+        relative = relative * np.exp(np.interp(np.log(freq_hz), frequency, amplitude))
+    return relative
+
+
+def amplitudes(relative: FloatArray, rms: FloatArray) -> FloatArray:
+    """A (F, n_u) of the given relative amplitude, (F,) or (F, n_u), with sum_k A_ki^2 / 2 = rms_i^2.
+
+    rms (n_u,): of each input over a period.
+    """
+    columns = relative if relative.ndim == 2 else relative[:, None]
+    return np.asarray(columns * np.sqrt(2 / np.sum(columns**2, axis=0)) * rms)
 
 
 def experiments(
@@ -31,8 +55,8 @@ def experiments(
 ) -> ComplexArray:
     """U (n_u experiments, F, n_u inputs) of one realisation, with amplitudes A (F, n_u) at lines (F,).
 
-    responses (F, n_o, n_u): from the inputs to the signals whose crest factors `optimised` phases make small, all
-    alike.  A sweep and a binary signal bring a spectrum of their own, which A shapes and whose power A keeps.
+    responses (F, n_o, n_u): from the inputs to the signals whose crest factors `optimised` phases lower, all weighted
+    alike.  A sweep and a binary signal have a spectrum of their own: A multiplies it and sets the power.
     """
     F, n_u = amplitude.shape
     basis = orthogonal_basis(orthogonal, F, n_u)
@@ -41,7 +65,7 @@ def experiments(
         base = with_phases(basis, amplitude, between, between)
         outputs = np.einsum("foi,efi->eof", responses, base)
         scale = np.sqrt(np.mean(np.sum(np.abs(outputs) ** 2, axis=2), axis=0) / 2)
-        inside, between = minimised(Signals(lines, base, responses, scale), rng, effort)
+        inside, between = minimise_peaks(Signals(lines, base, responses, scale), rng, effort)
     elif phases == "random":
         inside, between = random_phases((2, F, n_u), rng)
     elif phases == "schroeder":
@@ -67,27 +91,4 @@ def synthesise(lines: IntArray, U: ComplexArray, n_samples: int) -> FloatArray:
     """One period (n_samples, n_u) of u(t) = Re sum_k U_k exp(2 pi j k t / T), from U (F, n_u) at lines (F,)."""
     spectrum = np.zeros((n_samples // 2 + 1, U.shape[1]), dtype=np.complex128)
     spectrum[lines] = U
-    signal: FloatArray = np.fft.irfft(spectrum * (n_samples / 2), n=n_samples, axis=0).astype(np.float64)
-    return signal
-
-
-def shape(freq_hz: FloatArray, power: float, table: Sequence[tuple[float, float]]) -> FloatArray:
-    """s (F,), relative: f^power, times the table of (frequency, amplitude) points where there is one.
-
-    The table is straight lines on log-log axes and constant beyond its ends.
-    """
-    relative: FloatArray = (freq_hz / freq_hz[0]) ** power
-    if table:
-        frequency, amplitude = np.log(np.array(sorted(table))).T
-        relative = relative * np.exp(np.interp(np.log(freq_hz), frequency, amplitude))
-    return relative
-
-
-def amplitudes(relative: FloatArray, rms: FloatArray) -> FloatArray:
-    """A (F, n_u) of the given relative amplitude, (F,) or (F, n_u), with sum_k A_ki^2 / 2 = rms_i^2.
-
-    rms (n_u,): of each input over a period.
-    """
-    columns = relative if relative.ndim == 2 else relative[:, None]
-    A: FloatArray = columns * np.sqrt(2 / np.sum(columns**2, axis=0)) * rms
-    return A
+    return np.fft.irfft(spectrum * (n_samples / 2), n=n_samples, axis=0).astype(np.float64)

@@ -23,9 +23,8 @@ Orthogonal: TypeAlias = Literal["dft", "hadamard", "zippered"]
 
 
 def random_phases(shape: tuple[int, ...], rng: np.random.Generator) -> FloatArray:
-    """Independent, uniform over a turn."""
-    phases: FloatArray = 2 * np.pi * rng.random(shape)
-    return phases
+    """Independent phases, uniform over a turn."""
+    return 2 * np.pi * rng.random(shape)
 
 
 def schroeder(amplitude: FloatArray) -> FloatArray:
@@ -41,8 +40,7 @@ def schroeder(amplitude: FloatArray) -> FloatArray:
 
 def newman(n_lines: int) -> FloatArray:
     """phi_k = pi (k - 1)^2 / F for k = 1 ... F. Boyd, IEEE Trans. Circuits and Systems 33 (1986) 1018, eq. (7)."""
-    phases: FloatArray = np.pi * np.arange(n_lines) ** 2 / n_lines
-    return phases
+    return np.pi * np.arange(n_lines) ** 2 / n_lines
 
 
 def orthogonal_basis(kind: Orthogonal, n_lines: int, n_u: int) -> ComplexArray:
@@ -80,8 +78,7 @@ def _paley(q: int) -> FloatArray:
     residue[0] = 0.0
     Q = residue[(np.arange(q)[:, None] - np.arange(q)) % q]
     S = np.block([[np.zeros((1, 1)), np.ones((1, q))], [-np.ones((q, 1)), Q]])
-    H: FloatArray = np.eye(q + 1) + S
-    return H
+    return np.asarray(np.eye(q + 1) + S)
 
 
 def with_phases(
@@ -91,8 +88,7 @@ def with_phases(
 
     Input i has, over the experiments, the RMS amplitude A_ki; sum_e U_ei conj(U_ej) = 0 for i != j.
     """
-    U: ComplexArray = basis * (amplitude * np.exp(1j * phases_in)) * np.exp(1j * phases_ex.T)[:, :, None]
-    return U
+    return np.asarray(basis * (amplitude * np.exp(1j * phases_in)) * np.exp(1j * phases_ex.T)[:, :, None])
 
 
 def _is_prime(n: int) -> bool:

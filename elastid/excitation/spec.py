@@ -9,10 +9,10 @@ from elastid.base.units import Frequency, JointTorque, Time
 from elastid.excitation.grids import Grid
 from elastid.excitation.phases import Orthogonal
 
-# A day at 1 kHz; whatever is longer is a slip of the pen.
-MOST_SAMPLES = 1e8
-# Part of a flat torque's power that every line keeps where the spectrum is found.
-LEAST = 0.1
+# Of a period: a day at 1 kHz.
+MAX_SAMPLES = 1e8
+# Default of `least`.
+MIN_POWER_SHARE = 0.1
 Phases: TypeAlias = Literal["random", "schroeder", "newman", "optimised", "linear-sweep", "log-sweep", "prbs"]
 Signal: TypeAlias = Literal["torque", "position", "velocity", "acceleration"]
 AskedTorque: TypeAlias = JointTorque | tuple[JointTorque, ...] | Literal["limits"]
@@ -64,7 +64,7 @@ class MultisineSpec:
     lines: tuple[int, ...] = ()
     margin: float = 0.1
     flat: Signal | Literal["precision", "information"] = "torque"
-    least: float = LEAST
+    least: float = MIN_POWER_SHARE
     power: float = 0.0
     spectrum: tuple[tuple[Frequency, float], ...] = ()
     phases: Phases = "random"
@@ -78,10 +78,10 @@ class MultisineSpec:
         for name, number in (("rate_hz", self.rate_hz), ("period", self.period)):
             if not number > 0:
                 raise ValueError(f"{name} is {number:g}; it must be positive")
-        if samples > MOST_SAMPLES:
+        if samples > MAX_SAMPLES:
             raise ValueError(
                 f"period: {self.period:g} s at {self.rate_hz:g} Hz are {samples:.3g} samples, more than a record can "
-                f"hold ({MOST_SAMPLES:.0e}); shorten the period or lower rate_hz"
+                f"hold ({MAX_SAMPLES:.0e}); shorten the period or lower rate_hz"
             )
         if abs(samples - round(samples)) > 1e-6 * samples:
             raise ValueError(
@@ -98,7 +98,7 @@ class MultisineSpec:
             )
         rms = () if self.torque_rms == "limits" else self.torque_rms
         if any(not value > 0 for value in (rms if isinstance(rms, tuple) else (rms,))):
-            raise ValueError("torque_rms must be positive for every motor")
+            raise ValueError(f"torque_rms is {self.torque_rms}; it must be positive for every motor")
         if any(not f > 0 or not a > 0 for f, a in self.spectrum):
             raise ValueError("spectrum: frequencies and amplitudes must be positive")
         self._check_grid()
@@ -127,11 +127,11 @@ class MultisineSpec:
                 f"least is {self.least:g}; it is the part of a flat torque's power that every line keeps, above 0 (a "
                 "line without power has no response) and up to 1"
             )
-        if self.flat != "information" and self.least != LEAST:
+        if self.flat != "information" and self.least != MIN_POWER_SHARE:
             raise ValueError("least belongs to flat: information; set that, or leave least out")
         if self.flat == "information" and (self.power or self.spectrum or self.phases in _SWEEPS):
-            what = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
-            raise ValueError(f"flat: information finds the spectrum itself; leave out {what}, or take another flat")
+            other = f"phases: {self.phases}" if self.phases in _SWEEPS else "power and spectrum"
+            raise ValueError(f"flat: information finds the spectrum itself; leave out {other}, or take another flat")
 
     @property
     def period_samples(self) -> int:
@@ -140,7 +140,7 @@ class MultisineSpec:
 
     @property
     def is_new_in_every_realisation(self) -> bool:
-        """Whether further realisations tell more than the first: their phases are drawn afresh."""
+        """Whether every realisation has phases of its own."""
         return self.phases in _NEW_IN_EVERY_REALISATION
 
     def realisation_refusal(self, realisations: int) -> str:

@@ -1,4 +1,4 @@
-r"""Sweeps and pseudo-random binary signals for those who want them: periodic, limited to the lines of a grid.
+r"""Sweeps and pseudo-random binary signals: periodic, limited to the lines of a grid.
 
 .. math:: f(t) = f_1 + (f_2 - f_1)\, t / T, \qquad f(t) = f_1 (f_2 / f_1)^{t / T}
 
@@ -15,7 +15,7 @@ from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 
 Sweep: TypeAlias = Literal["linear-sweep", "log-sweep", "prbs"]
 
-# Samples of a signal per cycle of its highest line: what it has above half its rate must not fold back.
+# Samples of a signal per cycle of its highest line: enough that little above half the rate folds back.
 _SAMPLES_PER_CYCLE = 64
 # Feedback taps of maximum-length shift registers by their length.
 _TAPS = {2: 1, 3: 2, 4: 3, 5: 3, 6: 5, 7: 6, 9: 5, 10: 7, 11: 9, 15: 14, 17: 14, 18: 11}
@@ -42,8 +42,7 @@ def _sweep(kind: Sweep, n: int, lines: IntArray, odd: bool) -> FloatArray:
     else:
         rate = np.log(last / first)
         cycles = first * np.expm1(rate * t) / rate
-    signal: FloatArray = np.sin(2 * np.pi * cycles)
-    return signal
+    return np.asarray(np.sin(2 * np.pi * cycles))
 
 
 def _binary(n: int, last: int) -> FloatArray:

@@ -23,8 +23,8 @@ import numpy as np
 from elastid.friction.law import Curve, Expression, exponential_step
 
 # z / zbar from which an element of the smooth Maxwell slip begins to slip; at 1 it slips altogether, so that steady
-# sliding takes g(v) exactly. (A switch centred at 1 saturates beyond it, and is 3 to 5 % wrong for ever.)
-ONSET = 0.9
+# sliding takes g(v) exactly. (A switch centred at 1 saturates beyond it, and stays wrong by 3 to 5 %.)
+SLIP_ONSET = 0.9
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Bristle:
         return 1
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sigma_0 z + sigma_1(v) dz/dt, and what grows with v."""
+        """sigma_0 z + sigma_1(v) dz/dt, and the parts that grow with v."""
         torque = self.sigma_0 * z + curve.growing(v)
         if self.sigma_1 > 0:
             damping = self.sigma_1 * ca.exp(-((v * self.inverse_v_d) ** 2)) if self.inverse_v_d > 0 else self.sigma_1
@@ -63,7 +63,7 @@ class Bristle:
 
 @dataclass(frozen=True)
 class MaxwellElements:
-    """What smooth and switched Maxwell slip have in common: sigma_0, nu, sigma_1 of every element (n,), C in Nm/s."""
+    """The elements of smooth and switched Maxwell slip: sigma_0, nu, sigma_1 (n,), and the attraction C in Nm/s."""
 
     sigma_0: tuple[float, ...]
     nu: tuple[float, ...]
@@ -87,8 +87,8 @@ class MaxwellElements:
 class SmoothMaxwellSlip:
     """dz_i/dt = v (1 - S_i) + S_i C_i (sgn(v) - z_i / zbar_i), S_i a smooth step of z_i sgn(v) / zbar_i up to 1.
 
-    The switch has no memory of its own: where zbar grows as a motion slows down, elements stick again that by events
-    would go on slipping; between the two are a few per cent of F_c at single transitions.
+    The switch has no memory of its own: where zbar grows as a motion slows down, elements stick again that by
+    events would still slip; the two differ by a few per cent of F_c at single transitions.
     """
 
     elements: MaxwellElements
@@ -99,7 +99,7 @@ class SmoothMaxwellSlip:
         return len(self.elements.nu)
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sum sigma_0i z_i + sigma_1i dz_i/dt, and what grows with v."""
+        """sum sigma_0i z_i + sigma_1i dz_i/dt, and the parts that grow with v."""
         return self.elements.torque(v, z, self.rate(v, z, curve), curve)
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
@@ -120,7 +120,7 @@ class SmoothMaxwellSlip:
     def _linear(self, v: Expression, z: ca.SX, curve: Curve) -> tuple[ca.SX, ca.SX]:
         """dz/dt = gain - slope z with the switch at z."""
         bound, sign = self.elements.bounds(v, curve), ca.sign(v)
-        x = ca.fmax(0.0, ca.fmin(1.0, (z * sign / bound - ONSET) / (1 - ONSET)))
+        x = ca.fmax(0.0, ca.fmin(1.0, (z * sign / bound - SLIP_ONSET) / (1 - SLIP_ONSET)))
         S = x**2 * (3 - 2 * x)
         slope = S * self.elements.C / curve.level(v)
         return v * (1 - S) + slope * bound * sign, slope
@@ -141,7 +141,7 @@ class SwitchedMaxwellSlip:
         return 2 * len(self.elements.nu)
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """sum sigma_0i z_i + sigma_1i dz_i/dt, and what grows with v."""
+        """sum sigma_0i z_i + sigma_1i dz_i/dt, and the parts that grow with v."""
         n = len(self.elements.nu)
         return self.elements.torque(v, z[:n], self.rate(v, z, curve)[:n], curve)
 

@@ -34,7 +34,7 @@ class Curve:
     alpha_T: Expression = 0.0
 
     def level(self, v: Expression) -> ca.SX:
-        """g(v), Nm: what sliding steadily at v takes, without the parts that grow with v."""
+        """g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
         return self.F_c + (self.F_s - self.F_c) * ca.exp(-((v * self.inverse_nu_s) ** 2))
 
     def growing(self, v: Expression) -> ca.SX:
@@ -47,7 +47,7 @@ class Law(Protocol):
 
     @property
     def n_states(self) -> int:
-        """How many states the law has; 0 where the torque hangs on v alone."""
+        """Number of states; 0 where the torque depends on v alone."""
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """tau_f(v, z)."""
@@ -59,7 +59,7 @@ class Law(Protocol):
         """z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: how fast the law can move its place."""
+        """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: a bound on its rates."""
 
 
 def exponential_step(z: Expression, rate: Expression, slope: Expression, step: float) -> ca.SX:
@@ -69,7 +69,7 @@ def exponential_step(z: Expression, rate: Expression, slope: Expression, step: f
 
 
 def phi_1(x: Expression) -> ca.SX:
-    """(1 - e^-x) / x of x >= 0, by its series where x is small; its derivatives are right at 0 up to the third."""
+    """(1 - e^-x) / x of x >= 0, by its series where x is small; correct at 0 up to the third derivative."""
     small = x < 1e-3
     divisor = ca.if_else(small, 1.0, x)
     return ca.if_else(small, 1 - x / 2 * (1 - x / 3 * (1 - x / 4)), -ca.expm1(-divisor) / divisor)

@@ -1,4 +1,4 @@
-r"""The friction of a robot: which law acts at which place, its numbers on the link side, under load and temperature.
+r"""The friction of a robot: laws at its motors and joints, on the link side, under load and temperature.
 
 With the ratio n of a motor: \tau_a = |n| \tau_m, v_m = |n| v_a, so torques go with |n|, stiffness and damping with n^2,
 velocities with 1 / |n|.
@@ -50,8 +50,7 @@ class PlacedLaw:
         self._check(F_c, F_s, nu_s, load, temperature)
         inverse = 0.0 if nu_s is None else n / nu_s
         torques = level * n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
-        curve: FloatArray = np.insert(torques, 2, inverse)
-        return curve
+        return np.insert(torques, 2, inverse)
 
     def _check(self, F_c: float, F_s: float, nu_s: float | None, load: float, temperature: float | None) -> None:
         torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")
@@ -89,16 +88,14 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
 
 
 def coulomb_levels(robot: Robot) -> FloatArray:
-    """F_c (n_u,) in Nm, link side, that a motor must overcome to slide: its own, and that of a joint it turns rigidly.
+    """F_c (n_u,) in Nm, link side, that a motor must overcome to slide: its own, and that of a rigidly driven joint.
 
-    A gear spring lets the motor move against a joint that sticks, so that the joint's friction is no limit there.
+    A gear spring lets the motor move against a joint that sticks: there the friction of the joint does not count.
     """
     levels = {place.place: float(place.curve()[0]) for place in frictions(robot)}
+    rigid = [0.0 if joint in robot.flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
     own = [levels.get(f"motor {joint.name}", 0.0) for joint in robot.driven]
-    flexible = robot.flexible
-    rigid = [0.0 if joint in flexible else levels.get(f"joint {joint.name}", 0.0) for joint in robot.driven]
-    total: FloatArray = np.array(own) + np.array(rigid)
-    return total
+    return np.add(own, rigid)
 
 
 def _placed(place: str, spec: Friction, n: float, slides: bool = False) -> PlacedLaw:

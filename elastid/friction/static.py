@@ -43,7 +43,7 @@ class Tustin:
 
     @property
     def n_states(self) -> int:
-        """None: the torque hangs on v alone."""
+        """None: the torque depends on v alone."""
         return 0
 
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
@@ -51,11 +51,11 @@ class Tustin:
         return curve.level(v) * ca.tanh(v / self.v_s) + curve.growing(v)
 
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
-        """Nothing changes."""
+        """Empty: there is no state."""
         return ca.SX(0, 1)
 
     def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
-        """Nothing changes."""
+        """Empty: there is no state."""
         return ca.SX(0, 1)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:

@@ -45,7 +45,7 @@ def projection(model: ElasticModel) -> ca.Function:
 
 
 def pivots(model: ElasticModel) -> Partition:
-    """Which coordinates are worked out from which rows: chosen in the start posture and kept."""
+    """Dependent coordinates and the rows that determine them, chosen in the start posture and kept."""
     start = np.array([joint.start for joint in model.robot.driven])
     q = np.zeros(model.n_q)
     q[: len(model.robot.joints)] = assembled(model.robot, start)
@@ -53,7 +53,7 @@ def pivots(model: ElasticModel) -> Partition:
 
 
 def violation(model: ElasticModel, q: FloatArray) -> float:
-    """max |phi| over a trajectory q (n, n_q): m that loops stay open, rad where a direction is constrained."""
+    """max |phi| over a trajectory q (n, n_q): the gap of a loop in m, or in rad where a direction is constrained."""
     return float(np.abs(model.constraint.map(len(q))(q.T, model.theta).full()).max(initial=0.0)) if model.n_c else 0.0
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
 from elastid.simulation.baumgarte import projection
@@ -21,24 +21,25 @@ from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
 from elastid.simulation.friction_states import Contacts
 from elastid.simulation.spec import StabilisationSpec
 
-# Samples between two looks at the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
-CHUNK = 1000
+# Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
+CHUNK_SAMPLES = 1000
 
-# What a sample hands on: q, v, states of friction and drives, the controller's integral and last reading.
-STATES = 6
+# Results of a sample that the next one starts from: q, v, states of friction and drives, integral, last reading.
+N_STATES = 6
 
-# rad (or m) on the link side. A joint that is a whole turn from its reference is not coming back.
-LOST = 2 * np.pi
+# rad (or m) on the link side: a motor this far from its reference is lost.
+MAX_TRACKING_ERROR = 2 * np.pi
 
+# The loops of a linkage closed by projection alone.
 PROJECTED = StabilisationSpec()
 
 
-@dataclass(frozen=True)
+@frozen_value(eq=False)
 class Commands:
-    """What comes from outside, each (n, n_u), link side: rad, rad/s, Nm; m, m/s, N where a joint slides.
+    """Inputs of the loop, each (n, n_u), link side: rad, rad/s, Nm; m, m/s, N where a joint slides.
 
-    position, velocity: reference.  torque: feed-forward and injection.  disturbance: torque that the log does not
-    know.  reading_noise: added to the motor angle before the encoder counts it.
+    position, velocity: reference.  torque: feed-forward and injection.  disturbance: torque that is not in
+    the log.  reading_noise: added to the motor angle before the encoder counts it.
     """
 
     position: FloatArray
@@ -48,18 +49,19 @@ class Commands:
     reading_noise: FloatArray
 
     def __post_init__(self) -> None:
-        """Freeze and check shapes."""
-        for name in ("position", "velocity", "torque", "disturbance", "reading_noise"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-            if getattr(self, name).shape != self.position.shape:
-                raise ValueError(f"{name} has shape {getattr(self, name).shape}, position {self.position.shape}")
+        """Check the shapes."""
+        for each in fields(self):
+            if getattr(self, each.name).shape != self.position.shape:
+                raise ValueError(
+                    f"{each.name} has shape {getattr(self, each.name).shape}, position {self.position.shape}"
+                )
 
 
 @dataclass(frozen=True)
 class Trajectory:
-    """What happened, at the sampling instants: q (n, n_q) true, reading (n, n_u) of the encoders, u (n, n_u) held.
+    """Result at the sampling instants: q (n, n_q) true, reading (n, n_u) of the encoders, u (n, n_u) held.
 
-    u is what the drives took: the controller's command, clipped.
+    u: the controller's command as the drives clip it.
     """
 
     q: FloatArray
@@ -69,7 +71,7 @@ class Trajectory:
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoop:
-    """A robot under its controller, ready to run: CHUNK samples of it as one CasADi function.
+    """A robot under its controller, ready to run: CHUNK_SAMPLES samples of it as one CasADi function.
 
     limits (n_u, 2): angles (rad, or m where a joint slides: units) that the motors may take, link side.
     """
@@ -95,7 +97,7 @@ def closed_loop(
 ) -> ClosedLoop:
     """Close the loop around a model with its friction and its drives.
 
-    substeps: Runge-Kutta steps in a sample.  loops: how those of a linkage are kept closed.
+    substeps: Runge-Kutta steps in a sample.  loops: stabilisation of the loops of a linkage.
     """
     names = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
     names |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
@@ -119,7 +121,7 @@ def closed_loop(
     results = [q, v, z, w, integral, reading, u]
     units = tuple(joint.unit for joint in model.robot.driven)
     sample = ca.Function("sample", list(given.values()), results)
-    function = sample.mapaccum("closed_loop", CHUNK, STATES, {})
+    function = sample.mapaccum("closed_loop", CHUNK_SAMPLES, N_STATES, {})
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
 
 
@@ -175,9 +177,9 @@ def simulate(
     z = np.zeros(loop.contacts.n_states)
     state = [q0, np.zeros(len(q0)), z, loop.drives.start(commands.torque[0]), np.zeros(n_u), loop.B.T @ q0]
     chunks = []
-    for start in range(0, n, CHUNK):
-        block = [signal[start : start + CHUNK] for signal in signals]
-        padding = ((0, CHUNK - len(block[0])), (0, 0))
+    for start in range(0, n, CHUNK_SAMPLES):
+        block = [signal[start : start + CHUNK_SAMPLES] for signal in signals]
+        padding = ((0, CHUNK_SAMPLES - len(block[0])), (0, 0))
         results = [
             np.array(result.full())
             for result in loop.function(*state, *(np.pad(part, padding, mode="edge").T for part in block))
@@ -185,14 +187,14 @@ def simulate(
         q, reading, u = results[0], *results[-2:]
         chunks.append((np.column_stack([state[0], q[:, :-1]]).T, reading.T, u.T))
         _check(loop, reading.T[: len(block[0])], commands.position, start)
-        state = [result[:, -1] for result in results[:STATES]]
+        state = [result[:, -1] for result in results[:N_STATES]]
     return Trajectory(*(np.concatenate(parts)[:n] for parts in zip(*chunks, strict=True)))
 
 
 def _check(loop: ClosedLoop, reading: FloatArray, position: FloatArray, start: int) -> None:
     reference = position[start : start + len(reading)]
     lower, upper = loop.limits.T
-    held = (np.abs(reading - reference) < LOST) & (reading >= lower) & (reading <= upper)
+    held = (np.abs(reading - reference) < MAX_TRACKING_ERROR) & (reading >= lower) & (reading <= upper)
     if np.all(held):
         return
     sample, motor = np.argwhere(~held)[0]

@@ -11,20 +11,20 @@ proportional gain k_d and integral time 1 / k_i.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.model.elastic import ElasticModel
 from elastid.model.parallel_linkage.closed_posture import followed, rates
 
 # s: step of the central difference that gives T'.
-STEP = 1e-4
+DIFFERENCE_STEP_S = 1e-4
 
 
-@dataclass(frozen=True)
+@frozen_value(eq=False)
 class Gains:
     """Feedback of motor position and velocity: kp (n_u,) in Nm/rad, kd (n_u,) in Nm s/rad, link side, ki (n_u,) in 1/s.
 
@@ -35,16 +35,11 @@ class Gains:
     kd: FloatArray
     ki: FloatArray = field(default_factory=lambda: np.zeros(1))
 
-    def __post_init__(self) -> None:
-        """Freeze the gains."""
-        for name in ("kp", "kd", "ki"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
 
 def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
-    """T (n_q, n_u) or (n, n_q, n_u) with q' = T q_a': how the robot moves where no spring gives.
+    """T (n_q, n_u) or (n, n_q, n_u) with q' = T q_a': motion of the rigid robot.
 
-    q (n_q,) or (n, n_q).  Motor and joint go together, passive joints as their loops have them.
+    q (n_q,) or (n, n_q).  Motor and joint move together, passive joints as their loops require.
     """
     n_l = len(model.robot.joints)
     T: FloatArray = np.array(np.broadcast_to(model.B, (*q.shape[:-1], *model.B.shape)))
@@ -53,18 +48,17 @@ def rigid_motion(model: ElasticModel, q: FloatArray) -> FloatArray:
 
 
 def rigid_path(model: ElasticModel, q0: FloatArray, start: FloatArray, position: FloatArray) -> FloatArray:
-    """q (n, n_q) of the robot that goes from its equilibrium q0, motors at `start` (n_u,), to `position` (n, n_u)."""
+    """q (n, n_q) of the rigid robot from its equilibrium q0, motors at `start` (n_u,), to `position` (n, n_u)."""
     n_l = len(model.robot.joints)
     angles = np.vstack([start, position])
     q = np.zeros((len(angles), model.n_q))
     q[:, :n_l] = followed(model.robot, angles, start)
     driven = [model.index(place) for place in model.inputs]
     q[:, driven] = angles
-    path: FloatArray = q0 + q[1:] - q[0]
-    return path
+    return np.asarray(q0 + q[1:] - q[0])
 
 
-def tuned(
+def tune(
     model: ElasticModel, q: FloatArray, bandwidth_hz: float, damping_ratio: float, integral_time: float | None = None
 ) -> Gains:
     """Gains that give the rigid robot, each axis on its own, a loop of this bandwidth and damping ratio in q (n_q,).
@@ -85,8 +79,8 @@ def feed_forward(
     """Torque (n, n_u) of the rigid robot, u = T^T [M (T q_a'' + T' q_a') + f(q, T q_a')].
 
     position, velocity, acceleration (n, n_u): q_a and its derivatives, about the equilibrium q0 (n_q,). At rest in the
-    equilibrium this is the holding torque, since T^T B = 1. Springs and the forces in loops do not enter, they act
-    within; viscous friction does.
+    equilibrium this is the holding torque, since T^T B = 1. Springs and the forces in loops are internal and do not
+    enter; viscous friction does.
     """
     start = model.B.T @ q0
     path = rigid_path(model, q0, start, start + position)
@@ -94,15 +88,17 @@ def feed_forward(
     v_path = (T @ velocity[:, :, None])[:, :, 0]
     a_path = (T @ acceleration[:, :, None])[:, :, 0]
     if model.robot.loops:
-        T_rate = (rigid_motion(model, path + STEP * v_path) - rigid_motion(model, path - STEP * v_path)) / (2 * STEP)
+        T_rate = (
+            rigid_motion(model, path + DIFFERENCE_STEP_S * v_path)
+            - rigid_motion(model, path - DIFFERENCE_STEP_S * v_path)
+        ) / (2 * DIFFERENCE_STEP_S)
         a_path += (T_rate @ velocity[:, :, None])[:, :, 0]
     q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
     a = ca.SX.sym("a", model.n_q)
     torque = model.mass(q, model.theta) @ a + model.force(q, v, model.theta)
     inverse = ca.Function("inverse_dynamics", [q, v, a], [torque]).map(len(position))
     needed = inverse(path.T, v_path.T, a_path.T).full().T
-    held: FloatArray = (np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0]
-    return held
+    return np.asarray((np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0])
 
 
 def feedback(

@@ -1,4 +1,4 @@
-r"""What stands between the controller and the robot: encoders that count and ripple, drives that lag, clip and ripple.
+r"""Encoders and drives between controller and robot: counts and ripple of the one, lag, limit and ripple of the other.
 
 .. math:: y = \mathrm{count}(q_m + \textstyle\sum a \sin(N q_m + \phi) + w), \qquad
           \tau = G_\tau(s)\, \mathrm{clip}(u) + \textstyle\sum b \sin(N q_m + \phi)
@@ -15,10 +15,10 @@ import casadi as ca
 import numpy as np
 from scipy.linalg import expm
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 
 
-@dataclass(frozen=True)
+@frozen_value(eq=False)
 class Ripple:
     """amplitude (n_u,) in rad or Nm, periods (n_u,) per radian times 2 pi, phase (n_u,): a sin(periods q + phase)."""
 
@@ -40,12 +40,11 @@ class Lag:
 
     @property
     def order(self) -> int:
-        """States of a motor."""
+        """Number of states of a motor."""
         return len(self.coefficients)
 
     def step(self, step: float) -> tuple[FloatArray, FloatArray]:
         """w(t + step) = A w(t) + b u at constant u, w = the torque and its derivatives times powers of T; A (n, n)."""
-
         n = self.order
         A = np.eye(n, k=1)
         A[-1] = -np.array([1.0, *self.coefficients[:-1]]) / self.coefficients[-1]
@@ -55,7 +54,7 @@ class Lag:
         return whole[:n, :n], whole[:n, n]
 
 
-@dataclass(frozen=True)
+@frozen_value(eq=False)
 class Drives:
     """resolution (n_u,): rad per count, 0 for unlimited.  torque (n_u,): Nm at which a drive clips, or infinity."""
 
@@ -65,29 +64,24 @@ class Drives:
     torque_ripple: tuple[Ripple, ...] = ()
     lag: Lag | None = None
 
-    def __post_init__(self) -> None:
-        """Freeze."""
-        object.__setattr__(self, "resolution", frozen(self.resolution))
-        object.__setattr__(self, "torque", frozen(self.torque))
-
     @property
     def n_states(self) -> int:
-        """Of the torque loops of all motors."""
+        """Number of states of the torque loops of all motors."""
         return 0 if self.lag is None else self.lag.order * len(self.torque)
 
     def start(self, torque: FloatArray) -> FloatArray:
-        """States of torque loops that have held the torque (n_u,) for long."""
+        """States of the torque loops at constant torque (n_u,)."""
         n = self.n_states // len(self.torque)
         return np.concatenate([np.zeros(0), *([torque] if n else []), np.zeros(max(0, n - 1) * len(torque))])
 
     def reading(self, angle: ca.SX, noise: ca.SX) -> ca.SX:
-        """What encoders read (n_u,) at motor angles (n_u,), in whole counts."""
+        """Readings of the encoders (n_u,) at motor angles (n_u,), in whole counts."""
         read = _summed(self.encoder_ripple, angle, angle + noise)
         widths = enumerate(self.resolution.tolist())
         return ca.vertcat(*(width * ca.floor(read[i] / width + 0.5) if width > 0 else read[i] for i, width in widths))
 
     def clipped(self, u: ca.SX) -> ca.SX:
-        """The torque (n_u,) that a drive takes for a command."""
+        """The command (n_u,) within the torque limits of the drives."""
         bounded = (i for i in range(u.numel()) if np.isfinite(self.torque[i]))
         taken = ca.SX(u)
         for i in bounded:

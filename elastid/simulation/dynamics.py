@@ -20,17 +20,17 @@ from elastid.model.parallel_linkage.null_space import motions
 from elastid.simulation.baumgarte import constrained_acceleration
 from elastid.simulation.friction_states import Contacts
 
-# RK4 damps or keeps |h lambda| up to 2.785 on the negative real axis and 2.828 on the imaginary one.
-STABLE_STEP = 2.5
+# |h lambda| up to which RK4 is used; it is stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
+MAX_STEP_RATE = 2.5
 
 
 def free_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
     """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
 
-    alpha, beta: of Baumgarte's terms, where the model has constraints (`constrained`).
+    alpha, beta: of Baumgarte's terms, where the model has constraints.
 
-    M = L D L^T is factorised in symbols with its zeros: without pivots, which a positive definite M does not need, and
-    free for motors without coupling, whose rows of M are diagonal.
+    M = L D L^T is factorised in symbols with its zeros, without pivots, which a positive definite M does not need. It
+    costs nothing for motors without coupling, whose rows of M are diagonal.
     """
     if model.n_c:
         return constrained_acceleration(model, alpha, beta)
@@ -80,9 +80,9 @@ def runge_kutta_step(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """(q, v, z) after one classical Runge-Kutta step, u the torque at its beginning, middle and end.
 
-    acceleration(q, v, z, u).  advanced(z, v, step): z after `step` at constant v. The friction states go with the same
-    velocities as q does, stage by stage: bristles that stick are then a spring that is integrated as every other, and
-    bristles that slip, however fast their rate sigma_0 |v| / g, take the exact update, which has no limit of stability.
+    acceleration(q, v, z, u).  advanced(z, v, step): z after `step` at constant v. Friction states
+    advance with the velocities of q, stage by stage: bristles that stick are integrated as any other spring, and
+    bristles that slip, however fast their rate sigma_0 |v| / g, by the exact update, which has no limit of stability.
     """
     a1 = acceleration(q, v, z, u[0])
     v2 = v + step / 2 * a1
@@ -102,7 +102,7 @@ def _unmoved(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
 def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> float:
     """|lambda| in 1/s of the fastest pole at rest in q (n_q,): the stiffest mode, or friction about zero velocity.
 
-    Gears with backlash count with the stiffness of their flanks, which motion meets.
+    Gears with backlash count with the stiffness of their flanks.
     """
     M, D, K = (
         matrix.full()

@@ -1,33 +1,28 @@
-"""All contacts with friction of a robot as one: which coordinate each turns with, their torques and states stacked."""
+"""All friction contacts of a robot as one: their torques and states stacked, and the coordinates that they act on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.friction.law import CURVE, Curve, Law
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.model.elastic import ElasticModel
 
 
-@dataclass(frozen=True)
+@frozen_value(eq=False)
 class Contacts:
     """Laws with their places: contact j slides at (P^T v)_j.  P (n_q, n_f).  curves (5 n_f,): see `law.CURVE`."""
 
     laws: tuple[PlacedLaw, ...]
     P: FloatArray
 
-    def __post_init__(self) -> None:
-        """Freeze."""
-        object.__setattr__(self, "P", frozen(self.P))
-
     @property
     def n_states(self) -> int:
-        """Of all laws."""
+        """Number of states of all laws."""
         return sum(self._sizes)
 
     @property

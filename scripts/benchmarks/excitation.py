@@ -23,7 +23,7 @@ from collections.abc import Callable
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.excitation.crest import Signals, crest_factors, minimised
+from elastid.excitation.crest import Signals, crest_factors, minimise_peaks
 from elastid.excitation.grids import grid_lines, with_detection
 from elastid.excitation.multisine import orthogonal_set
 from elastid.excitation.phases import orthogonal_basis, schroeder
@@ -94,7 +94,7 @@ def timed(work: Callable[[], float]) -> tuple[float, float]:
 
 def optimised(signals: Signals, effort: Effort, seed: int = 0) -> float:
     """Worst crest factor of the signals."""
-    _, S = signals.spectra(*minimised(signals, np.random.default_rng(seed), effort))
+    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(seed), effort))
     return float(crest_factors(signals.lines, S).max())
 
 

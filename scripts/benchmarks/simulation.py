@@ -29,7 +29,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import Commands, closed_loop, simulate
-from elastid.simulation.controller import Gains, tuned
+from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration
 from elastid.simulation.friction_states import contacts
@@ -137,7 +137,7 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
     before = time.perf_counter()
     model = serial(rough(robot))
     built = time.perf_counter() - before
-    gains = tuned(model, np.zeros(model.n_q), 1.5, 0.8)
+    gains = tune(model, np.zeros(model.n_q), 1.5, 0.8)
     torque = np.random.default_rng(1).normal(0.0, 30.0, (round(seconds * RATE_HZ), model.n_u))
     runs = {"elastid": elastid_run(model, gains, torque)}
     if with_mujoco:

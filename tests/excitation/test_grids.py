@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from elastid.base.errors import StudyError
 from elastid.excitation.grids import chosen_lines, grid_lines, line_frequencies, with_detection, zippered
-from elastid.excitation.multisine import amplitudes, orthogonal_set, shape, synthesise
+from elastid.excitation.multisine import amplitudes, orthogonal_set, relative_amplitudes, synthesise
 
 
 def test_full_grid_holds_every_line_of_the_band_and_its_edges() -> None:
@@ -121,7 +121,7 @@ def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
     """RMS over a period of the sampled signal, for a flat and for a shaped spectrum."""
     lines = grid_lines("odd", (1.0, 40.0), 200.0, 2000)
     rms = np.array([12.0, 3.0, 0.5])
-    amplitude = amplitudes(shape(line_frequencies(lines, 200.0, 2000), 0.0, spectrum), rms)
+    amplitude = amplitudes(relative_amplitudes(line_frequencies(lines, 200.0, 2000), 0.0, spectrum), rms)
     for U in orthogonal_set(amplitude, np.random.default_rng(0)):
         torque = synthesise(lines, U, 2000)
         np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), rms, rtol=1e-12)
@@ -130,9 +130,9 @@ def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
 def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law() -> None:
     """Points in any order; a slope of -1 between them; constant beyond the ends."""
     freq_hz = np.array([1.0, 2.0, 4.0, 10.0, 20.0, 40.0])
-    table = shape(freq_hz, 0.0, ((20.0, 1.0), (2.0, 10.0)))
+    table = relative_amplitudes(freq_hz, 0.0, ((20.0, 1.0), (2.0, 10.0)))
     np.testing.assert_allclose(table / table[4], [10, 10, 5, 2, 1, 1])
-    np.testing.assert_allclose(shape(freq_hz, -0.5, ((20.0, 1.0), (2.0, 10.0))), table * freq_hz**-0.5)
+    np.testing.assert_allclose(relative_amplitudes(freq_hz, -0.5, ((20.0, 1.0), (2.0, 10.0))), table * freq_hz**-0.5)
 
 
 def test_synthesis_is_the_sum_of_its_cosines() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime
 
 from elastid.base.errors import StudyError
-from elastid.excitation.crest import Signals, _norm, crest_factors, minimised, peaks
+from elastid.excitation.crest import Signals, _norm, crest_factors, minimise_peaks, peaks
 from elastid.excitation.grids import grid_lines, with_detection
 from elastid.excitation.multisine import experiments
 from elastid.excitation.phases import hadamard, newman, orthogonal_basis, random_phases, schroeder, with_phases
@@ -119,7 +119,7 @@ def test_optimised_phases_reach_the_crest_factors_of_long_searches(
 ) -> None:
     """True peaks; what peers reach at best, in a fraction of a second."""
     signals = one_signal(lines, lines.astype(float) ** power)
-    _, S = signals.spectra(*minimised(signals, np.random.default_rng(0)))
+    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0)))
     assert crest_factors(lines, S).max() <= goal
 
 
@@ -128,7 +128,7 @@ def test_all_signals_of_an_orthogonal_set_are_compressed_together() -> None:
     """Worst of the 36 signals of six inputs: at most 1.8, where random phases have 4 and Schroeder's 1.9."""
     lines = np.arange(1, 41)
     signals = Signals(lines, orthogonal_basis("dft", 40, 6), eye(40, 6), np.full(6, np.sqrt(20)))
-    a, b = minimised(signals, np.random.default_rng(0))
+    a, b = minimise_peaks(signals, np.random.default_rng(0))
     U, S = signals.spectra(a, b)
     assert crest_factors(lines, S).max() <= 1.8
     product = U.transpose(1, 2, 0) @ U.transpose(1, 0, 2).conj()
@@ -144,18 +144,18 @@ def test_torque_and_velocity_are_compressed_together() -> None:
     both = np.stack([np.ones(60), velocity], axis=1)[:, :, None].astype(complex)
     scale = np.sqrt(np.sum(np.abs(both[:, :, 0]) ** 2, axis=0) / 2)
     signals = Signals(lines, np.ones((1, 60, 1), complex), both, scale)
-    _, S = signals.spectra(*minimised(signals, np.random.default_rng(0)))
+    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0)))
     assert crest_factors(lines, S).max() < 1.75
     alone = one_signal(lines, np.ones(60))
-    a, b = minimised(alone, np.random.default_rng(0))
+    a, b = minimise_peaks(alone, np.random.default_rng(0))
     assert crest_factors(lines, signals.spectra(a, b)[1])[0, 1] > 2
 
 
 def test_another_generator_gives_another_optimum_and_the_same_one_the_same() -> None:
     """Realisations of optimised phases differ; a design can be repeated."""
     signals = Signals(np.arange(1, 7), orthogonal_basis("dft", 6, 2), eye(6, 2), np.full(2, np.sqrt(3)))
-    first, second = (signals.spectra(*minimised(signals, np.random.default_rng(seed)))[0] for seed in (1, 2))
-    again = signals.spectra(*minimised(signals, np.random.default_rng(1)))[0]
+    first, second = (signals.spectra(*minimise_peaks(signals, np.random.default_rng(seed)))[0] for seed in (1, 2))
+    again = signals.spectra(*minimise_peaks(signals, np.random.default_rng(1)))[0]
     np.testing.assert_array_equal(first, again)
     correlation = np.abs(np.vdot(first, second)) / np.linalg.norm(first) ** 2
     assert correlation < 0.8

@@ -224,9 +224,9 @@ def test_a_cascade_leaves_no_error_under_a_constant_torque_and_pd_leaves_torque_
     simulated = rig(arm(), spec, rms=1e-6)
     record = simulated.measure(simulated.experiments[0])
     model = serial(arm())
-    from elastid.simulation.controller import tuned
+    from elastid.simulation.controller import tune
 
-    kp = tuned(model, equilibrium(model, model.theta, simulated.plan.configurations[0]).q, 2.0, 0.8).kp[0]
+    kp = tune(model, equilibrium(model, model.theta, simulated.plan.configurations[0]).q, 2.0, 0.8).kp[0]
     # The motor turns by push / kp rad, 80 times as much on its own side, where the ripple's cosine has hardly fallen.
     np.testing.assert_allclose((record.y[-1, 0] - ARM[0]) * kp / push, left, atol=0.03)
 

@@ -18,8 +18,8 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.robot import Body, Friction, Joint, Motor, Placement, Robot, Spring
-from elastid.simulation.closed_loop import CHUNK, ClosedLoop, Commands, closed_loop, simulate
-from elastid.simulation.controller import Gains, feed_forward, rigid_motion, tuned
+from elastid.simulation.closed_loop import CHUNK_SAMPLES, ClosedLoop, Commands, closed_loop, simulate
+from elastid.simulation.controller import Gains, feed_forward, rigid_motion, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import acceleration, fastest_rate, runge_kutta
 from elastid.simulation.friction_states import Contacts, contacts
@@ -163,18 +163,18 @@ def test_gravity_is_held_from_the_start() -> None:
     point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
     commands = quiet(model, point.q, 2500)
     np.testing.assert_allclose(commands.torque[0], point.u, rtol=1e-9)
-    run = simulate(loop(model), tuned(model, point.q, 1.5, 0.8), commands, point.q)
+    run = simulate(loop(model), tune(model, point.q, 1.5, 0.8), commands, point.q)
     np.testing.assert_allclose(run.q, np.tile(point.q, (2500, 1)), atol=1e-10)
 
 
 def test_the_loop_is_that_of_a_plain_python_loop() -> None:
     """Sample by sample with the controller written out, across the border of two chunks."""
-    model, n = serial(arm(damping=20.0)), CHUNK + 50
+    model, n = serial(arm(damping=20.0)), CHUNK_SAMPLES + 50
     point = equilibrium(model, model.theta, Configuration("c", np.array([0.3, -0.8])))
     random = np.random.default_rng(2)
     torque, disturbance, noise = random.normal(0, [50, 5, 1e-5], (n, 2, 3)).transpose(2, 0, 1)
     commands = replace(quiet(model, point.q, n, torque), disturbance=disturbance, reading_noise=noise)
-    gains = tuned(model, point.q, 1.5, 0.8)
+    gains = tune(model, point.q, 1.5, 0.8)
     run = simulate(loop(model, coulomb=4.0, count=2e-6), gains, commands, point.q)
 
     advance = runge_kutta(acceleration(model, np.full(2, 4.0)), 5e-4, 2)
@@ -192,7 +192,7 @@ def test_encoders_count() -> None:
     """Readings are whole counts, at most half a count from the angle."""
     model, count, q0 = serial(arm(damping=20.0)), 3e-5, np.zeros(4)
     torque = 80 * np.sin(np.arange(400) / 10)[:, None] * [1, -1]
-    run = simulate(loop(model, count=count), tuned(model, q0, 3.0, 0.8), quiet(model, q0, 400, torque), q0)
+    run = simulate(loop(model, count=count), tune(model, q0, 3.0, 0.8), quiet(model, q0, 400, torque), q0)
     counts = run.reading / count
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-9)
     assert np.abs(run.reading - run.q[:, 2:]).max() <= count / 2 * (1 + 1e-9)
@@ -202,7 +202,7 @@ def test_encoders_count() -> None:
 def test_the_controller_has_its_bandwidth_and_damping() -> None:
     """A step of the reference overshoots by exp(-pi zeta / sqrt(1 - zeta^2)), after half a damped period."""
     model, zeta, bandwidth = serial(motor()), 0.5, 1.5
-    gains = tuned(model, np.zeros(1), bandwidth, zeta)
+    gains = tune(model, np.zeros(1), bandwidth, zeta)
     z = np.zeros((1500, 1))
     run = simulate(loop(model), gains, Commands(z + 0.1, z, z, z, z), np.zeros(1))
     damped = math.sqrt(1 - zeta**2)
@@ -227,7 +227,7 @@ def test_a_lost_motor_is_named_with_the_time() -> None:
     model = serial(arm(damping=20.0))
     commands = quiet(model, np.zeros(4), 3000, np.ones((3000, 2)))
     with pytest.raises(DataError, match=r"motor [12] is lost 0\.\d+ s after the start"):
-        simulate(loop(model), tuned(model, np.zeros(4), 400.0, 0.8), commands, np.zeros(4))
+        simulate(loop(model), tune(model, np.zeros(4), 400.0, 0.8), commands, np.zeros(4))
     limited = replace(loop(model), limits=np.array([[-0.01, 0.01], [-9, 9]]))
     with pytest.raises(DataError, match=r"motor 1 is lost .* within \[-0.01, 0.01\] rad"):
         simulate(limited, Gains(np.zeros(2), np.zeros(2)), commands, np.zeros(4))

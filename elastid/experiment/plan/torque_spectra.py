@@ -16,7 +16,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.excitation.grids import line_count_refusal, line_frequencies
-from elastid.excitation.multisine import amplitudes, experiments, shape
+from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes
 from elastid.excitation.spec import MultisineSpec, Signal
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import NoiseSpec
@@ -69,7 +69,7 @@ def torque_spectra(
     if refused := excitation.realisation_refusal(len(draws)):
         raise StudyError(f"excitation.phases: {refused}")
     freq_hz = line_frequencies(lines, excitation.rate_hz, excitation.period_samples)
-    relative = shape(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
+    relative = relative_amplitudes(freq_hz, excitation.power, excitation.spectrum)[:, None] * np.ones(len(inputs))
     responses = np.repeat(np.eye(len(inputs))[None], len(lines), axis=0).astype(np.complex128)
     is_found = excitation.flat in ("torque", "information")
     if not is_found or excitation.compress != ("torque",):

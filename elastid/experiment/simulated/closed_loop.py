@@ -26,7 +26,7 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.elastic import ElasticModel
 from elastid.record import Configuration
 from elastid.robot import Robot
-from elastid.simulation.controller import feed_forward, tuned
+from elastid.simulation.controller import feed_forward, tune
 
 
 def closed_loop_of(robot: Robot, controller: ControllerSpec, rate_hz: float) -> PredictClosedLoop:
@@ -45,7 +45,7 @@ def _closed_loop_response(
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
     linear = replace(linear, chain=torque_elements(robot.chain))  # the controller reads unfiltered motions
     q0 = equilibrium(model, model.theta, configuration).q
-    gains = tuned(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
+    gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
     s = 2j * np.pi * freq_hz[:, None, None]
     z_inverse = np.exp(-s / rate_hz)
     hold = np.exp(-s / (2 * rate_hz)) * np.sinc(freq_hz / rate_hz)[:, None, None]

@@ -21,7 +21,7 @@ from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
-from elastid.simulation.dynamics import STABLE_STEP, fastest_rate
+from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
 from elastid.simulation.friction_states import contacts
 from elastid.simulation.spec import StabilisationSpec
 
@@ -75,7 +75,7 @@ def plant_of(
 def check_steps(plant: Plant, q0: FloatArray, experiment: Experiment, substeps: int, rate_hz: float) -> None:
     """StudyError where the integration steps are too long for the plant's fastest pole."""
     rate = fastest_rate(plant.model, plant.loop.contacts, q0)
-    needed = math.ceil(rate / rate_hz / STABLE_STEP)
+    needed = math.ceil(rate / rate_hz / MAX_STEP_RATE)
     if substeps < needed:
         raise StudyError(
             f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "

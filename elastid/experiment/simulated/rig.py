@@ -26,7 +26,7 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
-from elastid.simulation.controller import Gains, rigid_path, tuned
+from elastid.simulation.controller import Gains, rigid_path, tune
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class SimulatedRig:
         spec, q0 = self.simulated, point.q
         controller, sliding = spec.controller, plant.loop.contacts
         integral_time = controller.velocity_integral_time
-        gains = tuned(plant.model, q0, controller.bandwidth_hz, controller.damping_ratio, integral_time)
+        gains = tune(plant.model, q0, controller.bandwidth_hz, controller.damping_ratio, integral_time)
         curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment, self.seed)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(
