@@ -59,8 +59,8 @@ def booklet(file: io.BytesIO, content: ReportContent) -> Iterator[Callable[[Figu
 def _text(content: ReportContent) -> Iterator[str]:
     yield from _wrapped(content.title)
     yield ""
-    for warning in content.notes:
-        yield from _wrapped(f"! {warning}", "  ")
+    for note in content.notes:
+        yield from _wrapped(f"{'!' if note.first.severity == 'warning' else '-'} {note}", "  ")
     if content.notes:
         yield ""
     yield from _wrapped(content.verdict)

@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 from PIL import Image
 
+from elastid.base.note import grouped
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, drawings
 from elastid.report.numbers import digits, interval_of, number, percent
@@ -101,6 +102,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
+    environment.filters["grouped"] = grouped
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.left_out]
