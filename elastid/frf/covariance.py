@@ -18,14 +18,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter, added
+from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
+from elastid.frf.matrices import added, adjoint, power, transposed
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
-# A sample covariance of vec G needs twice as many degrees of freedom as it has rows, or its inverse is worthless.
-_FULL = 2
+# Degrees of freedom over rows of a sample covariance of vec G, at least; with fewer its inverse is useless.
+_MIN_DOF_RATIO = 2
 
 
 def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
@@ -33,17 +34,16 @@ def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
     n_y = G.shape[1]
     S = scatter.S_Z
     YU, UU = S[:, :n_y, n_y:], S[:, n_y:, n_y:]
-    cross = YU @ _H(G)
-    C_V: ComplexArray = (S[:, :n_y, :n_y] - cross - _H(cross) + G @ UU @ _H(G)) / scatter.dof
-    return C_V
+    cross = YU @ adjoint(G)
+    return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G @ UU @ adjoint(G)) / scatter.dof)
 
 
 def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
-    """Covariance of vec G that the disturbing noise explains: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
+    """Covariance of vec G by the disturbing noise: sum_m (W_m^T diag(1/P) W_m^*) (x) C_V."""
     P = np.concatenate([each.periods for each in blocks])
     if np.ptp(P) == 0:
         return kronecker(estimate.left / P[0], C_V, dof)
-    left = added(_T(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True))
+    left = added(transposed(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True))
     return kronecker(left, C_V, dof)
 
 
@@ -63,18 +63,18 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
         return None
     D = (each.Y - estimate.G @ each.U for each in data.blocks)
     expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
-    return added(each @ _H(each) for each in D) / expected[:, None, None], K - n_u
+    return added(each @ adjoint(each) for each in D) / expected[:, None, None], K - n_u
 
 
 def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: int) -> Covariance:
     """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
 
-    Where the realisations alone give twice as many degrees of freedom as vec G has elements, their sample covariance,
-    which does not suppose that every experiment is disturbed alike.
+    The sample covariance where the realisations alone give twice as many degrees of freedom as vec G has elements: it
+    does not assume that every experiment is disturbed alike.
     """
     _, n_y, n_u = estimate.G.shape
     M = len(blocks)
-    if n_u > 1 and _FULL * n_y * n_u <= M - 1 and all(each.U.shape[2] >= n_u for each in blocks):
+    if n_u > 1 and _MIN_DOF_RATIO * n_y * n_u <= M - 1 and all(each.U.shape[2] >= n_u for each in blocks):
         return _sample_covariance(blocks, estimate.G)
     return kronecker(estimate.left, C_T, dof)
 
@@ -82,7 +82,7 @@ def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexAr
 def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covariance:
     """Covariance of one realisation's vec G by stochastic nonlinear distortion: M (total - noise), no less than zero.
 
-    Negative eigenvalues of the difference, which chance leaves where noise dominates, are set to zero.
+    Negative eigenvalues of the difference, which occur by chance where noise dominates, are set to zero.
     """
     if total.left is not None and total.right is not None and noise.left is not None and noise.right is not None:
         share = np.einsum("fii->f", noise.left).real / np.einsum("fii->f", total.left).real
@@ -94,43 +94,38 @@ def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covar
 
 
 def positive(A: ComplexArray) -> ComplexArray:
-    """The positive semidefinite matrix next to each Hermitian A (F, n, n)."""
+    """The nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
     value, vector = np.linalg.eigh(A)
-    nearest: ComplexArray = (vector * np.maximum(value, 0.0)[:, None, :]) @ _H(vector)
-    return nearest
+    return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ adjoint(vector))
 
 
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
     """left (x) right, or only its diagonal where fewer degrees of freedom than outputs leave right singular."""
-    variance: FloatArray = _real_diagonal(right)[:, :, None] * _real_diagonal(left)[:, None, :]
-    if right.shape[1] > dof:
-        return Covariance(variance, dof)
-    return Covariance(variance, dof, left, right)
+    variance = power(right)[:, :, None] * power(left)[:, None, :]
+    return Covariance(variance, dof) if right.shape[1] > dof else Covariance(variance, dof, left, right)
 
 
 def full_covariance(matrix: ComplexArray, shape: tuple[int, ...], dof: float) -> Covariance:
     """A covariance of vec G (F, n_y n_u, n_y n_u) with its variances in the shape (F, n_y, n_u) of G."""
     F, n_y, n_u = shape
-    variance = _real_diagonal(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
+    variance = power(matrix).reshape(F, n_u, n_y).transpose(0, 2, 1)
     return Covariance(variance, dof, matrix=matrix)
 
 
-def form_notes(where: str, noise: Covariance, total: Covariance | None) -> list[Note]:
-    """A word where a covariance is more or less than the Kronecker form, by its degrees of freedom."""
-    words = []
-    for what, covariance in (("noise", noise), ("total", total)):
+def form_notes(noise: Covariance, total: Covariance | None) -> list[Note]:
+    """A note on each covariance that its degrees of freedom give another form than Kronecker's."""
+    notes = []
+    for name, covariance in (("noise", noise), ("total", total)):
         if covariance is None or covariance.form == "kronecker":
             continue
         n_y, n_u = covariance.variance.shape[1:]
-        kept = (
+        form = (
             f"variances only: {covariance.dof:g} complex degrees of freedom cannot correlate {n_y} outputs"
             if covariance.form == "diagonal"
             else f"the full covariance of its {n_y * n_u} elements, from {covariance.dof:g} complex degrees of freedom"
         )
-        words.append(
-            Note("covariance-form", f"the {what} of G has {kept}", f"configuration {where}", severity="information")
-        )
-    return words
+        notes.append(Note("covariance-form", f"the {name} of G has {form}", severity="information"))
+    return notes
 
 
 def _sample_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance:
@@ -138,18 +133,4 @@ def _sample_covariance(blocks: Sequence[Block], G: ComplexArray) -> Covariance:
     D = np.stack([each.Y @ each.W for each in blocks])
     D = D - D.mean(axis=0)
     vec = D.transpose(1, 3, 2, 0).reshape(shape[0], -1, M)
-    return full_covariance(vec @ _H(vec) / (M - 1) / M, shape, M - 1)
-
-
-def _real_diagonal(A: ComplexArray) -> FloatArray:
-    diagonal: FloatArray = np.maximum(np.einsum("fii->fi", A).real, 0.0)
-    return diagonal
-
-
-def _T(A: ComplexArray) -> ComplexArray:
-    return np.swapaxes(A, -1, -2)
-
-
-def _H(A: ComplexArray) -> ComplexArray:
-    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
-    return adjoint
+    return full_covariance(vec @ adjoint(vec) / (M - 1) / M, shape, M - 1)

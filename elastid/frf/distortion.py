@@ -1,7 +1,7 @@
-r"""What a robot's nonlinearity leaves at lines that were not excited, and how much of it there must be at the others.
+r"""Nonlinear distortion at lines that were not excited, and the level at the excited ones that it implies.
 
 An odd multisine (odd lines only) leaves even nonlinearities to the even lines; where single odd lines are left out,
-those show the odd ones.  Under feedback a distorted y moves u as well; what remains of the linear path goes with
+those show the odd ones.  Under feedback a distorted y moves u as well; the linear path is removed by
 
 .. math:: Y_c = Y - \hat G U
 
@@ -15,15 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.arrays import BoolArray, ComplexArray, IntArray
 from elastid.frf.covariance import equation_error
 from elastid.frf.experiment_blocks import MeanSpectra
+from elastid.frf.matrices import adjoint, power
 from elastid.response import Levels
 
 # The fast method averages over so many odd detection lines, or over more where the outputs are many.
-_LEAST_WINDOW = 3
-# Fewer odd lines left out than this part of the excited ones were not left out on purpose.
-_LEAST_SHARE = 0.1
+_MIN_WINDOW = 3
+# Odd lines left out on purpose are at least this part of the excited ones.
+_MIN_LEFT_OUT_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -47,25 +48,19 @@ def detection_lines(lines: IntArray, half_wave: bool) -> IntArray:
     return np.setdiff1d(np.arange(lines[0], lines[-1] + 1), lines)
 
 
-def detected(
-    detection: IntArray,
-    lines: IntArray,
-    spacing_hz: float,
-    G: ComplexArray,
-    data: MeanSpectra,
-) -> Detected:
+def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexArray, data: MeanSpectra) -> Detected:
     """Distortion at the detection lines (K,) of the data, G (F, n_y, n_u) being known at lines (F,)."""
     every, G_k = data.every, interpolated(detection, lines, G)
     Y_c = every.Y - G_k @ every.U
     C_V = equation_error(data.scatter, G_k)
-    amplitude: FloatArray = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2)).astype(np.float64)
-    noise = np.sqrt(np.maximum(np.einsum("fii->fi", C_V).real, 0.0) * np.mean(1 / every.periods)).astype(np.float64)
     odd = detection % 2 == 1
-    error = Y_c[odd] @ np.swapaxes(Y_c[odd], 1, 2).conj() / Y_c.shape[2]
-    freq_hz = np.asarray(detection * spacing_hz, dtype=np.float64)
+    error = Y_c[odd] @ adjoint(Y_c[odd]) / Y_c.shape[2]
+    amplitude = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2))
+    noise = np.sqrt(power(C_V) * np.mean(1 / every.periods))
 
     def levels(which: BoolArray) -> Levels | None:
-        return Levels(freq_hz[which], amplitude[which], noise[which]) if which.any() else None
+        parts = (np.asarray(x[which], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
+        return Levels(*parts) if which.any() else None
 
     return Detected(levels(~odd), levels(odd), detection[odd], error, Y_c.shape[2])
 
@@ -74,22 +69,20 @@ def interpolated(at: IntArray, lines: IntArray, G: ComplexArray) -> ComplexArray
     """G (K, n_y, n_u) at DFT lines `at`, linear in frequency between lines (F,)."""
     right = np.clip(np.searchsorted(lines, at), 1, len(lines) - 1)
     left = right - 1
-    part: FloatArray = ((at - lines[left]) / (lines[right] - lines[left]))[:, None, None]
-    between: ComplexArray = (1 - part) * G[left] + part * G[right]
-    return between
+    part = ((at - lines[left]) / (lines[right] - lines[left]))[:, None, None]
+    return np.asarray((1 - part) * G[left] + part * G[right])
 
 
 def fast_total_error(found: Detected, lines: IntArray) -> tuple[ComplexArray, int] | None:
     """C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from the odd detection lines near by.
 
     One realisation is enough (the fast method): a random grid distorts its excited and its left-out odd lines alike.
-    None where hardly any odd line was left out.
+    None where too few odd lines were left out.
     """
     n_y, K = found.error.shape[1], len(found.odd_lines)
-    window = max(_LEAST_WINDOW, -(-2 * n_y // found.count))
-    if max(window, _LEAST_SHARE * len(lines)) > K:
+    window = max(_MIN_WINDOW, -(-2 * n_y // found.count))
+    if max(window, _MIN_LEFT_OUT_SHARE * len(lines)) > K:
         return None
     first = np.clip(np.searchsorted(found.odd_lines, lines) - window // 2, 0, K - window)
     sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(found.error, axis=0)])
-    C_T: ComplexArray = (sums[first + window] - sums[first]) / window
-    return C_T, window * found.count
+    return (sums[first + window] - sums[first]) / window, window * found.count

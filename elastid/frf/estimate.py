@@ -24,7 +24,7 @@ from elastid.frf.covariance import (
     total_covariance,
     total_error,
 )
-from elastid.frf.distortion import Detected, detected, detection_lines, fast_total_error
+from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.local.response import local_response
@@ -57,10 +57,16 @@ def estimate(
         for record in records:
             refuse_uncomputable(record)
         response = local_response(records, replace(spec, method=method), planned_lines)
-        return replace(response, notes=(*reason, *response.notes))
+        return _placed(replace(response, notes=(*reason, *response.notes)))
     refuse_single_period(records, method)
     refuse_few_experiments(groups, method)
-    return _from_periods(groups, spec, method, reason, planned_lines)
+    return _placed(_from_periods(groups, spec, method, reason, planned_lines))
+
+
+def _placed(response: FrequencyResponse) -> FrequencyResponse:
+    """The same with the configuration as the place of every note that has none."""
+    place = f"configuration {response.configuration.name}"
+    return replace(response, notes=tuple(note if note.place else replace(note, place=place) for note in response.notes))
 
 
 def _from_periods(
@@ -71,7 +77,7 @@ def _from_periods(
     planned_lines: IntArray | None,
 ) -> FrequencyResponse:
     """By a mean over realisations, or a method that pools them: each line on its own, from its periods."""
-    first, where = groups[0][0], groups[0][0].configuration.name
+    first = groups[0][0]
     known = lines_are_known(spec, planned_lines)
     spectra = [[RecordSpectra(r) if known else RecordSpectra(r).with_driver() for r in group] for group in groups]
     lines = analysed_lines([each for group in spectra for each in group], spec, planned_lines)
@@ -99,9 +105,8 @@ def _from_periods(
         sliding=first.sliding,
     )
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
-    response, words = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])
-    notes += [replace(note, place=f"configuration {where}") for note in found.notes]
-    notes += [*words, *input_notes(where, first.inputs, data, quality), *output_notes(where, first.outputs, quality)]
+    response, of_form = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])
+    notes += [*found.notes, *of_form, *input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
 
 
@@ -121,41 +126,26 @@ def choose_method(spec: EstimatorSpec, groups: Sequence[Sequence[Record]]) -> tu
     """The method that the spec names; for `auto` the one for closed-loop robot data, with the reason as a note."""
     if spec.method != "auto":
         return spec.method, ()
-    where, n_u = groups[0][0].configuration.name, len(groups[0][0].inputs)
-    total = sum(map(len, groups))
+    n_u, total = len(groups[0][0].inputs), sum(map(len, groups))
+    method: Method
     if total < n_u:
-        return "local_rational", (
-            Note(
-                "method-chosen",
-                f"estimator.method auto takes local_rational: {total} experiments separate {n_u} "
-                "inputs only with the help of neighbouring lines",
-                f"configuration {where}",
-                severity="information",
-            ),
-        )
-    if any(len(group) < n_u for group in groups):
+        method = "local_rational"
+        reason = f"{total} experiments separate {n_u} inputs only with the help of neighbouring lines"
+    elif any(len(group) < n_u for group in groups):
         known = all(record.r is not None for group in groups for record in group)
-        pooling: Method = "joint" if known else "errors_in_variables"
-        return pooling, (
-            Note(
-                "method-chosen",
-                f"estimator.method auto takes {pooling}, over all realisations together: a single "
-                "one has fewer experiments than inputs and so no response to be averaged, and h1 is biased by the "
-                "noise and friction that feedback brings into u",
-                f"configuration {where}",
-                severity="information",
-            ),
+        method = "joint" if known else "errors_in_variables"
+        reason = (
+            "over all realisations together, since a single one has fewer experiments than inputs and so no response "
+            "to be averaged, and h1 is biased by the noise and friction that feedback brings into u"
         )
-    return "arithmetic", (
-        Note(
-            "method-chosen",
-            "estimator.method auto takes the arithmetic mean: each realisation keeps its pairing "
-            "of torque and motion, while noise and friction in the loop bias h1; the harmonic mean fails where "
-            "friction sticks, and the logarithmic one agrees with the arithmetic one",
-            f"configuration {where}",
-            severity="information",
-        ),
-    )
+    else:
+        method = "arithmetic"
+        reason = (
+            "each realisation keeps its pairing of torque and motion, while noise and friction in the loop bias h1; "
+            "the harmonic mean fails where friction sticks, and the logarithmic one agrees with the arithmetic one"
+        )
+    text = f"estimator.method auto takes {method}: {reason}"
+    return method, (Note("method-chosen", text, severity="information"),)
 
 
 def _realisations(records: Sequence[Record]) -> list[list[Record]]:
@@ -173,7 +163,7 @@ def _detected(
     inside = (detection > lines[0]) & (detection < lines[-1])
     if not inside.any():
         return None
-    return detected(detection[inside], lines, freq_hz[0] / lines[0], found.G, data.on(inside))
+    return detect(detection[inside], lines, freq_hz[0] / lines[0], found.G, data.on(inside))
 
 
 def _with_covariances(
@@ -200,5 +190,5 @@ def _with_covariances(
         even=None if levels is None else levels.even,
         odd=None if levels is None else levels.odd,
     )
-    words = form_notes(response.configuration.name, noise, total)
-    return replace(response, noise=noise, total=total, distortion=distortion, quality=quality), words
+    covariances = replace(response, noise=noise, total=total, distortion=distortion, quality=quality)
+    return covariances, form_notes(noise, total)

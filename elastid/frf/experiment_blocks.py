@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, reduce
+from functools import cached_property
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
+from elastid.frf.matrices import added, adjoint
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, amplitude_scale, period_spectra, reference_spectrum
@@ -39,12 +40,12 @@ class Block:
         _, n_u, E = self.U.shape
         if n_u == E:
             return np.asarray(np.linalg.inv(self.U), dtype=np.complex128)
-        return np.asarray(np.swapaxes(self.U, 1, 2).conj() @ np.linalg.inv(self.UU))
+        return adjoint(self.U) @ np.linalg.inv(self.UU)
 
     @cached_property
     def UU(self) -> ComplexArray:
         """U U^H (F, n_u, n_u)."""
-        return self.U @ np.swapaxes(self.U, 1, 2).conj()
+        return self.U @ adjoint(self.U)
 
     @cached_property
     def input_rms(self) -> FloatArray:
@@ -123,7 +124,7 @@ class _ScatterSum:
             mean[part] = V.mean(axis=0)
             V -= mean[part]
             V = np.moveaxis(V, 0, 2)
-            self.S[part] += V @ np.swapaxes(V, 1, 2).conj()
+            self.S[part] += V @ adjoint(V)
         self.dof += len(spectra.periods) - 1
         return mean * self.scale
 
@@ -186,11 +187,6 @@ def _block(
         input_noise=input_noise,
         dof=dof,
     )
-
-
-def added(terms: Iterable[ComplexArray]) -> ComplexArray:
-    """The sum of the terms, two of them in memory at a time."""
-    return reduce(np.add, terms)
 
 
 def pooled(blocks: Sequence[Block]) -> Block:

@@ -22,17 +22,18 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, added, pooled
+from elastid.frf.experiment_blocks import Block, pooled
+from elastid.frf.matrices import added, adjoint, transposed
 
-# Power signal-to-noise ratio of one block's element above which its logarithm is safe: 8 dB.
-LOG_GATE = 10**0.8
-# Noise power of a channel relative to its power, below which it counts as this.
-_LEAST_NOISE = 1e-14
+# Power of an element over its scatter (8 dB) above which its logarithm is safe.
+_MIN_LOG_SNR = 10**0.8
+# Noise power of a channel relative to its power, at least: keeps the whitening regular.
+_MIN_NOISE_RATIO = 1e-14
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """G (F, n_y, n_u), the weights W_m (F, E_m, n_u) of every block's equation error, and words on the way."""
+    """G (F, n_y, n_u), the weights W_m (F, E_m, n_u) of every block's equation error, and notes."""
 
     G: ComplexArray
     W: tuple[ComplexArray, ...]
@@ -41,7 +42,7 @@ class Estimate:
     @cached_property
     def left(self) -> ComplexArray:
         """sum_m W_m^T W_m^* (F, n_u, n_u): the input factor where every experiment's error has the same covariance."""
-        return added(np.swapaxes(W, 1, 2) @ W.conj() for W in self.W)
+        return added(transposed(W) @ W.conj() for W in self.W)
 
 
 Estimator: TypeAlias = Callable[[Sequence[Block], ComplexArray], Estimate]
@@ -63,7 +64,7 @@ def harmonic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
 def logarithmic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     """G = exp((1/M) sum_m log G_m) element by element where G_m stands 8 dB above its scatter, arithmetic elsewhere.
 
-    An element that is zero or below the noise has no logarithm to speak of.
+    The logarithm of an element that is zero or below the noise means nothing.
     """
     G, W = _each(blocks)
     safe = log_is_safe(G)
@@ -102,8 +103,8 @@ def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     G = np.empty((len(every.U), every.Y.shape[1], every.U.shape[1]), dtype=np.complex128)
     for i in range(every.Y.shape[1]):
         Z = np.concatenate([every.Y[:, i : i + 1], every.U], axis=1)
-        # v^H z = 0 for the weakest direction v.
-        v = np.linalg.eigh(Z @ _H(Z))[1][:, :, 0].conj()
+        # v^H z is smallest for the weakest direction v.
+        v = np.linalg.eigh(Z @ adjoint(Z))[1][:, :, 0].conj()
         if not v[:, 0].all():
             raise np.linalg.LinAlgError("the weakest direction has no part of the output")
         G[:, i] = -v[:, 1:] / v[:, :1]
@@ -111,7 +112,7 @@ def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
 
 
 def errors_in_variables(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
-    r"""Maximum likelihood with the noise of inputs and outputs that the periods show: generalised total least squares.
+    r"""Maximum likelihood with the noise of inputs and outputs from the periods: generalised total least squares.
 
     .. math:: \hat G = \arg\min_G \sum_e P_e\, V_e^H (\Gamma C_Z \Gamma^H)^{-1} V_e, \quad \Gamma = [1, -G]
 
@@ -124,9 +125,9 @@ def errors_in_variables(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))
     rms[rms == 0] = 1.0
     Z, noise = Z / rms[:, :, None], C_Z / (rms[:, :, None] * rms[:, None, :])
-    L = np.linalg.cholesky(noise + _LEAST_NOISE * np.eye(n_y + n_u))
+    L = np.linalg.cholesky(noise + _MIN_NOISE_RATIO * np.eye(n_y + n_u))
     white = np.linalg.solve(L, Z)
-    Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ _H(white))[1][:, :, -n_u:])
+    Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ adjoint(white))[1][:, :, -n_u:])
     G: ComplexArray = Q[:, :n_y] @ np.linalg.inv(Q[:, n_y:])
     return Estimate(G, _least_squares_weights(blocks))
 
@@ -144,14 +145,12 @@ METHODS: dict[str, Estimator] = AVERAGED | POOLED
 
 def arithmetic_mean(G: ComplexArray) -> ComplexArray:
     """(1/M) sum_m G_m of G (M, F, n_y, n_u)."""
-    mean: ComplexArray = G.mean(axis=0)
-    return mean
+    return np.asarray(G.mean(axis=0))
 
 
 def harmonic_mean(G: ComplexArray) -> ComplexArray:
     """[(1/M) sum_m G_m^-1]^-1 of G (M, F, n, n)."""
-    mean: ComplexArray = np.linalg.inv(np.linalg.inv(G).mean(axis=0))
-    return mean
+    return np.asarray(np.linalg.inv(np.linalg.inv(G).mean(axis=0)))
 
 
 def logarithmic_mean(G: ComplexArray) -> ComplexArray:
@@ -163,19 +162,17 @@ def logarithmic_mean(G: ComplexArray) -> ComplexArray:
     turn = np.exp(1j * np.angle(mean))
     with np.errstate(divide="ignore", invalid="ignore"):
         log = np.log(G / turn).mean(axis=0)
-    result: ComplexArray = np.where(mean == 0, 0.0, turn * np.exp(log))
-    return result
+    return np.where(mean == 0, 0.0, turn * np.exp(log))
 
 
 def log_is_safe(G: ComplexArray) -> BoolArray:
-    """Elements and lines (F, n_y, n_u) of G (M, F, n_y, n_u) that are 8 dB above their scatter over realisations."""
+    """Flags (F, n_y, n_u) of the elements of G (M, F, n_y, n_u) that are 8 dB above their scatter over realisations."""
     M = len(G)
     if M < 2:
         return np.ones(G.shape[1:], dtype=np.bool_)
     mean = arithmetic_mean(G)
     scatter = np.sum(np.abs(G - mean) ** 2, axis=0) / (M - 1)
-    safe: BoolArray = (np.abs(mean) ** 2 > LOG_GATE * scatter) & (np.abs(G) > 0).all(axis=0)
-    return safe
+    return np.asarray((np.abs(mean) ** 2 > _MIN_LOG_SNR * scatter) & (np.abs(G) > 0).all(axis=0))
 
 
 def _each(blocks: Sequence[Block]) -> tuple[ComplexArray, tuple[ComplexArray, ...]]:
@@ -187,15 +184,15 @@ def _each(blocks: Sequence[Block]) -> tuple[ComplexArray, tuple[ComplexArray, ..
 def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:
     """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
     pairs = list(zip(blocks, instruments, strict=True))
-    inverse = np.linalg.inv(np.sum([each.U @ _H(A) for each, A in pairs], axis=0))
-    W = tuple(_H(A) @ inverse for _, A in pairs)
+    inverse = np.linalg.inv(np.sum([each.U @ adjoint(A) for each, A in pairs], axis=0))
+    W = tuple(adjoint(A) @ inverse for _, A in pairs)
     G: ComplexArray = np.sum([each.Y @ w for each, w in zip(blocks, W, strict=True)], axis=0)
     return Estimate(G, W)
 
 
 def _least_squares_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
-    inverse = np.linalg.inv(np.sum([each.U @ _H(each.U) for each in blocks], axis=0))
-    return tuple(_H(each.U) @ inverse for each in blocks)
+    inverse = np.linalg.inv(np.sum([each.U @ adjoint(each.U) for each in blocks], axis=0))
+    return tuple(adjoint(each.U) @ inverse for each in blocks)
 
 
 def _square(blocks: Sequence[Block], method: str) -> None:
@@ -204,8 +201,3 @@ def _square(blocks: Sequence[Block], method: str) -> None:
         raise StudyError(
             f"estimator.method {method} needs as many outputs as inputs, here {n_y} and {n_u}; take arithmetic"
         )
-
-
-def _H(A: ComplexArray) -> ComplexArray:
-    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
-    return adjoint

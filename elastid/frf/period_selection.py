@@ -1,4 +1,4 @@
-"""Which periods of a record can be trusted: transients at its start and single bad periods are left out with a word.
+"""Periods of a record that can be trusted: transients at its start and single bad periods are left out with a note.
 
 Each channel of each period has a distance from the other periods, relative to the size of its spectrum,
 
@@ -20,19 +20,19 @@ from elastid.base.note import Note
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 
-# Fewer periods do not tell which of them is the odd one out.
-_FEWEST_FOR_OUTLIERS = 5
+# An outlier cannot be identified among fewer periods.
+_MIN_PERIODS = 5
 # A period this close to the others is as good as they are, however exactly they agree.
-_NEGLIGIBLE = 1e-4
-# Distances scatter at least by this part of their median; few periods alone would sometimes say less by chance.
-_LEAST_SPREAD = 0.1
-# So many lines, evenly taken, tell a distance as well as all.
-_ENOUGH_LINES = 500
+_NEGLIGIBLE_DISTANCE = 1e-4
+# Distances scatter at least by this part of their median; few periods alone would sometimes show less by chance.
+_MIN_SPREAD = 0.1
+# So many lines, evenly taken, give a distance as well as all.
+_MAX_LINES = 500
 
 
 @dataclass(frozen=True)
 class Distances:
-    """D (P, c) of every period and channel, what is typical (c,) of good periods, and the limit (c,) for far ones."""
+    """D (P, c) of every period and channel, its typical value (c,) in good periods, and the limit (c,) of far ones."""
 
     D: FloatArray
     typical: FloatArray
@@ -41,15 +41,14 @@ class Distances:
     @property
     def far(self) -> BoolArray:
         """Periods (P,) that are far in any channel."""
-        far: BoolArray = np.any(np.maximum(self.limit, _NEGLIGIBLE) < self.D, axis=1)
-        return far
+        return np.asarray(np.any(np.maximum(self.limit, _NEGLIGIBLE_DISTANCE) < self.D, axis=1))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """X (c, P, 2 K): real and imaginary parts of each channel at enough lines.
+    """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
-    power (c, P): its squares; apart (c, P, P): how far any two periods are from each other.
+    power (c, P): sums of its squares; apart (c, P, P): the distance between any two periods.
     """
 
     X: FloatArray
@@ -59,7 +58,7 @@ class Compared:
     @classmethod
     def of(cls, spectra: PeriodSpectra) -> Compared:
         """All periods of a record with each other."""
-        few = spectra.on(slice(None, None, -(-len(spectra.scale) // _ENOUGH_LINES)))
+        few = spectra.on(slice(None, None, -(-len(spectra.scale) // _MAX_LINES)))
         Z = np.concatenate([few.y, few.u], axis=2) * few.scale
         X = np.ascontiguousarray(np.moveaxis(Z, 2, 0)).view(np.float64)
         products = X @ np.swapaxes(X, 1, 2)
@@ -69,16 +68,16 @@ class Compared:
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
-    """The periods that can be used, at least two; notes say which were left out and by how much they differ.
+    """The periods that can be used, at least two; notes report those left out and their distances.
 
     Raises DataError where transient_periods leaves fewer than two.
     """
     spectra = _without_left_out(spectra)
     compared, P = Compared.of(spectra), len(spectra.periods)
     if spec.transient_periods == "auto":
-        leading, words = _transient(spectra, compared, spec.outlier_sigma)
+        leading, notes = _transient(spectra, compared, spec.outlier_sigma)
     elif P - spec.transient_periods >= 2:
-        leading, words = spec.transient_periods, ()
+        leading, notes = spec.transient_periods, ()
     else:
         raise DataError(
             f"record {spectra.record.name}: transient_periods {spec.transient_periods} leaves "
@@ -86,22 +85,22 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         )
     settled = np.arange(leading, P)
     far, more = _outliers(spectra, compared, settled, spec.outlier_sigma)
-    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *words, *more))
+    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *notes, *more))
 
 
 def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
-    """What the repair of the log could not save; it has said so."""
+    """Without the periods that the repair of the log left out."""
     keep = ~np.isin(spectra.periods, spectra.record.left_out)
     if keep.sum() < 2:
-        raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair")
+        raise DataError(f"record {spectra.record.name}: fewer than two periods are left after its repair; measure more")
     return spectra.only(np.flatnonzero(keep))
 
 
 def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Distances:
     """Distances of all periods from the good ones (indices), of a good one from the other good ones.
 
-    Their spread is the median absolute deviation of D over the good periods, but at least what as many lines as
-    carry the noise would show.
+    Their spread is the median absolute deviation of D over the good periods, but at least that of a noise on as many
+    lines as carry it.
     """
     size = np.sqrt(np.maximum(np.median(compared.power[:, good], axis=1), 1e-300))
     D = _median_of_others(compared.apart, good) / size
@@ -110,25 +109,24 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
     share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
-    # A noise that only few lines carry scatters more: 1 / sum of share^2 is their number.
-    least = typical * np.maximum(_LEAST_SPREAD, 0.5 * np.linalg.norm(share, axis=1))
+    # A noise on few lines only scatters more: 1 / sum of share^2 is their number.
+    least = typical * np.maximum(_MIN_SPREAD, 0.5 * np.linalg.norm(share, axis=1))
     return Distances(D, typical, typical + outlier_sigma * np.maximum(spread, least))
 
 
 def _median_of_others(apart: FloatArray, good: IntArray) -> FloatArray:
-    """Median (P, c) over the good periods of what each period is apart (c, P, P) from them, itself left out."""
+    """Median (P, c) over the good periods of the distances apart (c, P, P) of each period from the others."""
     of_good = apart[:, :, good]
     of_good[:, good, np.arange(len(good))] = np.inf
     of_good.sort(axis=2)
     others = np.full(apart.shape[1], len(good))
     others[good] -= 1
     low, high = ((others - 1) // 2)[None, :, None], (others // 2)[None, :, None]
-    median: FloatArray = (np.take_along_axis(of_good, low, 2) + np.take_along_axis(of_good, high, 2))[:, :, 0].T / 2
-    return median
+    return np.asarray((np.take_along_axis(of_good, low, 2) + np.take_along_axis(of_good, high, 2))[:, :, 0].T / 2)
 
 
 def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float) -> tuple[int, tuple[Note, ...]]:
-    """How many periods at the start are a transient."""
+    """Number of periods at the start that are a transient."""
     P = len(spectra.periods)
     later = np.arange(P - max(2, -(-P // 2)), P)
     if later[0] == 0:
@@ -148,7 +146,7 @@ def _outliers(
 ) -> tuple[IntArray, tuple[Note, ...]]:
     """Those of the settled periods (indices) that are far from the others."""
     none = settled[:0]
-    if len(settled) < _FEWEST_FOR_OUTLIERS:
+    if len(settled) < _MIN_PERIODS:
         return none, ()
     found = distances(compared, settled, outlier_sigma)
     far = settled[found.far[settled]]
@@ -159,7 +157,7 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: st
     record = spectra.record
     kind = "half period" if record.half_wave else "period"
     channels = [f"y {name}" for name in record.outputs] + [f"u {name}" for name in record.inputs]
-    worst = int(np.argmax((found.D[left_out] / np.maximum(found.limit, _NEGLIGIBLE)).max(axis=0)))
+    worst = int(np.argmax((found.D[left_out] / np.maximum(found.limit, _NEGLIGIBLE_DISTANCE)).max(axis=0)))
     numbers = spectra.periods[left_out] + 1
     total = record.n_samples // record.repeat_samples
     when = ""

@@ -124,7 +124,7 @@ def test_a_design_fits_more_configurations_into_the_time_where_each_has_fewer_ex
     [
         (["experiment.experiments=0"], "experiments is 0; it must be at least 1"),
         (["experiment.experiments=3"], "an orthogonal set for 2 motors has 2; give 2 at most"),
-        (["estimator.method=arithmetic"], "method arithmetic needs at least 2 to tell 2 motors apart; .* local_ration"),
+        (["estimator.method=arithmetic"], "method arithmetic needs at least 2 to separate 2 motors; .* local_ration"),
         (["estimator.method=joint"], "method joint needs at least 2"),
         (["excitation.phases=schroeder"], "with schroeder phases all motors move in proportion"),
     ],

@@ -336,7 +336,7 @@ def test_blocks_of_lines_do_not_change_the_result(monkeypatch: pytest.MonkeyPatc
     """One line at a time equals all at once."""
     taken = study.SixAxes(0).measured(2.0, 1, 1, np.random.default_rng(0))
     whole = local_response([taken], LRM)
-    monkeypatch.setattr(regression, "_BLOCK", 1)
+    monkeypatch.setattr(regression, "_BLOCK_NUMBERS", 1)
     np.testing.assert_allclose(local_response([taken], LRM).G, whole.G, rtol=1e-9)
 
 
@@ -356,17 +356,17 @@ def test_a_window_wider_than_the_modal_bandwidth_gets_a_word() -> None:
     found = local_modes(FREQ, G, np.zeros(G.shape))
     span = np.full(len(FREQ), 9.0)
     (word,) = wide_windows(found, FREQ, span, poles=0)
-    assert "the bandwidth of 2 of 2 modes: 9 Hz at 45 Hz, where the mode is 4." in word
+    assert "the bandwidth of 2 of 2 modes: 9 Hz at 45 Hz, where the mode is 4." in word.text
     assert wide_windows(found, FREQ, span / 3, poles=0) == []
     assert wide_windows(found, FREQ, span, poles=2) == []
-    assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0]
+    assert "2 modes share a window of 90 Hz" in wide_windows(found, FREQ, 10 * span, poles=1)[0].text
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:
     """Inputs in proportion, too few lines, and one period for the arithmetic mean; each says what to do."""
     rng = np.random.default_rng(0)
     U = _phases(rng, len(LINES), 1) * np.array([1.0, 2.0])
-    with pytest.raises(DataError, match=r"cannot tell the 2 inputs .* Give each its own random phases"):
+    with pytest.raises(DataError, match=r"cannot separate the 2 inputs .* give each its own random phases"):
         local_response([_record(U, U)], LPM, LINES)
     few = _record(_phases(rng, 12, 3), _phases(rng, 12, 3), lines=LINES[:12])
     with pytest.raises(DataError, match="needs 15 lines in a window, 12 are excited"):

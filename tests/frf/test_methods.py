@@ -327,5 +327,5 @@ def test_auto_takes_the_arithmetic_mean_and_says_why() -> None:
     auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
     np.testing.assert_array_equal(auto.G, estimate(records, ALL_PERIODS, lines).G)
     assert (
-        "auto takes the arithmetic mean: each realisation keeps its pairing of torque and motion" in said(auto.notes)[0]
+        "auto takes arithmetic: each realisation keeps its pairing of torque and motion" in said(auto.notes)[0]
     )

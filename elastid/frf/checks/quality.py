@@ -1,4 +1,4 @@
-"""Coherences, singular values and noise of one configuration's measurement; a word on inputs hardly excited."""
+"""Quality of one configuration's measurement: coherences, singular values, noise; notes on weak inputs and outputs."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import MeanSpectra, added
+from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
+from elastid.frf.matrices import added
 from elastid.response import Levels, Quality
 
-# An input less than 20 dB above the noise of its mean at half of the lines is hardly excited: it costs accuracy.
-_HARDLY = 100.0
+# Power of an input over the noise of its mean (20 dB) below which it costs accuracy.
+_MIN_INPUT_SNR = 100.0
+# An input or output is reported that is weak at more than this part of the lines.
+_MAX_WEAK_SHARE = 0.5
 # Beyond this condition one combination of the inputs has less than a hundredth of the power of another.
-_WORST_CONDITION = 10.0
+_MAX_CONDITION = 10.0
 
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
@@ -48,8 +51,7 @@ def input_singular_values(data: MeanSpectra) -> FloatArray:
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
     power = np.linalg.eigvalsh(S_U / np.outer(rms, rms))
-    values: FloatArray = np.sqrt(np.maximum(power[:, ::-1], 0.0))
-    return values
+    return np.asarray(np.sqrt(np.maximum(power[:, ::-1], 0.0)))
 
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -65,45 +67,41 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 
 
-def output_notes(where: str, outputs: Sequence[str], quality: Quality) -> list[Note]:
-    """A word for every output that hardly moved."""
+def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
+    """A note on every output that hardly moved."""
     excited = quality.excited
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
         Note(
             "output-hardly-moved",
-            f"output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of "
-            f"{len(weak)} lines, so that its row of G is mostly noise; check its channel, or raise the torque",
-            f"configuration {where}",
+            f"output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of {len(weak)} lines, so "
+            "that its row of G is mostly noise; check its channel, or raise the torque",
         )
         for i, name in enumerate(outputs)
-        if weak[:, i].mean() > 0.5
+        if weak[:, i].mean() > _MAX_WEAK_SHARE
     ]
 
 
-def input_notes(where: str, inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
-    """A word for every input that was hardly excited, and one where the inputs moved nearly together."""
+def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
+    """A note on every input that was hardly excited, and one where the inputs moved nearly together."""
     power = np.einsum("fii->fi", data.UU).real / len(data.periods)
     noise = quality.input_noise * np.mean(1 / data.periods)
-    weak = power < _HARDLY * noise
-    words = [
+    weak = power < _MIN_INPUT_SNR * noise
+    notes = [
         Note(
             "input-hardly-excited",
-            f"input {name} was hardly excited: less than 20 dB above its noise at "
-            f"{int(weak[:, i].sum())} of {len(weak)} lines, so that its column of G is uncertain; raise its torque",
-            f"configuration {where}",
+            f"input {name} was hardly excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
+            f"{len(weak)} lines, so that its column of G is uncertain; raise its torque",
         )
         for i, name in enumerate(inputs)
-        if weak[:, i].mean() > 0.5
+        if weak[:, i].mean() > _MAX_WEAK_SHARE
     ]
-    if np.median(quality.condition) > _WORST_CONDITION:
-        words.append(
+    if np.median(quality.condition) > _MAX_CONDITION:
+        notes.append(
             Note(
                 "inputs-move-together",
-                f"the inputs move nearly together: the condition of the input matrix, each input "
-                f"relative to its RMS, is {np.median(quality.condition):.3g} at the median line (1 is best); take "
-                "orthogonal experiments",
-                f"configuration {where}",
+                "the inputs move nearly together: the condition of the input matrix, each input relative to its RMS, "
+                f"is {np.median(quality.condition):.3g} at the median line (1 is best); take orthogonal experiments",
             )
         )
-    return words
+    return notes

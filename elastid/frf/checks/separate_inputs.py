@@ -71,35 +71,31 @@ def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
 
 
 def left_out_note(lines: IntArray, some_are_left: np.bool_, record: Record) -> Note:
-    """A word on the lines (F,) without separate inputs; DataError where no other line is left."""
-    where = f"configuration {record.configuration.name}"
-    what = f"lines {described_lines(lines, record)}"
+    """A note on the lines (F,) without separate inputs; DataError where no other line is left."""
+    names = f"lines {described_lines(lines, record)}"
     if not some_are_left:
         raise DataError(
-            f"{where}: no line has separate inputs in every realisation: {what} are lost in one or another; measure "
-            "the weak realisations again"
+            f"configuration {record.configuration.name}: no line has separate inputs in every realisation: {names} are "
+            "lost in one or another; measure the weak realisations again"
         )
     return Note(
         "lines-left-out",
-        f"{what} are left out: some combination of the inputs is less than 6 dB above its noise there, so "
-        "that outputs cannot be traced to inputs",
-        where,
+        f"{names} are left out: some combination of the inputs is less than 6 dB above its noise there, so that "
+        "outputs cannot be traced to inputs",
     )
 
 
 def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]]) -> list[Note]:
-    """A word on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
-    words = []
+    """A note on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
+    notes = []
     for m in range(1, len(blocks)):
         a, b = blocks[m - 1].U, blocks[m].U
         if a.shape == b.shape and np.linalg.norm(a - b) < _SAME_PHASES_DIFFERENCE * np.linalg.norm(a):
-            words.append(
+            notes.append(
                 Note(
                     "same-phases",
-                    f"realisations {groups[m - 1][0].realisation} and "
-                    f"{groups[m][0].realisation} have the same phases, so the total variance misses the nonlinear "
-                    "distortion; draw new phases for every realisation",
-                    f"configuration {groups[m][0].configuration.name}",
+                    f"realisations {groups[m - 1][0].realisation} and {groups[m][0].realisation} have the same phases, "
+                    "so the total variance misses the nonlinear distortion; draw new phases for every realisation",
                 )
             )
-    return words
+    return notes

@@ -1,9 +1,9 @@
 """Local polynomial and local rational methods: responses from fewer experiments than inputs, transients removed.
 
-windows      which bins the fit at each line sees, and how many it needs
-block        one least-squares model at a block of lines: response, transient, residual
-regression   the simplest of several models that will do, at every line
-transient    a record's spectra without its transient, and their noise, from the bins that are not excited
-bandwidth    whether a window is narrower than the modes it looks at
-response     records to FrequencyResponse, in open and closed loop
+windows         the bins that the fit at each line sees, and how many it needs
+least_squares   one least-squares model at a block of lines: response, transient, residual
+regression      the simplest of several models that is sufficient, at every line
+transient       a record's spectra without its transient, and their noise, from the bins that are not excited
+bandwidth       whether a window is narrower than the modes in it
+response        records to FrequencyResponse, in open and closed loop
 """

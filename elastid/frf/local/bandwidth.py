@@ -1,4 +1,4 @@
-r"""Whether the windows of a local method are narrow enough for the modes that they look at.
+r"""Bandwidths of modes, and whether the windows of a local method are narrow enough for them.
 
 A polynomial follows G over a window narrower than the modal bandwidth 2 zeta f_0, and flattens peaks in a wider one.  A
 rational function of degree d follows d modes in a window however narrow they are.  Modes are the peaks of the response
@@ -16,13 +16,13 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 
-# Power of a peak over its variance, so that noise alone does not halve it on both sides.
-_LEAST_SNR = 40.0
+# Power of a peak over its variance (16 dB), so that noise alone does not halve it on both sides.
+_MIN_PEAK_SNR = 40.0
 
 
 @dataclass(frozen=True)
 class LocalModes:
-    """Peaks of a response: where, freq_hz (n,), and how wide at half power, bandwidth_hz (n,)."""
+    """Peaks of a response at freq_hz (n,) with bandwidth_hz (n,), their width at half power."""
 
     freq_hz: FloatArray
     bandwidth_hz: FloatArray
@@ -31,12 +31,12 @@ class LocalModes:
 def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> LocalModes:
     """Peaks of the Frobenius norm of G (F, n_y, n_u) that fall to half power on both sides before they rise again.
 
-    Peaks that do not stand out of the variance of G by 16 dB count for none.
+    Peaks that do not stand out of the variance of G by 16 dB are ignored.
     """
     power = np.sum(np.abs(G) ** 2, axis=(1, 2))
     peaks = 1 + np.flatnonzero((power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:]))
     found = []
-    for peak in peaks[power[peaks] > _LEAST_SNR * variance.sum(axis=(1, 2))[peaks]]:
+    for peak in peaks[power[peaks] > _MIN_PEAK_SNR * variance.sum(axis=(1, 2))[peaks]]:
         below = _half_power(freq_hz[peak::-1], power[peak::-1])
         above = _half_power(freq_hz[peak:], power[peak:])
         if below is not None and above is not None:
@@ -46,7 +46,7 @@ def local_modes(freq_hz: FloatArray, G: ComplexArray, variance: FloatArray) -> L
 
 
 def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, poles: int) -> list[Note]:
-    """A word on modes that windows of span_hz (F,) at freq_hz are too wide for; poles: degree d, 0 where polynomial."""
+    """A note on modes for which windows of span_hz (F,) at freq_hz are too wide; poles: degree d, 0 for polynomials."""
     span = np.interp(found.freq_hz, freq_hz, span_hz)
     if poles == 0:
         wide = np.flatnonzero(span > found.bandwidth_hz)
@@ -76,7 +76,7 @@ def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, po
 
 
 def _half_power(freq_hz: FloatArray, power: FloatArray) -> float | None:
-    """Where the power (F,), walking away from a peak at its first entry, has halved; None where it rises before."""
+    """Frequency where the power (F,) from a peak, its first entry, on has halved; None where it rises before."""
     half = np.flatnonzero(power < power[0] / 2)
     if half.size == 0 or np.any(power[: half[0]] > power[0]):
         return None

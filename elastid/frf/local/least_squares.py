@@ -17,21 +17,23 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.frf.local.windows import Windows, WindowTerms
+from elastid.frf.matrices import adjoint
 
 # Iterations of the denominator; further ones change it by less than the noise does.
 _ITERATIONS = 4
-# |A| below this part of its maximum weighs no more before the last iteration: a pole wandering onto a bin would
-# otherwise make the others count for nothing.
-_LEAST_A = 0.1
-# Powers of r times Z that the other terms explain up to rounding do not determine A.
+# |A| in the weights is at least this part of its maximum before the last iteration (and in it): a pole that moves onto
+# a bin would otherwise take all weight from the others.
+_MIN_A = 0.1
+_MIN_LAST_A = 1e-12
+# Powers of r times Z that the other terms explain up to this part do not determine A.
 _ROUNDING = 1e-11
-# Outputs weigh by their residual, but none as if it were known better than this part of it.
-_LEAST_RESIDUAL = 1e-9
+# Outputs have the weight of their residual, which is at least this part of the output.
+_MIN_RESIDUAL = 1e-9
 
 
 @dataclass(frozen=True)
 class LocalFit:
-    r"""Of each line: B(0) and T(0), the residual, and what their covariance is made of.
+    r"""B(0) and T(0) of each line, the residual, and the parts of their covariance.
 
     B (F, n_z, n_u).  T (F, E, n_z), none without transient terms.  scatter (F, n_z, n_z): the sum of V V^H, of
     expectation dof C_V.  With left (F, n_u, n_u), M (F, d, n_z, n_u) = dB(0) / dA_p and A_cov (F, d, d) of A_1 ... A_d,
@@ -54,9 +56,9 @@ class LocalFit:
 
 @dataclass(frozen=True)
 class _Solution:
-    """The last weighted problem: regressors Q L, Z and r^p Z weighted, what Q leaves of them, and A_1 ... A_d.
+    """The last weighted problem: regressors Q L, weighted Z and X = r^p Z, their residuals V and V_X, and A_1 ... A_d.
 
-    Z, V (f, rows, n_z).  X, V_X (f, d, rows, n_z).  scale (f, n_z): by which the outputs were weighted for A.
+    Z, V (f, rows, n_z).  X, V_X (f, d, rows, n_z).  scale (f, n_z): of the outputs in the estimate of A.
     """
 
     Q: ComplexArray
@@ -69,7 +71,7 @@ class _Solution:
     scale: FloatArray
 
 
-def fitted(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
+def fit_block(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTerms) -> LocalFit:
     """One model at the lines of the windows (f of them), from Z (E, B, n_z) and R (E, B, n_u) at the available bins."""
     E, n_z = len(Z), Z.shape[2]
     f, n_w = where.index.shape
@@ -88,15 +90,15 @@ def _iterated(Phi: ComplexArray, Z: ComplexArray, powers: FloatArray) -> _Soluti
     X = powers[..., None] * Z[:, None]
     iterations = _ITERATIONS if powers.shape[1] else 0
     a = np.zeros(powers.shape[:2], dtype=np.complex128)
-    V, least = Z, _LEAST_RESIDUAL * _rms(Z)
+    V, least = Z, _MIN_RESIDUAL * _rms(Z)
     for iteration in range(iterations + 1):
         scale = np.maximum(_rms(V), least)
         A = np.abs(1 + np.einsum("fp,fpr->fr", a, powers))
-        floor = _LEAST_A if iteration < iterations else 1e-12
+        floor = _MIN_A if iteration < iterations else _MIN_LAST_A
         w = 1 / np.maximum(A, floor * A.max(axis=1, keepdims=True))
         Q, L = np.linalg.qr(Phi * w[..., None])
         W_Z, W_X = w[..., None] * Z, w[:, None, :, None] * X
-        V, V_X = W_Z - Q @ (_H(Q) @ W_Z), W_X - Q[:, None] @ (_H(Q)[:, None] @ W_X)
+        V, V_X = W_Z - Q @ (adjoint(Q) @ W_Z), W_X - Q[:, None] @ (adjoint(Q)[:, None] @ W_X)
         if iteration < iterations:
             a = _denominator(V, V_X, W_X, scale)
         V = V + np.einsum("fp,fprz->frz", a, V_X)
@@ -107,7 +109,7 @@ def _regressors(R: ComplexArray, r: FloatArray, terms: WindowTerms) -> ComplexAr
     """Phi (f, E n_w, columns + E transient columns) from R (E, f, n_w, n_u): first R, r R, ..., then 1, r, ..."""
     E, f, n_w, _ = R.shape
     powers = r[..., None] ** np.arange(terms.order + 1)
-    of_R: ComplexArray = np.einsum("efwu,fwp->fewpu", R, powers).reshape(f, E * n_w, terms.columns)
+    of_R = np.asarray(np.einsum("efwu,fwp->fewpu", R, powers).reshape(f, E * n_w, terms.columns))
     if not terms.transient:
         return of_R
     of_T = np.einsum("fwp,ed->fewdp", powers, np.eye(E)).reshape(f, E * n_w, -1)
@@ -125,12 +127,11 @@ def _denominator(V: ComplexArray, V_X: ComplexArray, W_X: ComplexArray, scale: F
     guard = np.broadcast_to(_ROUNDING * np.eye(d), (f, d, d))
     Q, L = np.linalg.qr(np.concatenate([X / size[:, None, :], guard], axis=1))
     target = np.concatenate([-(V / scale[:, None, :]).reshape(f, -1, 1), np.zeros((f, d, 1))], axis=1)
-    a: ComplexArray = np.linalg.solve(L, _H(Q) @ target)[..., 0] / size
-    return a
+    return np.asarray(np.linalg.solve(L, adjoint(Q) @ target)[..., 0] / size)
 
 
 def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int, dof: float) -> LocalFit:
-    """What is wanted of a solution whose regressors were divided by size (f, 1, columns)."""
+    """The fit from a solution whose regressors were divided by size (f, 1, columns)."""
     Q, L, n_u = solution.Q, solution.L, terms.n_u
     diagonal = np.abs(np.einsum("fcc->fc", L))
     smallest = diagonal.min(axis=1)
@@ -140,7 +141,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
     constants = terms.columns + (terms.order + 1) * np.arange(E if terms.transient else 0)
     first = np.concatenate([np.arange(n_u), constants])
     # Their rows (f, wanted, rows) of the pseudo-inverse of the weighted regressors.
-    inverse = (np.linalg.inv(L)[:, first] @ _H(Q)) / np.swapaxes(size, 1, 2)[:, first]
+    inverse = (np.linalg.inv(L)[:, first] @ adjoint(Q)) / np.swapaxes(size, 1, 2)[:, first]
     of_B, of_T = inverse[:, :n_u], inverse[:, n_u:]
     AZ = solution.Z + np.einsum("fp,fprz->frz", solution.a, solution.X)
     scatter = np.swapaxes(solution.V, 1, 2) @ solution.V.conj()
@@ -149,7 +150,7 @@ def _local_fit(solution: _Solution, size: FloatArray, terms: WindowTerms, E: int
         T=of_T @ AZ,
         scatter=scatter,
         dof=dof,
-        left=of_B @ _H(of_B),
+        left=of_B @ adjoint(of_B),
         M=np.swapaxes(of_B[:, None] @ solution.X, 2, 3),
         A_cov=_denominator_covariance(solution.V_X, solution.scale, scatter / dof),
         T_left=np.sum(np.abs(of_T) ** 2, axis=2),
@@ -170,16 +171,10 @@ def _denominator_covariance(V_X: ComplexArray, scale: FloatArray, C_V: ComplexAr
     C = C_V / (scale[:, :, None] * scale[:, None, :])
     meat = np.einsum("fprz,fzy,fqry->fpq", X.conj(), C, X, optimize=True) / (size[:, :, None] * size[:, None, :])
     inverse = np.linalg.inv(normal)
-    covariance: ComplexArray = inverse @ meat @ _H(inverse) / (size[:, :, None] * size[:, None, :])
-    return covariance
+    return np.asarray(inverse @ meat @ adjoint(inverse) / (size[:, :, None] * size[:, None, :]))
 
 
 def _rms(Z: ComplexArray) -> FloatArray:
     """RMS (f, n_z) over the rows of Z (f, rows, n_z), 1 where there is nothing."""
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=1))
     return np.where(rms > 0, rms, 1.0)
-
-
-def _H(A: ComplexArray) -> ComplexArray:
-    adjoint: ComplexArray = np.swapaxes(A, -1, -2).conj()
-    return adjoint

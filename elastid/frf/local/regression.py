@@ -1,4 +1,4 @@
-"""The local regression at every line: a ladder of models, of which each line takes the simplest that will do."""
+"""The local regression at every line: a ladder of models, of which each line takes the simplest sufficient one."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from dataclasses import fields, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.frf.local.least_squares import LocalFit, fitted
+from elastid.frf.local.least_squares import LocalFit, fit_block
 from elastid.frf.local.windows import Windows, WindowTerms
 
 # Numbers in the arrays of one block of lines: 64 MB.
-_BLOCK = 4_000_000
+_BLOCK_NUMBERS = 4_000_000
 # A model replaces a simpler one where dof ln(residual power of that / its own) exceeds this in an output; poles that
 # fit mere noise exceed it once in 100 lines.
-_CLEAR_GAIN = 9.0
+_MIN_LOG_GAIN = 9.0
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
@@ -23,14 +23,14 @@ def local_fit(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence
     """The local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
 
     ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
-    less in some output.  Poles found in mere noise would make the residual too small, and orders that nothing asks for
-    make the estimate worse, most at the ends of the band.  dof is that of the last.
+    less in some output.  Poles found in mere noise would make the residual too small, and needless orders make the
+    estimate worse, most at the ends of the band.  dof is that of the last.
     """
     fits = [_in_blocks(Z, R, where, terms) for terms in ladder]
     chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
     power = _power(chosen)
     for fit in fits[1:]:
-        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > _CLEAR_GAIN
+        clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > _MIN_LOG_GAIN
         power = np.where(clear[:, None], _power(fit), power)
         chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
     return chosen
@@ -38,8 +38,7 @@ def local_fit(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence
 
 def _power(fit: LocalFit) -> FloatArray:
     """Residual power (F, n_z) of each output."""
-    power: FloatArray = np.maximum(np.einsum("fzz->fz", fit.scatter).real, 1e-300) / fit.dof
-    return power
+    return np.asarray(np.maximum(np.einsum("fzz->fz", fit.scatter).real, 1e-300) / fit.dof)
 
 
 def _grown(fit: LocalFit, poles: int, dof: float) -> LocalFit:
@@ -67,6 +66,6 @@ def _in_blocks(Z: ComplexArray, R: ComplexArray, where: Windows, terms: WindowTe
     E, _, n_z = Z.shape
     F, n_w = where.index.shape
     numbers = E * n_w * (terms.columns + E * terms.transient_columns + 2 * (terms.poles + 2) * n_z)
-    step = max(1, _BLOCK // numbers)
-    fits = [fitted(Z, R, where.at(slice(i, i + step)), terms) for i in range(0, F, step)]
+    step = max(1, _BLOCK_NUMBERS // numbers)
+    fits = [fit_block(Z, R, where.at(slice(i, i + step)), terms) for i in range(0, F, step)]
     return LocalFit(dof=fits[0].dof, **{name: np.concatenate([getattr(fit, name) for fit in fits]) for name in _ARRAYS})

@@ -6,8 +6,8 @@ The DFT of P whole periods has the excited lines at every P-th bin; the bins bet
 .. math:: Z(k) = G_{zr}(k) R(k) + T(k) + V(k), \quad A_k(r) T(k + r) = T_k(r)
 
 T has the poles of the system and no others: near a bin a rational function of low order whatever the damping, where a
-polynomial fails as soon as a mode is narrower than a window. All signals of a record share A. So no period is given
-up, and what drifts (a position that gains from end to end) is part of T.
+polynomial fails as soon as a mode is narrower than a window. All signals of a record share A. So no period is lost,
+and a drift (a position that gains from end to end) is part of T.
 (Transient removal of the robust method, Pintelon and Schoukens, 2nd ed., section 7.3, with a rational T.)
 """
 
@@ -24,8 +24,8 @@ from elastid.frf.local.regression import local_fit
 from elastid.frf.local.windows import WindowTerms, windows
 from elastid.record import MOTION_ORDER, Motion, Record
 
-# Degrees of freedom beyond the number of outputs that the noise is estimated with.
-_MARGIN = 5
+# Degrees of freedom of the noise estimate beyond the number of outputs.
+_DOF_MARGIN = 5
 # Degree of the transient's numerator and denominator.
 _ORDER = 2
 _POLES = 2
@@ -35,8 +35,8 @@ _POLES = 2
 class SettledSpectra:
     """Y (F, n_y), U (F, n_u), R (F, n_u) or None: complex amplitudes of a record of P periods at its lines.
 
-    noise (F, n_z, n_z): covariance of [Y; U] where settled, with its dof.  settled is False where no bin tells the
-    transient from the response: then it is still in Y and U, and noise is 0.
+    noise (F, n_z, n_z): covariance of [Y; U] where settled, with its dof.  settled is False where no bin separates
+    the transient from the response: then it is still in Y and U, and noise is 0.
     """
 
     Y: ComplexArray
@@ -86,19 +86,17 @@ def _whole_spectra(record: Record, quantity: Motion, dropped: int) -> tuple[Comp
 
 
 def _spectra(signals: FloatArray) -> ComplexArray:
-    spectra: ComplexArray = rfft(signals, axis=0) * (2 / len(signals))
-    return spectra
+    return np.asarray(rfft(signals, axis=0) * (2 / len(signals)))
 
 
 def _unexcited(n_bins: int, P: int, half_wave: bool) -> IntArray:
     """The bins between lines, 0 and the highest left out: no multiples of P; even ones of one period of odd lines."""
     bins: IntArray = np.arange(1, n_bins - 1)
-    between: IntArray = bins[bins % 2 == 0] if half_wave and P == 1 else bins[bins % P != 0]
-    return between
+    return np.asarray(bins[bins % 2 == 0] if half_wave and P == 1 else bins[bins % P != 0])
 
 
 def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> LocalFit:
     """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,)."""
     ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
-    where = windows(rest, bins, ladder[-1].width(n_y + _MARGIN, 1, Z.shape[1]))
+    where = windows(rest, bins, ladder[-1].width(n_y + _DOF_MARGIN, 1, Z.shape[1]))
     return local_fit(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder)

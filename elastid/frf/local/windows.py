@@ -23,12 +23,12 @@ class Windows:
     span: IntArray
 
     def at(self, lines: slice) -> Windows:
-        """Those of some lines."""
+        """The windows of some lines."""
         return Windows(self.index[lines], self.offset[lines], self.span[lines])
 
 
 def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
-    """The windows of n_w of the available bins (B,), increasing, around lines (F,); all bins where there are fewer.
+    """Windows of n_w of the available bins (B,), increasing, around lines (F,); all bins where there are fewer.
 
     >>> windows(np.array([2, 4, 6, 8, 10]), np.array([2, 6]), 3).index.tolist()
     [[0, 1, 2], [1, 2, 3]]
@@ -47,7 +47,7 @@ def windows(available: IntArray, lines: IntArray, n_w: int) -> Windows:
 
 @dataclass(frozen=True)
 class WindowTerms:
-    r"""What is fitted in a window, of n_u inputs: A(r) Z = B(r) R + T(r).
+    r"""The terms of the fit in a window, of n_u inputs: A(r) Z = B(r) R + T(r).
 
     order: degree of B, and of T where there is a transient.  poles: degree of A, 0 in the polynomial method.
     """
@@ -68,10 +68,10 @@ class WindowTerms:
         return self.order + 1 if self.transient else 0
 
     def degrees_of_freedom(self, n_w: int, experiments: int, n_z: int) -> float:
-        """Complex ones, of the residual of each of n_z outputs, which share the unknowns of A."""
+        """Complex degrees of freedom of the residual of each of n_z outputs, which share the unknowns of A."""
         return experiments * (n_w - self.transient_columns) - self.columns - self.poles / n_z
 
     def width(self, dof: float, experiments: int, n_z: int) -> int:
-        """n_w, the fewest bins that leave dof degrees of freedom, and no fewer than one element and T have unknowns."""
+        """n_w, the fewest bins that leave dof degrees of freedom, but at least the unknowns of one element and T."""
         n_w = self.transient_columns + math.ceil((dof + self.columns + self.poles / n_z) / experiments - 1e-9)
         return max(n_w, self.order + self.poles + 1 + self.transient_columns)
