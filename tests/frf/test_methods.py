@@ -326,6 +326,4 @@ def test_auto_takes_the_arithmetic_mean_and_says_why() -> None:
         records.append(record_of(U, U + 0.01 * complex_normal(rng, 36, 1), lines, m, 0))
     auto = estimate(records, replace(ALL_PERIODS, method="auto"), lines)
     np.testing.assert_array_equal(auto.G, estimate(records, ALL_PERIODS, lines).G)
-    assert (
-        "auto takes arithmetic: each realisation keeps its pairing of torque and motion" in said(auto.notes)[0]
-    )
+    assert "auto takes arithmetic: each realisation keeps its pairing of torque and motion" in said(auto.notes)[0]
