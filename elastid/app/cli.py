@@ -13,6 +13,7 @@ import click
 
 from elastid import __version__
 from elastid.app.process import insisting, one_blas_thread
+from elastid.app.stage_table import all_names, help_of
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
@@ -125,13 +126,6 @@ def _run(study: Path, options: dict[str, Any]) -> Run:
     return Run(loaded, folder, options["jobs"] or all_cores(), console)
 
 
-def _only(stage: str, study: Path, options: dict[str, Any]) -> None:
-    run = _run(study, options)
-    from elastid.app.stages import stages
-
-    stages.only(run, stage)
-
-
 @cli.command()
 @_options("run", "jobs", "verbose", "quiet")
 def demo(**options: Any) -> None:
@@ -140,9 +134,9 @@ def demo(**options: Any) -> None:
 
     folder = options["folder"] or Path("runs") / "demo"
     run = _run(scaffold.demo(folder), {**options, "folder": folder})
-    from elastid.app.stages import stages
+    from elastid.app.run import run_all
 
-    stages.run_all(run)
+    run_all(run)
 
 
 @cli.command()
@@ -173,52 +167,25 @@ def check(study: Path, overrides: tuple[str, ...]) -> None:
     click.echo(overview(load(study, overrides).study))
 
 
-@cli.command()
-@_study
-@_stage_options
-def design(study: Path, **options: Any) -> None:
-    """Choose configurations, plan the excitation and tell what it will show: plan.h5 and references/*.csv."""
-    _only("design", study, options)
+def add_stage_commands(group: click.Group) -> None:
+    """A command for each row of the table of stages."""
+    for name in all_names():
+        group.add_command(_stage_command(name))
 
 
-@cli.command()
-@_study
-@_stage_options
-def measure(study: Path, **options: Any) -> None:
-    """Simulate the experiments or import the recorded logs: records.h5."""
-    _only("measure", study, options)
+def _stage_command(name: str) -> click.Command:
+    @_study
+    @_stage_options
+    def work(study: Path, **options: Any) -> None:
+        asked = _run(study, options)
+        from elastid.app.run import run_stage
+
+        run_stage(asked, name)
+
+    return click.command(name, help=help_of(name))(work)
 
 
-@cli.command()
-@_study
-@_stage_options
-def estimate(study: Path, **options: Any) -> None:
-    """Estimate the frequency responses with their covariance: frf.h5."""
-    _only("estimate", study, options)
-
-
-@cli.command()
-@_study
-@_stage_options
-def fit(study: Path, **options: Any) -> None:
-    """Fit the elastic parameters: fit.h5 and summary.json."""
-    _only("fit", study, options)
-
-
-@cli.command()
-@_study
-@_stage_options
-def validate(study: Path, **options: Any) -> None:
-    """Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json."""
-    _only("validate", study, options)
-
-
-@cli.command()
-@_study
-@_stage_options
-def report(study: Path, **options: Any) -> None:
-    """Write the page and the figures: report.html and figures/."""
-    _only("report", study, options)
+add_stage_commands(cli)
 
 
 @cli.command()
@@ -227,9 +194,9 @@ def report(study: Path, **options: Any) -> None:
 def run(study: Path, **options: Any) -> None:
     """All stages in order; one whose inputs have not changed is not run again."""
     asked = _run(study, options)
-    from elastid.app.stages import stages
+    from elastid.app.run import run_all
 
-    stages.run_all(asked)
+    run_all(asked)
 
 
 @cli.command()
@@ -239,9 +206,9 @@ def run(study: Path, **options: Any) -> None:
 def export(study: Path, target: str, **options: Any) -> None:
     """Write the identified model for another tool: export/<target>/ in the run folder."""
     asked = _run(study, options)
-    from elastid.app.stages import stages
+    from elastid.app.export import export as export_model
 
-    stages.export(asked, target)
+    export_model(asked, target)
 
 
 @cli.command()

@@ -14,7 +14,7 @@ from dataclasses import asdict, replace
 from functools import partial
 
 from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.stages.report import report
 from elastid.base.errors import StudyError
 from elastid.base.execution import in_order, resumed
 from elastid.fit.setup.parameter_choice import choose, named_geometry
@@ -63,7 +63,7 @@ def finish(run: Run, comparison: Comparison) -> None:
     run.console.say(f"compare: {comparison.verdict}")
     run.console.say(str(run.folder / RESULT))
     if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
-        stages.report(run)
+        report(run)
 
 
 def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[Variant]:

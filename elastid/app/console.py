@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 from elastid.base.execution import Progress, silent
+from elastid.base.note import Note, grouped
 
 LOG_NAME = "run.log"
 # Where the output is no terminal, a line of progress at most this often.
@@ -61,6 +62,11 @@ class Console:
         """What does not stop the work and must be read."""
         self._log.warning(text)
         print(f"warning: {text}", file=sys.stderr, flush=True)
+
+    def notes(self, notes: Iterable[Note]) -> None:
+        """Notes on data, plan or result, the same from many places as one line."""
+        for group in grouped(notes):
+            (self.warn if group.first.severity == "warning" else self.say)(str(group))
 
     def log(self, text: str) -> None:
         """How the work was stopped; the command itself tells the terminal."""

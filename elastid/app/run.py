@@ -1,10 +1,11 @@
-"""Run: a study, the folder of its results, and which of them still are what the study asks for."""
+"""Run: a study, the folder of its results, which of them are current, and its stages carried out."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,26 +14,17 @@ from pathlib import Path
 
 from elastid import __version__
 from elastid.app.console import Console
-from elastid.app.provenance import file_hash, stages_of, stamps, upstream
+from elastid.app.provenance import file_hash, stamps, upstream
+from elastid.app.stage_table import Stage, function_of, stages_of
 from elastid.base.errors import StudyError
+from elastid.base.execution import Execution
 from elastid.store import Checkpoint, Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
-
-ARTEFACTS = {
-    "design": "plan.h5",
-    "measure": "records.h5",
-    "estimate": "frf.h5",
-    "fit": "fit.h5",
-    "validate": "validation.h5",
-    "report": "report.html",
-}
-# The machine-readable end of a stage, beside its file.
-SUMMARIES = {"fit": "summary.json", "validate": "validation.json"}
 
 
 @dataclass(frozen=True)
 class Run:
-    """jobs: processes; the results do not hang on it."""
+    """jobs: processes; the results do not depend on it."""
 
     loaded: LoadedStudy
     folder: Path
@@ -41,51 +33,62 @@ class Run:
 
     @property
     def study(self) -> Study:
-        """What is asked for."""
+        """The study."""
         return self.loaded.study
 
     @cached_property
     def stamps(self) -> dict[str, Stamp]:
-        """What the result of each stage must be stamped with."""
+        """The stamp that the result of each stage must carry."""
         return stamps(self.loaded)
 
-    @property
-    def stages(self) -> tuple[str, ...]:
+    @cached_property
+    def stages(self) -> dict[str, Stage]:
         """The stages that this study has, in order."""
-        return stages_of(self.study)
+        return stages_of(self.study.experiment.kind)
 
     def path(self, stage: str) -> Path:
         """The file in which a stage leaves its result."""
-        return self.folder / ARTEFACTS[stage]
+        return self.folder / self.stages[stage].leaves[0]
 
     def summary(self, stage: str) -> Path:
-        """The file in which programs read how a fit or its validation ended."""
-        return self.folder / SUMMARIES[stage]
+        """The file in which programs read how a stage ended."""
+        return self.folder / self.stages[stage].leaves[1]
 
     def partial(self, stage: str) -> Path:
-        """The folder in which a stage keeps what it has finished, until its result is whole: the next goes on there."""
+        """The folder in which a stage keeps its finished parts until its result is whole: it is resumed from there."""
         return self.path(stage).with_suffix(".partial")
 
-    def finished(self, stage: str) -> Checkpoint:
-        """What a stage had finished when it was stopped: of this study, by this code, from the very files it reads."""
-        stamp, files = self.stamps[stage], [file_hash(self.path(name)) for name in upstream(self.study, stage)]
-        key = hashlib.sha256(json.dumps([stamp.inputs, stamp.code, files]).encode()).hexdigest()
+    def resumed(self, stage: str) -> Checkpoint:
+        """The finished parts of an interrupted stage: of this study, by this code, from the very files it reads."""
+        stamp = self.stamps[stage]
+        hashes = [file_hash(self.path(name)) for name in upstream(self.stages, self.stages[stage])]
+        key = hashlib.sha256(json.dumps([stamp.inputs, stamp.code, hashes]).encode()).hexdigest()
         remove_leftovers(self.partial(stage))
-        return Checkpoint(self.partial(stage), key)
+        finished = Checkpoint(self.partial(stage), key)
+        if finished:
+            self.console.say(f"{stage}: resumed from {finished.words}")
+        return finished
+
+    @contextmanager
+    def execution(self, stage: str, checkpoint: Checkpoint | None = None) -> Iterator[Execution]:
+        """How a stage is to be worked on, its progress shown."""
+        with self.console.progress(stage) as progress:
+            yield Execution(self.jobs, progress) if checkpoint is None else Execution(self.jobs, progress, checkpoint)
 
     def is_current(self, stage: str) -> bool:
         """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""
-        wanted = self.stamps[stage]
-        if stage == "report":
-            return self._page_holds(wanted)
-        found = read_stamp(self.path(stage))
-        if found is None or (found.inputs, found.code) != (wanted.inputs, wanted.code):
+        wanted, path = self.stamps[stage], self.path(stage)
+        if not all((self.folder / name).exists() for name in self.stages[stage].leaves):
             return False
-        return stage not in SUMMARIES or self.summary(stage).is_file()
+        if path.suffix == ".h5":
+            found = read_stamp(path)
+            return found is not None and found.is_of(wanted)
+        text = path.read_text(encoding="utf-8", errors="replace")
+        return wanted.inputs in text and wanted.code in text
 
     def require(self, stage: str) -> None:
         """Refuse to go on without the results that a stage reads; StudyError says which command makes them."""
-        for name in upstream(self.study, stage):
+        for name in upstream(self.stages, self.stages[stage]):
             path, found = self.path(name), read_stamp(self.path(name))
             command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
             if not path.is_file():
@@ -112,12 +115,36 @@ class Run:
                 self.console.log(str(error) or repr(error))
                 raise
 
-    def _page_holds(self, wanted: Stamp) -> bool:
-        path = self.path("report")
-        if not path.is_file() or not (self.folder / "figures").is_dir():
-            return False
-        page = path.read_text(encoding="utf-8", errors="replace")
-        return wanted.inputs in page and wanted.code in page
+
+def run_all(run: Run) -> None:
+    """All stages in order, but for those whose result is current; FitError where the fit cannot be trusted."""
+    with run.logged():
+        for name, stage in run.stages.items():
+            if run.is_current(name):
+                run.console.say(f"{name}: nothing has changed, {run.path(name).name} is kept")
+                # Of a stage that was killed after its result was written and before it had tidied up.
+                shutil.rmtree(run.partial(name), ignore_errors=True)
+            else:
+                function_of(stage.function)(run)
+        for stage in run.stages.values():
+            if stage.conclude:
+                function_of(stage.conclude)(run)
+
+
+def run_stage(run: Run, name: str) -> None:
+    """One stage, whether or not it is current; StudyError where a result that it reads is missing or out of date."""
+    if name not in run.stages:
+        kind = {"responses": "frequency responses from elsewhere"}.get(run.study.experiment.kind, "recorded")
+        raise StudyError(
+            f"{run.loaded.path}: the experiment is {kind}, there is nothing to {name}; the first stage is "
+            f"`{next(iter(run.stages))}`"
+        )
+    stage = run.stages[name]
+    run.require(name)
+    with run.logged():
+        function_of(stage.function)(run)
+        if stage.conclude:
+            function_of(stage.conclude)(run)
 
 
 def all_cores() -> int:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from elastid.model.stick_figure import stick_figure
 from elastid.report.modes.mode_drawing import mode_drawing
 from elastid.report.modes.mode_row import ModeRow, load_name, spring_names
 from elastid.report.parameter_rows import parameter_rows
+from elastid.store import text_file
 from elastid.study import Study
 from elastid.validation.results import Agreement, Replay, Validation
 
@@ -123,6 +126,13 @@ def summary(
             for group in groups
         ],
     }
+
+
+def write_summary(path: Path, content: Mapping[str, Any]) -> None:
+    """A summary as JSON, whole or not at all."""
+    with text_file(path) as file:
+        json.dump(content, file, indent=1, allow_nan=False)
+        file.write("\n")
 
 
 def failure(study: Study, message: str) -> dict[str, Any]:

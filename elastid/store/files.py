@@ -31,6 +31,10 @@ class Stamp:
     seed: int = 0
     study: str = ""
 
+    def is_of(self, wanted: Stamp) -> bool:
+        """Whether inputs and code are those of another stamp."""
+        return (self.inputs, self.code) == (wanted.inputs, wanted.code)
+
 
 NO_STAMP = Stamp()
 

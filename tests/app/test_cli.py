@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 
 from elastid.app import cli, scaffold
+from elastid.app import run as running
 from elastid.app.process import insisting
-from elastid.app.run import ARTEFACTS, SUMMARIES, Run
-from elastid.app.stages import stages
+from elastid.app.run import Run
+from elastid.app.stage_table import SIMULATED, stages_of
 from elastid.store import read_fit
 
 STAGES = ["design", "measure", "estimate", "fit", "validate", "report"]
@@ -42,11 +43,11 @@ def tree(folder: Path) -> dict[str, bytes]:
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_stage_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, stage: str) -> None:
     """read, one call, done: the word, the study, the folder, the options."""
-    only = create_autospec(stages.only)
-    monkeypatch.setattr(stages, "only", only)
+    run_stage = create_autospec(running.run_stage)
+    monkeypatch.setattr(running, "run_stage", run_stage)
     options = ["--run", "elsewhere", "--set", "fit.starts=3", "--jobs", "2", "-v"]
     assert cli.run_command([stage, str(tiny), *options]) == 0
-    (run, name), _ = only.call_args
+    (run, name), _ = run_stage.call_args
     assert name == stage
     assert isinstance(run, Run)
     assert (run.folder, run.jobs, run.console.verbosity) == (Path("elsewhere"), 2, 1)
@@ -55,8 +56,8 @@ def test_a_stage_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyP
 
 def test_run_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The default folder is runs/<name of the study>."""
-    run_all = create_autospec(stages.run_all)
-    monkeypatch.setattr(stages, "run_all", run_all)
+    run_all = create_autospec(running.run_all)
+    monkeypatch.setattr(running, "run_all", run_all)
     assert cli.run_command(["run", str(tiny), "-q"]) == 0
     (run,), _ = run_all.call_args
     assert run.folder == Path("runs/tiny")
@@ -66,8 +67,8 @@ def test_run_is_one_call(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In runs/demo, to copy and edit; edits are kept."""
-    run_all = create_autospec(stages.run_all)
-    monkeypatch.setattr(stages, "run_all", run_all)
+    run_all = create_autospec(running.run_all)
+    monkeypatch.setattr(running, "run_all", run_all)
     assert cli.run_command(["demo"]) == 0
     study = here / "runs" / "demo" / "study.yml"
     study.write_text("# mine\n" + study.read_text())
@@ -162,7 +163,8 @@ def test_a_run_ends_with_the_table_and_writes_nowhere_else(
     assert tree(tiny.parent) == study_folder
     written = tree(here)
     assert all(name.startswith("runs/tiny/") for name in written)
-    assert {f"runs/tiny/{name}" for name in (*ARTEFACTS.values(), *SUMMARIES.values(), "run.log")} <= written.keys()
+    files = [name for stage in stages_of(SIMULATED).values() for name in stage.leaves if "." in name]
+    assert {f"runs/tiny/{name}" for name in (*files, "run.log")} <= written.keys()
     for name in ("plan", "records", "frf", "fit", "validation"):
         assert cli.run_command(["inspect", f"runs/tiny/{name}.h5"]) == 0
         assert f"{name}, written by elastid" in capsys.readouterr().out
@@ -323,7 +325,7 @@ def test_a_full_disk_is_one_sentence(
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device", "runs/tiny/frf.h5")
 
-    monkeypatch.setattr(stages, "write_responses", full)
+    monkeypatch.setattr("elastid.app.stages.estimate.write_responses", full)
     assert "runs/tiny/frf.h5: No space left on device" in refused(tiny, 1, capsys)
 
 
@@ -332,26 +334,26 @@ def test_a_full_disk_is_one_sentence(
 # The run receives the signal where a stage is about to write its result, or in the middle of measuring.
 DRIVER = """
 import os, sys
-from elastid.app.stages import stages
+from importlib import import_module
 from elastid.app.cli import run_command
 
 def stop(*_, **__):
     os.kill(os.getpid(), int(sys.argv[2]))
 
 stage = sys.argv[1]
+module = None if stage == "none" else import_module(f"elastid.app.stages.{stage}")
 if stage == "measure":
-    inner = stages._measure
-    def measure(rig, folder, stamp, experiment):
+    inner = module._measure_one
+    def measure_one(rig, folder, stamp, experiment):
         inner(rig, folder, stamp, experiment)
         stop()
-    stages._measure = measure
-else:
+    module._measure_one = measure_one
+elif stage == "report":
+    import elastid.report.page.page as page
+    page.html = stop
+elif module is not None:
     name = dict(design="write_plan", estimate="write_responses", fit="write_fit", validate="write_validation")
-    if stage == "report":
-        import elastid.report.page.page as page
-        page.html = stop
-    elif stage != "none":
-        setattr(stages, name[stage], stop)
+    setattr(module, name[stage], stop)
 sys.exit(run_command(["run", sys.argv[3], "--run", sys.argv[4], "--jobs", "1"]))
 """
 
@@ -367,6 +369,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
 ) -> None:
     """Each time what was finished is kept, and the next run goes on; the results are the same to the bit."""
     code = 130 if number == signal.SIGINT else -9
+    leaves = {name: stage.leaves[0] for name, stage in stages_of(SIMULATED).items()}
     for i, stage in enumerate(STAGES):
         done = driven(stage, number, tiny)
         assert done.returncode == code, done.stderr
@@ -374,10 +377,10 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
         if number == signal.SIGINT:
             assert "goes on from there" in done.stderr
             assert not list(here.rglob(".*")), "a half-written file"
-        kept = [ARTEFACTS[before] for before in STAGES[:i]]
+        kept = [leaves[before] for before in STAGES[:i]]
         assert all(f"{name} is kept" in done.stdout for name in kept[:-1])
         assert all((here / "runs/tiny" / name).is_file() for name in kept)
-        assert not (here / "runs/tiny" / ARTEFACTS[stage]).exists()
+        assert not (here / "runs/tiny" / leaves[stage]).exists()
     assert driven("none", 0, tiny).returncode == 0
     stopped = tree(here / "runs/tiny")
     assert driven("none", 0, tiny, "whole").returncode == 0
@@ -414,7 +417,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
         except KeyboardInterrupt:
             raise RuntimeError("Error calling CallbackInternal::finalize") from None
 
-    monkeypatch.setattr(stages, "run_all", disguised)
+    monkeypatch.setattr(running, "run_all", disguised)
     assert cli.run_command(["run", str(tiny)]) == 130
     assert capsys.readouterr().err.startswith("interrupted; what was finished is kept, and `elastid run ")
 
@@ -462,8 +465,8 @@ def test_the_demo_is_the_packaged_study(here: Path) -> None:
 
 def test_processes_default_to_all_cores(tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """That this process may use."""
-    run_all = create_autospec(stages.run_all)
-    monkeypatch.setattr(stages, "run_all", run_all)
+    run_all = create_autospec(running.run_all)
+    monkeypatch.setattr(running, "run_all", run_all)
     cli.run_command(["run", str(tiny)])
     (run,), _ = run_all.call_args
     assert run.jobs == (len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count())
@@ -473,7 +476,8 @@ def test_a_study_that_asks_for_more_memory_than_there_is_gets_a_message(
     tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """It is the study that is wrong, and no traceback says so."""
-    monkeypatch.setattr(stages, "run_all", create_autospec(stages.run_all, side_effect=MemoryError("87 TiB")))
+    full = create_autospec(running.run_all, side_effect=MemoryError("87 TiB"))
+    monkeypatch.setattr(running, "run_all", full)
     assert cli.run_command(["run", str(tiny)]) == 2
     assert "more memory than there is (87 TiB)" in capsys.readouterr().err
 

@@ -12,8 +12,7 @@ from elastid.app import cli
 from elastid.app import compare as comparing
 from elastid.app.compare import compare, variants
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_all, run_stage
 from elastid.base.errors import StudyError
 from elastid.robot.simplified import stiffened
 from elastid.study import load
@@ -125,7 +124,7 @@ def test_a_model_without_variants_is_refused(tiny: Path) -> None:
     """There is nothing to compare with."""
     run = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
     for stage in ("design", "measure", "estimate"):
-        stages.only(run, stage)
+        run_stage(run, stage)
     with pytest.raises(StudyError, match="there is one model only"):
         compare(run)
 
@@ -134,7 +133,7 @@ def test_the_report_shows_the_comparison(tiny: Path) -> None:
     """Once compared, the page has the table and the figure, and is current; other responses make it go."""
     option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'
     run = Run(load(tiny, (option,)), tiny.parent / "run", 1, Console(-1))
-    stages.run_all(run)
+    run_all(run)
     assert "Comparison of models" not in run.path("report").read_text()
     compare(run)
     page = run.path("report").read_text()
@@ -143,7 +142,7 @@ def test_the_report_shows_the_comparison(tiny: Path) -> None:
     assert (run.folder / "figures" / "comparison.png").is_file()
     assert run.is_current("report")
     changed = Run(load(tiny, (option, "seed=5")), tiny.parent / "run", 1, Console(-1))
-    stages.run_all(changed)
+    run_all(changed)
     assert "Comparison of models" not in changed.path("report").read_text()
 
 

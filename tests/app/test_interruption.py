@@ -15,9 +15,8 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
-from elastid.app.stages import validation as validating
+from elastid.app.run import Run, run_stage
+from elastid.app.stages import validate as validating
 from elastid.base.execution import in_order, resumed
 from elastid.store import read_fit
 from elastid.study import load
@@ -42,7 +41,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str])
         (folder / name).write_text(text)
     run = Run(load(folder / "study.yml", OPTIONS), folder / "run", 1, Console(-1))
     for stage in ("design", "measure", "estimate", "fit"):
-        stages.only(run, stage)
+        run_stage(run, stage)
     return folder
 
 
@@ -167,9 +166,9 @@ def test_a_stopped_cross_validation_goes_on(whole: Path, tmp_path: Path, monkeyp
         run = Run(load(whole / "study.yml", (*OPTIONS, "validation.folds=2")), folder, 1, Console(-1))
         if name == "stopped":
             with pytest.raises(KeyboardInterrupt):
-                stages.only(run, "validate")
+                run_stage(run, "validate")
             assert not (folder / "validation.json").exists()
-        stages.only(run, "validate")
+        run_stage(run, "validate")
         trees.append(tree(folder))
     assert calls == [("a",), ("b",), ("a",), ("b",), ("b",)]
     straight, stopped = trees

@@ -5,17 +5,23 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import click
 import numpy as np
 import pytest
 
-from elastid.app import provenance
+from elastid.app import cli, provenance
+from elastid.app import run as running
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_all, run_stage
+from elastid.app.stage_table import SIMULATED, STAGES, Stage, function_of, stages_of
+from elastid.app.stages import fit as fitting
+from elastid.app.stages import measure as measuring
 from elastid.base.errors import FitError, StudyError
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.rig import SimulatedRig
@@ -38,7 +44,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, st
     folder = tmp_path_factory.mktemp("finished")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (folder / name).write_text(text)
-    stages.run_all(run_of(folder / "study.yml", folder / "run"))
+    run_all(run_of(folder / "study.yml", folder / "run"))
     return folder
 
 
@@ -52,8 +58,12 @@ def copy(finished: Path, tmp_path: Path) -> Path:
 def worked_on(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Stages write down their names instead of working."""
     done: list[str] = []
-    for name in ALL:
-        monkeypatch.setitem(stages.WORK, name, lambda run, name=name: done.append(name))
+    names = {stage.function: name for name, stage in stages_of(SIMULATED).items()}
+
+    def written_down(text: str) -> Callable[..., object]:
+        return (lambda run: done.append(names[text])) if text in names else function_of(text)
+
+    monkeypatch.setattr(running, "function_of", written_down)
     return done
 
 
@@ -81,7 +91,7 @@ def test_only_what_hangs_on_a_change_is_done_again(
     finished: Path, worked_on: list[str], overrides: list[str], expected: list[str]
 ) -> None:
     """A key of the study reaches the stages that read it, and those after them."""
-    stages.run_all(run_of(finished / "study.yml", finished / "run", *overrides))
+    run_all(run_of(finished / "study.yml", finished / "run", *overrides))
     assert worked_on == expected
 
 
@@ -89,17 +99,17 @@ def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, wor
     """Content counts, not dates; a comment reaches the report alone, which shows the study's text."""
     study = copy / "study.yml"
     study.touch()
-    stages.run_all(run_of(study, copy / "run"))
+    run_all(run_of(study, copy / "run"))
     assert worked_on == []
     study.write_text("# a comment\n" + study.read_text())
-    stages.run_all(run_of(study, copy / "run"))
+    run_all(run_of(study, copy / "run"))
     assert worked_on == ["report"]
 
 
 def test_the_order_of_configurations_counts(copy: Path, worked_on: list[str]) -> None:
     """It decides which random phases each gets."""
     edit(copy / "study.yml", "    a: [0]\n    b: [30 deg]\n", "    b: [30 deg]\n    a: [0]\n")
-    stages.run_all(run_of(copy / "study.yml", copy / "run"))
+    run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ALL
 
 
@@ -108,7 +118,7 @@ def test_a_change_of_the_code_does_everything_again(
 ) -> None:
     """Results of another version are not passed off as this one's."""
     monkeypatch.setattr(provenance, "code_hash", lambda: "another")
-    stages.run_all(run_of(finished / "study.yml", finished / "run"))
+    run_all(run_of(finished / "study.yml", finished / "run"))
     assert worked_on == ALL
 
 
@@ -118,7 +128,7 @@ def test_a_lost_or_damaged_result_is_made_again_alone(copy: Path, worked_on: lis
     records = copy / "run" / "records.h5"
     records.write_bytes(records.read_bytes()[:5000])
     (copy / "run" / "summary.json").unlink()
-    stages.run_all(run_of(copy / "study.yml", copy / "run"))
+    run_all(run_of(copy / "study.yml", copy / "run"))
     assert worked_on == ["measure", "estimate", "fit"]
 
 
@@ -128,7 +138,7 @@ def test_what_a_stage_no_longer_needs_goes(copy: Path, worked_on: list[str]) -> 
     for stage in ("measure", "fit", "validate"):
         run.partial(stage).mkdir()
         (run.partial(stage) / "start-0.json").write_text("{}")
-    stages.run_all(run)
+    run_all(run)
     assert worked_on == []
     assert not list(run.folder.glob("*.partial"))
 
@@ -161,18 +171,18 @@ def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_pa
     """And names the command; nothing is written."""
     study = finished / "study.yml"
     with pytest.raises(StudyError, match=r"frf\.h5 is missing: run `elastid estimate .*study\.yml` first"):
-        stages.only(run_of(study, tmp_path / "new"), "fit")
+        run_stage(run_of(study, tmp_path / "new"), "fit")
     assert not (tmp_path / "new").exists()
     with pytest.raises(StudyError, match=r"frf\.h5 was made from another study"):
-        stages.only(run_of(study, finished / "run", "seed=5"), "fit")
+        run_stage(run_of(study, finished / "run", "seed=5"), "fit")
     (copy / "run" / "frf.h5").write_text("no")
     with pytest.raises(StudyError, match=r"frf\.h5 cannot be read"):
-        stages.only(run_of(copy / "study.yml", copy / "run"), "fit")
+        run_stage(run_of(copy / "study.yml", copy / "run"), "fit")
 
 
 def test_a_stage_alone_is_always_done(finished: Path, worked_on: list[str]) -> None:
     """Whoever asks for a stage by name wants it done."""
-    stages.only(run_of(finished / "study.yml", finished / "run"), "estimate")
+    run_stage(run_of(finished / "study.yml", finished / "run"), "estimate")
     assert worked_on == ["estimate"]
 
 
@@ -190,17 +200,17 @@ def test_a_stopped_measurement_goes_on_where_it_was(
 ) -> None:
     """Finished experiments are kept and not simulated again; the end is the same to the bit."""
     run = run_of(finished / "study.yml", tmp_path / "run")
-    stages.only(run, "design")
+    run_stage(run, "design")
     with monkeypatch.context() as patch:
-        patch.setattr(stages, "SimulatedRig", Interrupting)
+        patch.setattr(measuring, "SimulatedRig", Interrupting)
         with pytest.raises(KeyboardInterrupt):
-            stages.only(run, "measure")
+            run_stage(run, "measure")
     assert sorted(p.name for p in (run.partial("measure")).iterdir()) == ["a-r0-e0.h5", "a-r1-e0.h5"]
     assert not run.path("measure").exists()
     measured = []
     inner = SimulatedRig.measure
     monkeypatch.setattr(SimulatedRig, "measure", lambda rig, e: (measured.append(e.name), inner(rig, e))[1])
-    stages.only(run, "measure")
+    run_stage(run, "measure")
     assert measured == ["b-r0-e0", "b-r1-e0"]
     assert run.path("measure").read_bytes() == (finished / "run" / "records.h5").read_bytes()
     assert not (run.partial("measure")).exists()
@@ -211,14 +221,14 @@ def test_leftovers_of_another_study_are_measured_again(
 ) -> None:
     """A finished experiment counts only for the study that asked for it."""
     run = run_of(finished / "study.yml", tmp_path / "run")
-    stages.only(run, "design")
+    run_stage(run, "design")
     with monkeypatch.context() as patch:
-        patch.setattr(stages, "SimulatedRig", Interrupting)
+        patch.setattr(measuring, "SimulatedRig", Interrupting)
         with pytest.raises(KeyboardInterrupt):
-            stages.only(run, "measure")
+            run_stage(run, "measure")
     other = run_of(finished / "study.yml", tmp_path / "run", "experiment.simulated.truth.k_1=70")
-    stages.only(other, "design")
-    stages.only(other, "measure")
+    run_stage(other, "design")
+    run_stage(other, "measure")
     before, after = (next(read_records(folder / "records.h5")).y for folder in (finished / "run", tmp_path / "run"))
     assert np.abs(after - before).max() > 0.01 * np.abs(before).max()
 
@@ -257,16 +267,16 @@ def test_references_are_the_planned_torques(finished: Path) -> None:
 def test_left_out_configurations_are_not_fitted_and_are_judged(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The fit sees the others alone; validation and summary speak of all."""
     seen: list[str] = []
-    inner = stages.identify
+    inner = fitting.identify
 
     def spy(responses: list[FrequencyResponse], *arguments: Any, **options: Any) -> FitResult:
         seen.extend(response.configuration.name for response in responses)
         return inner(responses, *arguments, **options)
 
-    monkeypatch.setattr(stages, "identify", spy)
+    monkeypatch.setattr(fitting, "identify", spy)
     run = run_of(copy / "study.yml", copy / "run", "validation.left_out=[b]")
-    stages.only(run, "fit")
-    stages.only(run, "validate")
+    run_stage(run, "fit")
+    run_stage(run, "validate")
     assert seen == ["a"]
     summary = json.loads((copy / "run" / "summary.json").read_text())
     assert [error["configuration"] for error in summary["frf_error"]] == ["a", "b"]
@@ -276,7 +286,7 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
     """A mass without gravity moves nothing: FitError names it, and no fit of before is passed off as this one."""
     run = run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1")
     with pytest.raises(FitError, match="m_load"):
-        stages.run_all(run)
+        run_all(run)
     summary = json.loads((copy / "run" / "summary.json").read_text())
     assert summary["status"] == "failed"
     assert "m_load" in summary["message"]
@@ -286,12 +296,12 @@ def test_a_fit_that_finds_nothing_says_so_in_the_summary(copy: Path) -> None:
 @pytest.fixture
 def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
     """A solver that gives up."""
-    inner = stages.identify
+    inner = fitting.identify
 
     def give_up(*arguments: Any, **options: Any) -> FitResult:
         return replace(inner(*arguments, **options), status="not_converged")
 
-    monkeypatch.setattr(stages, "identify", give_up)
+    monkeypatch.setattr(fitting, "identify", give_up)
 
 
 @pytest.mark.usefixtures("never_converging")
@@ -300,7 +310,7 @@ def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
     run = run_of(copy / "study.yml", copy / "run", "fit.starts=1")
     for _ in range(2):
         with pytest.raises(FitError, match="the fit cannot be trusted"):
-            stages.run_all(run)
+            run_all(run)
         assert run.is_current("report")
         assert read_fit(run.path("fit")).status == "not_converged"
     assert json.loads((copy / "run" / "summary.json").read_text())["status"] == "not_converged"
@@ -311,7 +321,7 @@ def test_the_log_tells_the_whole_story(copy: Path) -> None:
     log = copy / "run" / "run.log"
     before = log.read_text()
     with pytest.raises(FitError):
-        stages.run_all(run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1"))
+        run_all(run_of(copy / "study.yml", copy / "run", "fit.parameters.m_load.start=1"))
     after = log.read_text()
     assert after.startswith(before)
     assert "design: 4 experiments" in before
@@ -323,3 +333,44 @@ def test_responses_are_on_the_planned_lines(finished: Path) -> None:
     plan = read_plan(finished / "run" / "plan.h5")
     for response in read_responses(finished / "run" / "frf.h5"):
         np.testing.assert_allclose(response.freq_hz, plan.freq_hz)
+
+
+def count_lines(run: Run) -> None:
+    """A stage that counts the lines of all responses."""
+    counts = {response.configuration.name: response.n_lines for response in read_responses(run.path("estimate"))}
+    run.path("count").write_text(
+        json.dumps({"lines": counts, "stamp": [run.stamps["count"].inputs, provenance.code_hash()]})
+    )
+
+
+def test_a_further_stage_is_one_row_and_one_function(
+    copy: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Run, provenance and the command line know it from its row: order, currency, command, refusal."""
+    row = Stage(
+        name="count",
+        help="Count the lines.",
+        kinds=(SIMULATED,),
+        sections=("name",),
+        reads=("estimate",),
+        leaves=("count.json",),
+        function="counting.stage:count_lines",
+    )
+    monkeypatch.setitem(sys.modules, "counting.stage", SimpleNamespace(count_lines=count_lines))
+    monkeypatch.setattr("elastid.app.stage_table.STAGES", (*STAGES, row))
+    study, folder = copy / "study.yml", copy / "run"
+    run_all(run_of(study, folder))
+    counted = json.loads((folder / "count.json").read_text())["lines"]
+    assert set(counted) == {"a", "b"}
+    assert min(counted.values()) > 0
+    assert run_of(study, folder).is_current("count")
+    assert not run_of(study, folder, "name=other").is_current("count")
+    assert run_of(study, folder, "fit.starts=3").is_current("count")
+    assert not run_of(study, folder, "estimator.outlier_sigma=7").is_current("count")
+    group = click.Group()
+    cli.add_stage_commands(group)
+    (folder / "count.json").unlink()
+    group.main(["count", str(study), "--run", str(folder), "-q"], standalone_mode=False)
+    assert (folder / "count.json").is_file()
+    with pytest.raises(StudyError, match=r"frf.h5 is missing: run `elastid estimate "):
+        run_stage(run_of(study, copy / "elsewhere"), "count")

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_all, run_stage
 from elastid.app.summaries import modes_of, validation_summary
 from elastid.fit.fitted_model import FittedModel
 from elastid.store import read_fit, read_responses, read_validation
@@ -29,7 +28,7 @@ def finished(tmp_path_factory, tiny_texts):
     folder = tmp_path_factory.mktemp("validated")
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (folder / name).write_text(text)
-    stages.run_all(run_of(folder / "study.yml", folder / "run", "validation.folds=2"))
+    run_all(run_of(folder / "study.yml", folder / "run", "validation.folds=2"))
     return folder
 
 
@@ -78,11 +77,11 @@ def test_a_validation_is_whole_and_never_that_of_another_fit(finished, tmp_path)
     told = (folder / "run" / "validation.json").read_bytes()
     (folder / "run" / "validation.json").unlink()
     assert not run.is_current("validate")
-    stages.run_all(run)
+    run_all(run)
     assert (folder / "run" / "validation.json").read_bytes() == told
-    stages.only(run, "fit")
+    run_stage(run, "fit")
     assert run.is_current("validate")
-    stages.only(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), "fit")
+    run_stage(run_of(folder / "study.yml", folder / "run", "fit.starts=3"), "fit")
     assert not (folder / "run" / "validation.json").exists()
 
 
@@ -102,7 +101,7 @@ def test_without_its_records_a_study_is_still_validated(finished, tmp_path):
     """Logs are large and may be gone: all but the replay is there, and the log says what is missing."""
     folder = Path(shutil.copytree(finished, tmp_path / "copy"))
     (folder / "run" / "records.h5").unlink()
-    stages.only(run_of(folder / "study.yml", folder / "run", "validation.folds=2"), "validate")
+    run_stage(run_of(folder / "study.yml", folder / "run", "validation.folds=2"), "validate")
     found = read_validation(folder / "run" / "validation.h5")
     assert found.replays == ()
     assert found.replayed == ""
@@ -120,7 +119,7 @@ def test_one_part_is_no_cross_validation(finished, folds):
 def test_the_replay_is_the_same_whatever_was_said_before(finished):
     """The stage again gives the same numbers."""
     before = read_validation(finished / "run" / "validation.h5")
-    stages.only(run_of(finished / "study.yml", finished / "run", "validation.folds=2"), "validate")
+    run_stage(run_of(finished / "study.yml", finished / "run", "validation.folds=2"), "validate")
     after = read_validation(finished / "run" / "validation.h5")
     np.testing.assert_array_equal(before.replays[0].fit_percent, after.replays[0].fit_percent)
     assert before.folds == after.folds

@@ -12,8 +12,7 @@ from plants.notes import said
 
 from elastid.app.console import Console
 from elastid.app.overview import overview
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
 from elastid.design.candidates import draw_candidates
 from elastid.design.spec import CandidateSpec
@@ -229,7 +228,7 @@ def stage(path: Path, *names: str) -> tuple[Run, dict]:
     """The run after some stages, and its summary."""
     run = Run(load(path), path.parent / "run", 1, Console(-1))
     for name in names:
-        getattr(stages, name)(run)
+        run_stage(run, name)
     summary = run.folder / "summary.json"
     return run, json.loads(summary.read_text()) if summary.exists() else {}
 

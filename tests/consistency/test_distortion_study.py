@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_all
 from elastid.report.figures.response_quality import levels
 from elastid.response import FrequencyResponse, Levels
 from elastid.store import read_plan, read_responses
@@ -28,7 +27,7 @@ def finished(study: Path, folder: Path, coulomb: float, cycles: int) -> Run:
         f"robot.bodies.0.joints.0.motor.coulomb={coulomb}",
     ]
     run = Run(load(study, overrides), folder, 1, Console(-1))
-    stages.run_all(run)
+    run_all(run)
     return run
 
 

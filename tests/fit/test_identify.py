@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from plants.notes import said
 
-from elastid.app.stages.stages import TRUSTED
+from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
 from elastid.fit.fitted_model import FittedModel

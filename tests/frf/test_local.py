@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from scipy.stats import kstest
 
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_stage
 from elastid.base.errors import DataError
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
@@ -383,7 +382,7 @@ def test_a_study_started_from_rest_finds_its_spring(tiny: Path, tmp_path: Path, 
     overrides = (f"estimator.method={method}", "experiment.transient_periods=0")
     run = Run(load(tiny, overrides), tmp_path / "run", 1, Console(-1))
     for stage in ("design", "measure", "estimate", "fit"):
-        stages.WORK[stage](run)
+        run_stage(run, stage)
     result = read_fit(run.path("fit"))
     k_1 = result.values["k_1"]
     assert k_1 == pytest.approx(60.0, rel=0.01)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from plants.notes import said
 
-from elastid.app.stages.stages import _estimated
+from elastid.app.stages.estimate import estimate_configuration
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.frf.checks.quality import coherences
 from elastid.frf.covariance import distortion_covariance, positive
@@ -316,7 +316,7 @@ def test_memory_does_not_grow_with_the_number_of_configurations(tmp_path: Path) 
         write_records(path, records())
         tracemalloc.start()
         for name in read_configurations(path):
-            _estimated(path, name, ALL_PERIODS, lines)
+            estimate_configuration(path, name, ALL_PERIODS, lines)
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         return most

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
 
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_all, run_stage
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.fit.identify import identify
@@ -260,7 +259,7 @@ def test_a_coupled_wrist_is_simulated_estimated_and_fitted(tmp_path: Path) -> No
     """The rig, its controller, the FRFs and the fit know the coupling: the stiffnesses are within their intervals."""
     (tmp_path / "robot.yml").write_text(ROBOT)
     (tmp_path / "study.yml").write_text(STUDY)
-    stages.run_all(Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1)))
+    run_all(Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1)))
     found = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert found["status"] == "converged"
     for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
@@ -276,7 +275,7 @@ def test_a_coupled_wrist_with_one_rigid_shaft_is_simulated_and_fitted(tmp_path: 
     (tmp_path / "study.yml").write_text(STUDY.replace(", km_6: 0.4 N*m/rad", ""))
     run = Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1))
     for stage in ("design", "measure", "estimate", "fit", "validate"):
-        stages.only(run, stage)
+        run_stage(run, stage)
     found = json.loads((tmp_path / "run" / "summary.json").read_text())
     assert found["status"] == "converged"
     low, high = found["parameters"]["km_5"]["interval95"]
@@ -293,7 +292,7 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -
     study = load(tmp_path / "study.yml")
     run = Run(study, tmp_path / "run", 1, Console(-1))
     for stage in ("design", "measure"):
-        stages.only(run, stage)
+        run_stage(run, stage)
     eta, files = study.study.robot.eta, []
     for record in read_records(run.path("measure")):
         name = f"{record.name}.csv"
@@ -318,7 +317,7 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -
         "fit: {starts: 3}\nreport: {formats: [png]}\n",
     ]
     (tmp_path / "logged.yml").write_text("\n".join(text))
-    stages.run_all(Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1)))
+    run_all(Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1)))
     found = json.loads((tmp_path / "logged" / "summary.json").read_text())
     for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
         assert found["parameters"][name]["value"] == pytest.approx(truth, rel=0.03)

@@ -18,9 +18,8 @@ from scipy.io import loadmat, savemat
 
 from elastid.app.console import Console
 from elastid.app.inspection import described
-from elastid.app.run import Run
+from elastid.app.run import Run, run_all, run_stage
 from elastid.app.scaffold import new
-from elastid.app.stages import stages
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
@@ -352,7 +351,7 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     folder = elsewhere.parent / "run"
     run = Run(load(elsewhere), folder, 1, Console(-1))
     assert run.stages == ("estimate", "fit", "validate", "report")
-    stages.run_all(run)
+    run_all(run)
     found = json.loads((folder / "summary.json").read_text())
     low, high = found["parameters"]["k_1"]["interval95"]
     assert low < 60 < high
@@ -361,11 +360,11 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     assert not (folder / "records.h5").exists()
     assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
     with pytest.raises(StudyError, match="there is nothing to measure; the first stage is `estimate`"):
-        stages.only(run, "measure")
+        run_stage(run, "measure")
     again = elsewhere.with_name("again.yml")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b.mat", "run/frf.h5")
     again.write_text(text[: text.index("    relative")] + text[text.index("    files") :])
-    stages.estimate(Run(load(again), folder / "again", 1, Console(-1)))
+    run_stage(Run(load(again), folder / "again", 1, Console(-1)), "estimate")
     for old, same in zip(read_responses(folder / "frf.h5"), read_responses(folder / "again/frf.h5"), strict=True):
         np.testing.assert_array_equal(old.G, same.G)
         assert old.noise is not None
@@ -389,7 +388,7 @@ def test_the_template_runs_once_its_file_is_there(tmp_path: Path) -> None:
     _csv_of(study.parent, parts)
     (study.parent / "frf.csv").rename(study.parent / "bench.csv")
     folder = tmp_path / "run"
-    stages.run_all(Run(load(study), folder, 1, Console(-1)))
+    run_all(Run(load(study), folder, 1, Console(-1)))
     low, high = json.loads((folder / "summary.json").read_text())["parameters"]["k_1"]["interval95"]
     assert low < 60 < high
     assert high - low < 2
@@ -404,7 +403,7 @@ def test_responses_of_the_other_sign_of_time_are_recognised(elsewhere: Path) -> 
         )
     folder = elsewhere.parent / "run"
     with contextlib.suppress(ElastidError):
-        stages.run_all(Run(load(elsewhere), folder, 1, Console(-1)))
+        run_all(Run(load(elsewhere), folder, 1, Console(-1)))
     said = " ".join(json.loads((folder / "summary.json").read_text())["warnings"])
     assert "the responses fit far better with all phases turned round" in said
 
@@ -421,7 +420,7 @@ def test_sizes_beyond_any_sensor_are_refused(factor: float, tmp_path: Path) -> N
 def test_another_file_makes_the_import_out_of_date(elsewhere: Path) -> None:
     """The stamp of the first stage holds the hashes of the files."""
     folder = elsewhere.parent / "run"
-    stages.estimate(Run(load(elsewhere), folder, 1, Console(-1)))
+    run_stage(Run(load(elsewhere), folder, 1, Console(-1)), "estimate")
     assert Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
     (elsewhere.parent / "a.mat").write_bytes((elsewhere.parent / "b.mat").read_bytes())
     assert not Run(load(elsewhere), folder, 1, Console(-1)).is_current("estimate")
@@ -450,8 +449,8 @@ def test_a_study_that_contradicts_its_files_is_refused_by_check(
 def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None:
     """frf.h5 of elastid knows its configuration."""
     folder = elsewhere.parent / "run"
-    stages.estimate(Run(load(elsewhere), folder, 1, Console(-1)))
+    run_stage(Run(load(elsewhere), folder, 1, Console(-1)), "estimate")
     text = STUDY.replace("a.mat", "run/frf.h5").replace("b: [30 deg]", "b: [40 deg]").replace("b.mat", "run/frf.h5")
     elsewhere.write_text(text)
     with pytest.raises(StudyError, match=r"b was measured at .* the study's b is at"):
-        stages.estimate(Run(load(elsewhere), folder / "again", 1, Console(-1)))
+        run_stage(Run(load(elsewhere), folder / "again", 1, Console(-1)), "estimate")

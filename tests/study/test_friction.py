@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from elastid.app.console import Console
-from elastid.app.run import Run
-from elastid.app.stages import stages
+from elastid.app.run import Run, run_all
 from elastid.app.summaries import truth
 from elastid.base.errors import StudyError
 from elastid.design.friction_effects import sticking
@@ -77,7 +76,7 @@ def test_a_study_with_lugre_friction_and_a_lag_finds_stiffness_and_lag(tiny: Pat
     (law,) = frictions(loaded.study.robot)
     assert law.law == Bristle(20.0, 1e-3, 0.5)
     assert "fm_1" not in (truth(loaded.study) or {})
-    stages.run_all(Run(loaded, study.parent / "run", 1, Console(-1)))
+    run_all(Run(loaded, study.parent / "run", 1, Console(-1)))
     found = json.loads((study.parent / "run" / "summary.json").read_text())["parameters"]
     assert found["k_1"]["value"] == pytest.approx(60, rel=0.01)
     assert found["torque_lag"]["value"] == pytest.approx(2e-3, rel=0.03)

@@ -1,1 +1,1 @@
-"""One file a stage of a study, and the table of stages."""
+"""One file a stage: file -> value -> file in the run folder of a study. Their table is `elastid.app.stage_table`."""

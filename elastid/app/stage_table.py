@@ -1,0 +1,144 @@
+"""The table of stages: which kinds of study have one, what it reads and leaves, and the function that does it.
+
+A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line,
+which shows a command for each row, loads none of them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+# Keys of `experiment` that say from where its data come.
+SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
+EVERY_KIND = (SIMULATED, RECORDED, RESPONSES)
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A stage of some kinds of study: function(run: Run) -> None, which leaves `leaves` in the run folder.
+
+    help: one line for the command of its name.  sections: of the study, or single keys of one, that it reads; those
+    that an earlier stage has read come with its result.  reads: the stages whose results it reads, where a study has
+    them.  leaves: the first file carries the stamp, the second is what programs read.  function, further, conclude:
+    "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON: whatever else the result depends on,
+    with the hashes of the stages before.  of_reads: whether it depends on all that the stages depend on whose results
+    it reads.  conclude(run): shows the result at the end of a run, and raises FitError where it cannot be trusted.
+    """
+
+    name: str
+    help: str
+    kinds: tuple[str, ...]
+    sections: tuple[str, ...]
+    reads: tuple[str, ...]
+    leaves: tuple[str, ...]
+    function: str
+    further: str = ""
+    of_reads: bool = True
+    conclude: str = ""
+
+
+STAGES = (
+    Stage(
+        name="design",
+        help="Choose configurations, plan the excitation and predict the intervals: plan.h5 and references/*.csv.",
+        kinds=(SIMULATED,),
+        sections=("seed", "robot", "excitation", "experiment", "design", "model"),
+        reads=(),
+        leaves=("plan.h5",),
+        function="design:design",
+        further="design:further_inputs",
+    ),
+    Stage(
+        name="measure",
+        help="Simulate the experiments or import the recorded logs: records.h5.",
+        kinds=(SIMULATED,),
+        sections=("seed", "robot", "excitation", "experiment"),
+        reads=("design",),
+        leaves=("records.h5",),
+        function="measure:simulate",
+        further="measure:planned_for_the_fit",
+        of_reads=False,
+    ),
+    Stage(
+        name="measure",
+        help="Simulate the experiments or import the recorded logs: records.h5.",
+        kinds=(RECORDED,),
+        sections=("seed", "robot", "experiment"),
+        reads=(),
+        leaves=("records.h5",),
+        function="measure:import_logs",
+        further="measure:log_hashes",
+    ),
+    Stage(
+        name="estimate",
+        help="Estimate the frequency responses with their covariance: frf.h5.",
+        kinds=(SIMULATED, RECORDED),
+        sections=("estimator",),
+        reads=("measure",),
+        leaves=("frf.h5",),
+        function="estimate:estimate",
+    ),
+    Stage(
+        name="estimate",
+        help="Estimate the frequency responses with their covariance: frf.h5.",
+        kinds=(RESPONSES,),
+        sections=("seed", "robot", "experiment", "estimator"),
+        reads=(),
+        leaves=("frf.h5",),
+        function="estimate:import_responses",
+        further="estimate:response_hashes",
+    ),
+    Stage(
+        name="fit",
+        help="Fit the elastic parameters: fit.h5 and summary.json.",
+        kinds=EVERY_KIND,
+        sections=("name", "seed", "robot", "model", "fit", "validation.left_out"),
+        reads=("estimate",),
+        leaves=("fit.h5", "summary.json"),
+        function="fit:fit",
+        conclude="fit:conclude",
+    ),
+    Stage(
+        name="validate",
+        help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
+        kinds=EVERY_KIND,
+        sections=("robot", "model", "validation"),
+        reads=("estimate", "fit"),
+        leaves=("validation.h5", "validation.json"),
+        function="validate:validate",
+    ),
+    Stage(
+        name="report",
+        help="Write the page and the figures: report.html and figures/.",
+        kinds=EVERY_KIND,
+        sections=("name", "report"),
+        reads=("design", "estimate", "fit", "validate"),
+        leaves=("report.html", "figures"),
+        function="report:report",
+        further="report:study_text",
+    ),
+)
+
+
+def stages_of(kind: str) -> dict[str, Stage]:
+    """The stages of a kind of study by name, in order."""
+    return {stage.name: stage for stage in STAGES if kind in stage.kinds}
+
+
+def all_names() -> tuple[str, ...]:
+    """The names of all stages, in order."""
+    return tuple(dict.fromkeys(stage.name for stage in STAGES))
+
+
+def help_of(name: str) -> str:
+    """The line of help of the command of a stage."""
+    return next(stage.help for stage in STAGES if stage.name == name)
+
+
+def function_of(text: str) -> Any:
+    """The function that a row names as "module:name"."""
+    module, _, name = text.partition(":")
+    home = module if "." in module else f"elastid.app.stages.{module}"
+    return getattr(import_module(home), name)

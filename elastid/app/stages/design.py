@@ -1,0 +1,105 @@
+"""design: a study and earlier results -> plan.h5 with its forecast, and references/*.csv."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from elastid.app.provenance import file_hash
+from elastid.app.run import Run
+from elastid.app.tables import forecast_table
+from elastid.base.errors import StudyError
+from elastid.design.design import Design
+from elastid.design.design import design as design_experiments
+from elastid.design.problem import DesignProblem
+from elastid.experiment.plan.references import Reference, references
+from elastid.experiment.simulated.closed_loop import feed_forward_of
+from elastid.experiment.simulated.plant import model_of
+from elastid.response import FrequencyResponse
+from elastid.store import read_fit, read_responses, write_movement, write_plan, write_torque
+from elastid.study import LoadedStudy
+from elastid.study.checks.design import responses_file
+
+
+def design(run: Run) -> None:
+    """plan.h5 with its forecast, and references/*.csv for a robot controller, within the robot's limits.
+
+    <configuration>-movement.csv: a whole run with its ramps.  <experiment>.csv: one period of torque to inject.
+    """
+    with run.execution("design") as execution:
+        found = design_experiments(design_problem(run.loaded), execution)
+    plan, forecast, limit_use = found.plan, found.forecast, found.limit_use
+    carrier = run.study.experiment.as_simulated().carrier
+    movements = references(plan, carrier, feed_forward_of(model_of(run.study.robot)))
+    _write_references(run, found, movements)
+    write_plan(run.path("design"), plan, run.stamps["design"], movements, limit_use, forecast, found.nearest)
+    run.console.notes(limit_use.notes)
+    run.console.say(f"design: {limit_use.closest}")
+    run.console.say(
+        f"design: {len(plan.experiments)} experiments in {len(plan.configurations)} configurations, {len(plan.lines)} "
+        f"lines from {plan.freq_hz[0]:g} to {plan.freq_hz[-1]:g} Hz, {plan.robot_time_s:g} s of the robot's time"
+    )
+    if forecast.choice:
+        run.console.say(f"design: {forecast.choice}")
+    run.console.table(forecast_table(forecast))
+    run.console.notes(forecast.notes)
+
+
+def _write_references(run: Run, found: Design, movements: tuple[Reference, ...]) -> None:
+    plan, folder = found.plan, run.folder / "references"
+    shutil.rmtree(folder, ignore_errors=True)
+    for movement in movements:
+        write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
+    for experiment in plan.experiments:
+        write_torque(folder / f"{experiment.name}.csv", plan, experiment)
+
+
+def design_problem(loaded: LoadedStudy) -> DesignProblem:
+    """The study's sections, with the responses and the estimates of the earlier measurements that it names.
+
+    Where several measurements were fitted, the last one's estimate counts.  DataError for a file that cannot be read.
+    """
+    study = loaded.study
+    if study.excitation is None:
+        raise StudyError(f"{loaded.path}: excitation: this section is needed to design an experiment")
+    measured: list[FrequencyResponse] = []
+    found: dict[str, float] = {}
+    like: tuple[FrequencyResponse, ...] = ()
+    if study.design is not None:
+        for path in study.design.measured:
+            file = responses_file(loaded.base, path)
+            measured += read_responses(file)
+            estimate = file.with_name("fit.h5")
+            if estimate.is_file():
+                result = read_fit(estimate)
+                found |= {name: result.values[name] for name in result.parameters.free_names}
+        if study.design.noise.frf:
+            like = read_responses(responses_file(loaded.base, study.design.noise.frf))
+    return DesignProblem(
+        robot=study.robot,
+        excitation=study.excitation,
+        experiment=study.experiment,
+        fit=study.fit,
+        quantity=study.estimator.quantity,
+        seed=study.seed,
+        design=study.design,
+        left_out=study.validation.left_out,
+        measured=tuple(measured),
+        found=tuple(found.items()),
+        like=like,
+        model=study.model,
+    )
+
+
+def further_inputs(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
+    """Settings of the later fit, on which choice and forecast depend, and the earlier results that the study names."""
+    study, fit = loaded.study, asdict(loaded.study.fit)
+    settings: list[Any] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
+    settings += [study.estimator.quantity, study.validation.left_out]
+    if study.design is not None:
+        files = [responses_file(loaded.base, path) for path in (*study.design.measured, study.design.noise.frf) if path]
+        files += [file.with_name("fit.h5") for file in files if file.with_name("fit.h5").is_file()]
+        settings += [[file.name, file_hash(file)] for file in files]
+    return settings

@@ -1,0 +1,73 @@
+"""estimate: records, or responses of other programs -> frf.h5, one response for each configuration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from elastid.app.imported_responses import imported_responses
+from elastid.app.provenance import file_hashes
+from elastid.app.run import Run
+from elastid.base.arrays import IntArray
+from elastid.base.note import Note
+from elastid.frf.estimate import estimate as estimate_response
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Record
+from elastid.response import FrequencyResponse
+from elastid.store import read_configurations, read_plan, read_records, write_responses
+from elastid.study import LoadedStudy
+
+
+def estimate(run: Run) -> None:
+    """frf.h5 from records.h5, one configuration in memory at a time."""
+    path = run.path("measure")
+    lines = read_plan(run.path("design")).lines if "design" in run.stages else None
+    responses: list[FrequencyResponse] = []
+    said: set[Note] = set()  # when the records were measured
+    names = read_configurations(path)
+    with run.console.progress("estimate") as progress:
+        for done, name in enumerate(names):
+            progress(done, len(names))
+            response, notes = estimate_configuration(path, name, run.study.estimator, lines)
+            responses.append(response)
+            said |= notes
+    run.console.notes(note for response in responses for note in response.notes if note not in said)
+    _write(run, responses)
+
+
+def import_responses(run: Run) -> None:
+    """frf.h5 from files of other programs, or of another run."""
+    responses = list(imported_responses(run.study, run.loaded.base))
+    run.console.notes(note for response in responses for note in response.notes)
+    _write(run, responses)
+
+
+def response_hashes(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
+    """The content of every file with responses."""
+    spec = loaded.study.experiment.responses
+    return file_hashes(loaded.base, (file.path for file in spec.files) if spec is not None else ())
+
+
+def estimate_configuration(
+    path: Path, configuration: str, spec: EstimatorSpec, lines: IntArray | None
+) -> tuple[FrequencyResponse, set[Note]]:
+    """Response of one configuration and the notes of its records, which are gone before the next are read."""
+    records = tuple(read_records(path, configuration))
+    response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
+    return response, {note for record in records for note in record.notes}
+
+
+def _write(run: Run, responses: Sequence[FrequencyResponse]) -> None:
+    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
+    counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
+    run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+
+
+def _all_repairs(records: Iterable[Record]) -> dict[str, int]:
+    total: Counter[str] = Counter()
+    for record in records:
+        total.update(record.repairs)
+    return dict(total)

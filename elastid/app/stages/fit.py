@@ -1,0 +1,71 @@
+"""fit: responses -> fit.h5 and summary.json, and the table of parameters at the end of a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from elastid.app.run import Run
+from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
+from elastid.app.tables import parameter_table
+from elastid.base.errors import FitError
+from elastid.fit.fitted_model import FittedModel
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
+from elastid.fit.solve.multistart import Interrupted
+from elastid.report.parameter_rows import parameter_rows
+from elastid.response import FrequencyResponse
+from elastid.store import read_fit, read_responses, write_fit
+from elastid.validation.agreement import agreement
+
+TRUSTED = ("converged", "at_bound")
+
+
+def fit(run: Run) -> None:
+    """fit.h5 and summary.json; a fit that found nothing leaves a summary that says why, and raises FitError.
+
+    An interrupted fit leaves its finished starts in fit.partial, from where the next is resumed.
+    """
+    study, path = run.study, run.summary("fit")
+    responses = read_responses(run.path("estimate"))
+    fitted = [response for response in responses if response.configuration.name not in study.validation.left_out]
+    if not run.is_current("validate"):  # of another fit; nobody is to read it beside this one's summary
+        run.summary("validate").unlink(missing_ok=True)
+    unfinished = run.resumed("fit")
+    try:
+        with run.execution("fit", unfinished) as execution:
+            result = identify(fitted, study.robot, study.seeded_fit, model=study.model, execution=execution)
+    except FitError as error:
+        write_summary(path, failure(study, str(error)))
+        unfinished.clear()
+        raise
+    except Interrupted as stop:
+        write_summary(path, interrupted(study, stop.ends))
+        run.console.say(f"fit: stopped, {unfinished.words or 'no start'} done and kept")
+        raise
+    write_summary(path, _summary(run, result, responses))
+    write_fit(run.path("fit"), result, run.stamps["fit"])
+    unfinished.clear()
+    run.console.notes(result.notes)
+    run.console.say(f"fit: {result.message}")
+
+
+def conclude(run: Run) -> None:
+    """Show the parameters and where the results are; FitError where the fit cannot be trusted."""
+    result = read_fit(run.path("fit"))
+    run.console.table(parameter_table(parameter_rows(result, truth(run.study))))
+    for path in (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit")):
+        if path.exists():
+            run.console.say(str(path))
+    if result.status not in TRUSTED:
+        raise FitError(f"the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+
+
+def _summary(run: Run, result: FitResult, responses: Sequence[FrequencyResponse]) -> dict[str, Any]:
+    fitted = FittedModel.of(result, run.study.robot, responses, run.study.model)
+    left_out = run.study.validation.left_out
+    agreements = [
+        agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, fitted.responses, strict=True)
+    ]
+    notes = [note for response in responses for note in response.notes]
+    return summary(run.study, result, modes_of(fitted), agreements, notes)

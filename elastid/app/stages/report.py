@@ -1,0 +1,66 @@
+"""report: all results of a run -> report.html and figures/."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping
+
+from elastid.app.run import Run
+from elastid.app.summaries import modes_of, truth
+from elastid.fit.fitted_model import FittedModel
+from elastid.report.content import ReportContent
+from elastid.report.page.page import write_report
+from elastid.store import (
+    read_fit,
+    read_forecast,
+    read_peaks,
+    read_plan,
+    read_rehearsal,
+    read_responses,
+    read_validation,
+)
+from elastid.store.comparison import read_comparison
+from elastid.study import LoadedStudy
+
+
+def report(run: Run) -> None:
+    """report.html and figures/."""
+    shutil.rmtree(run.folder / "figures", ignore_errors=True)
+    page = write_report(_content(run), run.folder, run.study.report.formats)
+    run.console.say(f"report: {page}")
+
+
+def study_text(loaded: LoadedStudy, inputs: Mapping[str, str]) -> str:
+    """The text of the study, which the page shows."""
+    return loaded.text
+
+
+def _content(run: Run) -> ReportContent:
+    study, stamp = run.study, run.stamps["report"]
+    responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
+    validation = read_validation(run.path("validate"))
+    fitted = FittedModel.of(result, study.robot, responses, study.model)
+    plan = run.path("design") if "design" in run.stages else None
+    return ReportContent(
+        title=study.name,
+        verdict=validation.verdict,
+        result=result,
+        frf=tuple(zip(responses, fitted.responses, strict=True)),
+        validation=validation,
+        modes=modes_of(fitted),
+        study_text=run.loaded.text,
+        provenance={
+            "elastid": stamp.version,
+            "seed": str(stamp.seed),
+            "hash of the inputs": stamp.inputs,
+            "hash of the code": stamp.code,
+        },
+        truth=truth(study),
+        plan=read_plan(plan) if plan is not None else None,
+        forecast=read_forecast(plan) if plan is not None else None,
+        limit_use=read_peaks(plan) if plan is not None else None,
+        nearest_run=read_rehearsal(plan) if plan is not None else None,
+        robot=study.robot,
+        comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
+        model_std=fitted.response_std,
+    )
