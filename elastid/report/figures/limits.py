@@ -72,7 +72,7 @@ def _draw_limit(axes: Axes, peak: float, limit: float, margin: float) -> None:
     if not np.isfinite(limit):
         return
     is_near = peak > MIN_USE_SHOWN * limit
-    reach = 1.12 * limit if is_near else 1.35 * peak
+    reach = 1.12 * limit if is_near or peak == 0 else 1.35 * peak
     axes.set_ylim(-reach, reach)
     if is_near:
         for side in (-1, 1):

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from plants.arm_modes import mode_row
-from plants.report_values import full_content, report_content
+from plants.report_values import full_content, pair, report_content
 
 from elastid.report.figures.drawings import drawings
+from elastid.validation.agreement import validate
 
 
 def test_every_figure_of_a_full_report_is_drawn_once():
@@ -24,3 +25,11 @@ def test_a_report_draws_sticks_where_there_are_any_and_bars_elsewhere() -> None:
     assert [len(axes.patches) for axes in found["frf-c2-modes"].axes] == [5] * len(bench.frequency_hz)
     assert found["frf-c2-modes"].axes[0].get_title(loc="left") == "92 % gear 2, 8 % rod"
     assert len(found["frf-c1-modes"].axes) == 1
+
+
+def test_configurations_whose_names_differ_in_case_or_spaces_have_files_of_their_own():
+    """As on a file system that ignores case."""
+    frf = tuple(pair(1, name=name) for name in ("reach", "Reach", "a b", "a/b"))
+    content = report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]))
+    names = [one.name for one in drawings(content) if one.name.endswith("-phase")]
+    assert names == ["frf-reach-phase", "frf-Reach-2-phase", "frf-a-b-phase", "frf-a-b-4-phase"]

@@ -8,7 +8,7 @@ from plants.report_values import fit_result, lines_of
 from elastid.report.figures.fit import identifiability, multistart
 
 
-def test_the_multistart_figure_tells_hits_from_other_endings():
+def test_the_multistart_figure_separates_hits_from_other_endings():
     """Three hits, one that ended elsewhere, one that did not converge, each at its cost."""
     figure = multistart(fit_result())
     drawn = lines_of(figure.axes[0])
@@ -24,3 +24,4 @@ def test_the_identifiability_figure_writes_strong_correlations_into_the_matrix()
     np.testing.assert_allclose(matrix.images[0].get_array(), fit_result().correlation)
     assert [text.get_text() for text in matrix.texts] == ["-0.97", "-0.97"]
     np.testing.assert_allclose(values.get_lines()[0].get_ydata(), [2.0, 1.0, 0.5, 0.01])
+    assert values.get_title() == "singular values, condition 200"

@@ -16,3 +16,8 @@ def test_the_bars_of_a_mode_are_its_shape():
     for m, axes in enumerate(figure.axes):
         np.testing.assert_allclose([bar.get_height() for bar in axes.patches], row.shapes[:, m].real)
     assert [label.get_text() for label in figure.axes[-1].get_xticklabels()] == list(row.coordinates)
+    dashes = [
+        lines[0] for axes in figure.axes if (lines := [one for one in axes.get_lines() if one.get_marker() == "_"])
+    ]
+    np.testing.assert_allclose([dash.get_ydata() for dash in dashes], row.shapes.T.imag)
+    assert figure.axes[1].get_ylabel() == "14.20 Hz\n6.0 %"

@@ -24,6 +24,7 @@ def test_the_forest_plot_shows_start_estimate_truth_and_bound_hits_as_ratios_to_
     np.testing.assert_allclose(drawn["start"].get_xdata(), start / truth)
     np.testing.assert_allclose(drawn["truth"].get_xdata(), [1, 1, 1, 1])
     np.testing.assert_allclose(drawn["estimate at its bound"].get_ydata(), [2])
+    np.testing.assert_allclose(drawn["bound"].get_xdata(), 250 / 400)
     # x_c is negative: -0.015 lies above -0.02, by a quarter of it.
     np.testing.assert_allclose(lines_of(percent)["estimate"].get_xdata()[[0, 2]], [100 * (3.02 / 3 - 1), 25.0])
     np.testing.assert_allclose(lines_of(percent)["truth"].get_xdata(), 0.0, atol=1e-9)

@@ -10,7 +10,8 @@ from plants.report_values import FREQ_HZ, lines_of, pair
 
 from elastid.report.figures.responses import frf_magnitude, frf_phase, singular_values
 from elastid.report.page.page import rendered
-from elastid.validation.residual_tests import above_2sigma
+from elastid.response import Covariance
+from elastid.validation.residual_tests import above_2sigma, sigma_of
 
 
 @pytest.mark.parametrize(("n_u", "n_y"), [(1, 1), (1, 2), (3, 3), (2, 3)])
@@ -80,3 +81,25 @@ def test_the_singular_values_are_those_of_both_matrices():
     lines = [line for line in axes.get_lines() if line.get_label() == "fitted model"]
     s = np.linalg.svd(modelled.G, compute_uv=False)
     np.testing.assert_allclose(np.stack([line.get_ydata() for line in lines], axis=1), 20 * np.log10(s))
+
+
+def test_singular_values_below_twice_the_norm_of_sigma_are_grey():
+    """Sigma of the whole matrix is the Frobenius norm of its elements' standard deviations."""
+    measured, modelled = pair(3)
+    drawn = list(singular_values(measured, modelled, "c1").axes[0].get_lines())
+    sigma = np.linalg.norm(sigma_of(measured)[0], axis=(1, 2))
+    s = np.linalg.svd(measured.G, compute_uv=False)
+    grey = sum(len(line.get_xdata()) for line in drawn if line.get_label() == "measured, below 2 sigma")
+    assert grey == np.sum(s < 2 * sigma[:, None])
+    (noise,) = [line for line in drawn if line.get_label() == "sigma of the matrix"]
+    np.testing.assert_allclose(noise.get_ydata(), 20 * np.log10(sigma))
+
+
+def test_the_range_holds_the_points_and_at_most_30_dB_below_them():
+    """Noise far below does not squeeze the curves."""
+    measured, modelled = pair(1)
+    quiet = replace(measured, noise=Covariance(np.full(measured.G.shape, 1e-30), 11))
+    low, high = frf_magnitude(quiet, modelled, "c1").axes[0].get_ylim()
+    db = 20 * np.log10(np.abs(measured.G))
+    assert high > db.max()
+    assert np.percentile(db, 1) - 35 < low < np.percentile(db, 1) - 29
