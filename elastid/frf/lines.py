@@ -40,7 +40,7 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     if spec.lines == "auto" and planned is not None:
         lines = np.intersect1d(planned, candidates)
     else:
-        lines = candidates[excited(candidates, *_driver_power(spectra, candidates))]
+        lines = candidates[find_excited(candidates, *_driver_power(spectra, candidates))]
     if lines.size == 0:
         raise DataError(
             f"configuration {first.configuration.name}: no excited line between {band_hz[0]:g} and {band_hz[1]:g} Hz; "
@@ -49,7 +49,7 @@ def analysed_lines(spectra: Sequence[RecordSpectra], spec: EstimatorSpec, planne
     return lines
 
 
-def excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
+def find_excited(lines: IntArray, power: FloatArray, noise: FloatArray) -> BoolArray:
     """Flags (F,) of the candidate lines that carry excitation, from their power (F,) and the noise (F,) in it.
 
     A level falls steeply at the edge of a band and between the lines of a grid, but gently along a shaped spectrum

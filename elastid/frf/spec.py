@@ -23,7 +23,6 @@ Method: TypeAlias = Literal[
     "local_rational",
 ]
 
-
 _MEANS = ("arithmetic", "harmonic", "logarithmic")
 _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
@@ -69,7 +68,7 @@ class EstimatorSpec:
             )
 
     def experiments_needed(self, n_u: int, realisations: int) -> int:
-        """Experiments that each of so many realisations must have at least to tell n_u inputs apart."""
+        """Experiments of each realisation that are needed to separate n_u inputs."""
         if self.method in _BY_NEIGHBOURS:
             return 1
         return n_u if self.method in _MEANS else math.ceil(n_u / realisations)

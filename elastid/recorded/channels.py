@@ -180,10 +180,10 @@ def _at_rate(part: _Part, rate_hz: float, period_s: float, experiment: _Experime
         repaired = filled(signals, N, 1, Log(str(experiment.paths[part.file - 1]), names, part.rate_hz))
         signals, findings = repaired.signals, (*findings, *repaired.findings)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
-    word = (
+    text = (
         f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {_PASS_BAND * rate_hz:g} Hz"
     )
-    findings = (*findings, Finding(RATE_CHANGED, len(names), word))
+    findings = (*findings, Finding(RATE_CHANGED, len(names), text))
     return _Part(part.file, rate_hz, part.members, at_times(signals, times, N, 1 / ratio), findings)
 
 

@@ -12,13 +12,13 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.recorded.repair.clipping import clipped
+from elastid.recorded.repair.clipping import find_clipping
 from elastid.recorded.repair.clock import resampled
-from elastid.recorded.repair.drift import wandering
+from elastid.recorded.repair.drift import find_drift
 from elastid.recorded.repair.finding import Log, Repaired
 from elastid.recorded.repair.lost_samples import realigned
 from elastid.recorded.repair.missing import filled
-from elastid.recorded.repair.quantisation import quantised
+from elastid.recorded.repair.quantisation import find_steps
 from elastid.recorded.repair.spikes import despiked
 
 # A resampled sample counts as missing where missing ones have this part in it.
@@ -41,8 +41,8 @@ def repair(
     whole = filled(in_step.signals, L, sign, log)
     clean = despiked(whole.signals, L, sign, log)
     as_logged = bridged if clock.findings else clean.signals
-    reported = (*clipped(as_logged, L, log), *quantised(as_logged, L, sign, log))
-    reported += wandering(clean.signals, drivers, L, sign, log)
+    reported = (*find_clipping(as_logged, L, log), *find_steps(as_logged, L, sign, log))
+    reported += find_drift(clean.signals, drivers, L, sign, log)
     findings = (*clock.findings, *in_step.findings, *whole.findings, *clean.findings, *reported)
     return Repaired(clean.signals, findings, whole.left_out)
 

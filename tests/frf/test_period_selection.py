@@ -11,7 +11,7 @@ from plants.notes import said
 from elastid.base.errors import DataError, StudyError
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
-from elastid.frf.lines import analysed_lines, excited
+from elastid.frf.lines import analysed_lines, find_excited
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, period_spectra
@@ -243,7 +243,7 @@ def test_excited_lines_are_found_in_spectra_of_every_shape(kind: str) -> None:
     distortion = 10**-3.5 * np.interp(candidates, lines, amplitude**2) * (candidates < 400)
     power += distortion * rng.exponential(size=len(noise))
     power[lines - 1] = amplitude**2
-    found = candidates[excited(candidates, power / power.max(), noise / power.max())]
+    found = candidates[find_excited(candidates, power / power.max(), noise / power.max())]
     np.testing.assert_array_equal(found, lines)
 
 

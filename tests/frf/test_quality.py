@@ -253,9 +253,9 @@ def test_an_input_that_was_hardly_excited_is_named() -> None:
         s = 0.1 * np.sqrt(N * 8 / 4) * 10 ** (-15 / 20)
         records.append(record_of(u + s * rng.normal(size=u.shape), y, 0, e))
     notes = said(estimate(records, ALL_PERIODS, lines).notes)
-    weak = [note for note in notes if "hardly excited" in note]
+    weak = [note for note in notes if "barely excited" in note]
     assert len(weak) == 1
-    assert "input motor 2 was hardly excited: less than 20 dB above its noise" in weak[0]
+    assert "input motor 2 was barely excited: less than 20 dB above its noise" in weak[0]
     together = []
     for e in range(2):
         U = np.ones((190, 2)) * np.exp(2j * np.pi * rng.random((190, 1))) * [1, 1 if e else 1.1]

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.repair.clipping import CLIPPED, clipped
+from elastid.recorded.repair.clipping import CLIPPED, find_clipping
 from elastid.recorded.repair.clock import clock_drift, resampled
 from elastid.recorded.repair.delay import delay
 from elastid.recorded.repair.finding import Finding, Log, counts
 from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED, realigned
 from elastid.recorded.repair.missing import FILLED, filled
-from elastid.recorded.repair.quantisation import quantised, step
+from elastid.recorded.repair.quantisation import find_steps, step
 from elastid.recorded.repair.repeats import flat
 from elastid.recorded.repair.sample_times import GAPS, at_times, on_grid
 from elastid.recorded.repair.spikes import REPLACED, despiked
@@ -50,7 +50,7 @@ def test_missing_samples_come_back_exactly_where_nothing_else_is_wrong() -> None
     assert repaired.left_out == ()
     assert (
         "angle: 34 of 3000 samples are missing (NaN or infinite), the first is sample 0 (0 s)"
-        in [f.word.split(":")[0] + ":" + f.word.split(":")[1] for f in repaired.findings][1]
+        in [f.text.split(":")[0] + ":" + f.text.split(":")[1] for f in repaired.findings][1]
     )
 
 
@@ -86,7 +86,7 @@ def test_a_period_that_lacks_too_much_is_left_out_and_too_little_is_refused() ->
     signals[2 * N + 50 : 2 * N + 101] = np.nan
     repaired = filled(signals, N, 1, LOG)
     assert repaired.left_out == (2,)
-    assert "repetitions 3 of 6 lack more than 10%" in repaired.findings[-1].word
+    assert "repetitions 3 of 6 lack more than 10%" in repaired.findings[-1].text
     everywhere = CLEAN.copy()
     everywhere[40::N, 1] = np.nan
     with pytest.raises(DataError, match=r"log.csv: angle: 6 of 3000 .* 1 of them in every period .* sample 40"):
@@ -111,7 +111,7 @@ def test_spikes_are_found_and_nothing_else_is_touched() -> None:
     np.testing.assert_array_equal(repaired.signals[untouched], signals[untouched])
     assert counts(repaired.findings) == {REPLACED: 5}
     assert np.abs(repaired.signals - signals)[where, 1].max() < 6
-    assert "angle: 5 of 3000 samples are spikes, the first is sample 640 (0.64 s)" in repaired.findings[0].word
+    assert "angle: 5 of 3000 samples are spikes, the first is sample 640 (0.64 s)" in repaired.findings[0].text
 
 
 @settings(max_examples=15, deadline=None)
@@ -134,7 +134,7 @@ def test_what_is_no_single_spike_is_left_with_a_word() -> None:
     many[rng.choice(P * N, 60, replace=False), 0] += 1.0
     repaired = despiked(many, N, 1, LOG)
     np.testing.assert_array_equal(repaired.signals, many)
-    assert "differ from the other periods: too many for spikes, left unchanged" in repaired.findings[0].word
+    assert "differ from the other periods: too many for spikes, left unchanged" in repaired.findings[0].text
     burst = CLEAN + NOISE
     burst[1200:1260, 0] += np.sin(np.arange(60) * 2.0)
     assert despiked(burst, N, 1, LOG).findings == ()
@@ -153,7 +153,7 @@ def test_a_clock_that_differs_is_measured_and_resampled(excess: float) -> None:
         error = repaired.signals - CLEAN - drift * DRIFT
         # Near its ends the log leans on what it is continued with.
         assert np.all(np.abs(error[50:-50]).max(axis=0) < 2e-4 * CLEAN.std(axis=0))
-        assert f"the period is {N + excess:.3f}" in repaired.findings[0].word
+        assert f"the period is {N + excess:.3f}" in repaired.findings[0].text
         assert counts(repaired.findings) == {"samples resampled": P * N}
 
 
@@ -210,13 +210,13 @@ def test_a_log_without_loss_is_left_alone(seed: int, noise: float, ramp: float) 
 def test_clipping_is_counted_and_refused_when_it_is_most_of_a_signal() -> None:
     """At 2 rms a word, at 1 rms refused, unclipped and coarse steps nothing."""
     at_two, at_one = (np.clip(CLEAN, -level * CLEAN.std(axis=0), level * CLEAN.std(axis=0)) for level in (2, 1))
-    finding = clipped(at_two, N, LOG)[1]
-    assert finding.what == CLIPPED
+    finding = find_clipping(at_two, N, LOG)[1]
+    assert finding.kind == CLIPPED
     assert finding.count == pytest.approx(np.sum(np.abs(CLEAN[:, 1]) > 2 * CLEAN[:, 1].std()), rel=0.5)
     with pytest.raises(DataError, match=r"log.csv: torque: .* are at its limits of -1 and 1: it is clipped"):
-        clipped(at_one, N, LOG)
-    assert clipped(CLEAN, N, LOG) == ()
-    assert clipped(200 * np.round(CLEAN / 200), N, LOG) == ()
+        find_clipping(at_one, N, LOG)
+    assert find_clipping(CLEAN, N, LOG) == ()
+    assert find_clipping(200 * np.round(CLEAN / 200), N, LOG) == ()
 
 
 def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
@@ -227,13 +227,13 @@ def test_the_step_of_an_encoder_and_its_noise_are_told() -> None:
     assert step(coarse) == pytest.approx(1e3 * q, rel=1e-6)
     assert step(CLEAN[:, 0]) == 0
     signals = np.stack([CLEAN[:, 0], coarse], axis=1)
-    (finding,) = quantised(signals, N, 1, LOG)
-    assert f"angle: steps of {1e3 * q:.4g} make noise of {1e3 * q / np.sqrt(12):.3g}" in finding.word
-    assert "repeats with the signal" in finding.word
+    (finding,) = find_steps(signals, N, 1, LOG)
+    assert f"angle: steps of {1e3 * q:.4g} make noise of {1e3 * q / np.sqrt(12):.3g}" in finding.text
+    assert "repeats with the signal" in finding.text
     noisy = coarse + 1e3 * q * np.round(np.random.default_rng(0).normal(size=P * N))
-    (finding,) = quantised(np.stack([CLEAN[:, 0], noisy], axis=1), N, 1, LOG)
-    assert "repeats with the signal" not in finding.word
-    assert quantised(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
+    (finding,) = find_steps(np.stack([CLEAN[:, 0], noisy], axis=1), N, 1, LOG)
+    assert "repeats with the signal" not in finding.text
+    assert find_steps(np.stack([CLEAN[:, 0], fine], axis=1), N, 1, LOG) == ()
 
 
 @settings(max_examples=20, deadline=None)

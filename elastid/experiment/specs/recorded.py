@@ -14,7 +14,7 @@ QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
 
 @section
 class ChannelSpec:
-    """One signal of the log files: where it is in the file, and what it is on the robot.
+    """One signal of the log files: its place in the file, and its place and quantity on the robot.
 
     Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
 
@@ -143,9 +143,9 @@ class RecordedSpec:
             raise ValueError("give either period (s) or period_samples")
         if self.rate_hz == "unknown" and self.period is not None:
             raise ValueError("with rate_hz: unknown give period_samples instead of period")
-        for role, what in (("u", "input"), ("y", "output")):
+        for role, name in (("u", "input"), ("y", "output")):
             if not any(channel.role == role for channel in self.channels):
-                raise ValueError(f"no channel has role {role} (an {what})")
+                raise ValueError(f"no channel has role {role} (an {name})")
         if not self.files:
             raise ValueError("files is empty; list at least one log file")
         if self.period is not None and not isinstance(self.rate_hz, str):
@@ -164,6 +164,6 @@ class RecordedSpec:
                     f"a channel is in file {channel.file} of an experiment; one has {last} only (path, also)"
                 )
             if channel.role == "u" and channel.file != 1:
-                raise ValueError("the torques that act (role u) must be in the first file of an experiment")
+                raise ValueError("the acting torques (role u) must be in the first file of an experiment")
         if self.rate_hz == "unknown" and (self.time or any(channel.rate_hz is not None for channel in self.channels)):
-            raise ValueError("with rate_hz: unknown neither time nor a channel's own rate_hz means anything")
+            raise ValueError("with rate_hz: unknown time and a channel's own rate_hz have no meaning; leave them out")

@@ -1,1 +1,1 @@
-"""What a measured response says about its own measurement: exchanged channels, signs, quality."""
+"""Checks of a measurement: records that fit together, separate inputs, exchanged channels and signs, quality."""

@@ -68,13 +68,13 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
 
 
 def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
-    """A note on every output that hardly moved."""
+    """A note on every output that barely moved."""
     excited = quality.excited
     weak = excited.amplitude**2 <= MIN_SNR * excited.noise**2
     return [
         Note(
-            "output-hardly-moved",
-            f"output {name} hardly moved: not 6 dB above its noise at {int(weak[:, i].sum())} of {len(weak)} lines, so "
+            "output-barely-moved",
+            f"output {name} barely moved: not 6 dB above its noise at {int(weak[:, i].sum())} of {len(weak)} lines, so "
             "that its row of G is mostly noise; check its channel, or raise the torque",
         )
         for i, name in enumerate(outputs)
@@ -83,14 +83,14 @@ def output_notes(outputs: Sequence[str], quality: Quality) -> list[Note]:
 
 
 def input_notes(inputs: Sequence[str], data: MeanSpectra, quality: Quality) -> list[Note]:
-    """A note on every input that was hardly excited, and one where the inputs moved nearly together."""
+    """A note on every input that was barely excited, and one where the inputs moved nearly together."""
     power = np.einsum("fii->fi", data.UU).real / len(data.periods)
     noise = quality.input_noise * np.mean(1 / data.periods)
     weak = power < _MIN_INPUT_SNR * noise
     notes = [
         Note(
-            "input-hardly-excited",
-            f"input {name} was hardly excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
+            "input-barely-excited",
+            f"input {name} was barely excited: less than 20 dB above its noise at {int(weak[:, i].sum())} of "
             f"{len(weak)} lines, so that its column of G is uncertain; raise its torque",
         )
         for i, name in enumerate(inputs)

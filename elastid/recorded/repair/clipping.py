@@ -25,8 +25,8 @@ _EQUAL_TOLERANCE = 1e-9
 _MAX_STEP_SHARE = 0.01
 
 
-def clipped(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
-    """A word on each channel of signals (n, c), finite, that meets its limits; DataError above 5 % of its samples."""
+def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
+    """A finding for each channel of finite signals (n, c) that meets its limits; DataError above 5 % of its samples."""
     findings = []
     for c, name in enumerate(log.names):
         x = signals[:, c]

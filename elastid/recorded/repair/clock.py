@@ -86,12 +86,12 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
             "measure more periods"
         )
     result = at_times(signals, np.arange(whole * N, dtype=np.float64) * (T / N), T)
-    word = (
+    text = (
         f"the period is {T:.4f} samples instead of {N}: the clocks of generator and log differ by "
         f"{1e6 * (T / N - 1):.1f} ppm; resampled, {100 * drift.left / drift.unexplained:.2g} % of the power that "
         "did not repeat remains"
     )
-    return Repaired(result, (Finding(RESAMPLED, len(result), word),))
+    return Repaired(result, (Finding(RESAMPLED, len(result), text),))
 
 
 def _period(drivers: FloatArray, N: int, drift: ClockDrift) -> float:

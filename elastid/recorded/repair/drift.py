@@ -16,8 +16,8 @@ _MIN_DRIFT_POWER = 0.25
 _MIN_LEAKED_POWER = 0.01
 
 
-def wandering(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
-    """A word on each channel of signals (n, c), no driver, that drifts below the excited lines, its slope removed."""
+def find_drift(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
+    """A finding for each channel of signals (n, c), no driver, that drifts below the excited lines, slope removed."""
     means = np.stack([blocks(signals[:, d], L, sign).mean(axis=0) for d in drivers])
     sent = np.sum(np.abs(np.fft.rfft(means)) ** 2, axis=0)[1:]
     lowest = 1 + int(np.flatnonzero(sent > _MIN_EXCITED_SHARE * sent.max())[0])
@@ -29,11 +29,11 @@ def wandering(signals: FloatArray, drivers: IntArray, L: int, sign: int, log: Lo
         is_there = size**2 > _MIN_DRIFT_POWER and rest[octave].sum() > _MIN_LEAKED_POWER * repeating[octave].sum()
         if c in drivers or not is_there:
             continue
-        word = (
+        text = (
             f"{log.names[c]}: moves slowly without repeating, {size:.2g} times as far as with the excitation; its "
             "leakage into the lowest lines counts as noise: let a carrier repeat with the period, or raise band_hz"
         )
-        findings.append(Finding("channels that wander", 1, word))
+        findings.append(Finding("drifting channels", 1, text))
     return tuple(findings)
 
 

@@ -12,15 +12,15 @@ from elastid.base.note import Note
 
 @dataclass(frozen=True)
 class Finding:
-    """what: the kind of repair, by which counts are added up.  word: the fault, its place, its size, and the repair."""
+    """kind: of the repair, by which counts are added up.  text: the fault, its place, its size, and the repair."""
 
-    what: str
+    kind: str
     count: int
-    word: str
+    text: str
 
     def note(self, place: str) -> Note:
         """The finding as a note on a record."""
-        return Note(self.what.replace(" ", "-"), self.word, place)
+        return Note(self.kind.replace(" ", "-"), self.text, place)
 
 
 @dataclass(frozen=True)
@@ -51,5 +51,5 @@ def counts(findings: Iterable[Finding]) -> dict[str, int]:
     """The counts of each kind, added up."""
     total: dict[str, int] = {}
     for finding in findings:
-        total[finding.what] = total.get(finding.what, 0) + finding.count
+        total[finding.kind] = total.get(finding.kind, 0) + finding.count
     return total

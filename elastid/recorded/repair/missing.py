@@ -33,7 +33,7 @@ def filled(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     for c in np.flatnonzero(~good.all(axis=0)):
         _check(good[:, c], P, L, log, int(c))
         result[:, c] = _filled(whole[:, c], good[:, c], L, sign)
-        findings.append(Finding(FILLED, int(np.sum(~good[:, c])), _word(good[:, c], log, int(c))))
+        findings.append(Finding(FILLED, int(np.sum(~good[:, c])), _text(good[:, c], log, int(c))))
     lacking = (~good).reshape(P, L, -1).mean(axis=1).max(axis=1)
     left_out = np.flatnonzero(lacking > _MAX_MISSING_OF_REPETITION)
     if P - len(left_out) < 2:
@@ -75,7 +75,7 @@ def _check(good: BoolArray, P: int, L: int, log: Log, c: int) -> None:
         )
 
 
-def _word(good: BoolArray, log: Log, c: int) -> str:
+def _text(good: BoolArray, log: Log, c: int) -> str:
     missing = np.flatnonzero(~good)
     return (
         f"{log.names[c]}: {missing.size} of {len(good)} samples are missing (NaN or infinite), the first is "
@@ -86,5 +86,5 @@ def _word(good: BoolArray, log: Log, c: int) -> str:
 def _left_out(left_out: IntArray, P: int) -> Finding:
     numbers = ", ".join(str(p + 1) for p in left_out)
     limit = f"{_MAX_MISSING_OF_REPETITION:.0%}"
-    word = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
-    return Finding("repetitions left out", len(left_out), word)
+    text = f"repetitions {numbers} of {P} lack more than {limit} of their samples and are left out"
+    return Finding("repetitions left out", len(left_out), text)

@@ -38,8 +38,8 @@ def step(x: FloatArray) -> float:
     return q if np.all(np.abs(gaps / q - np.round(gaps / q)) < _STEP_TOLERANCE) else 0.0
 
 
-def quantised(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
-    """A word on each channel of signals (n, c) with a noise of steps that counts beside its repeating part."""
+def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Finding, ...]:
+    """A finding for each channel of signals (n, c) with a noise of steps that counts beside its repeating part."""
     findings = []
     for c, name in enumerate(log.names):
         q = step(signals[:, c])
@@ -51,9 +51,9 @@ def quantised(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Finding
             continue
         change = np.diff(blocks(signals[:, c], L, sign), axis=0).std() / np.sqrt(2)
         hidden = " that repeats with the signal, so that the scatter of the periods hides it" if change < noise else ""
-        word = (
+        text = (
             f"{name}: steps of {q:.4g} make noise of {noise:.3g}, {100 * noise / max(size, 1e-300):.2g} % of the "
             f"signal{hidden}"
         )
-        findings.append(Finding("quantised channels", 1, word))
+        findings.append(Finding("quantised channels", 1, text))
     return tuple(findings)

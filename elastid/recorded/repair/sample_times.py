@@ -50,8 +50,8 @@ def on_grid(time_s: FloatArray, signals: FloatArray, rate_hz: float, log: Log) -
     result = np.full((int(row[-1]) + 1, signals.shape[1]), np.nan)
     result[row] = signals
     gaps = np.flatnonzero(whole > 1)
-    word = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.at(gaps[0])}"
-    return Repaired(result, (Finding(GAPS, lost, word),))
+    text = f"{lost} samples are missing in {gaps.size} gaps of its times, the first after {log.at(gaps[0])}"
+    return Repaired(result, (Finding(GAPS, lost, text),))
 
 
 def at_times(signals: FloatArray, times: FloatArray, period: float, band: float = 1.0) -> FloatArray:

@@ -39,16 +39,16 @@ def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
         if spikes.size == 0:
             continue
         if spikes.size > _MAX_SHARE * len(x):
-            word = f"{name}: {spikes.size} of {len(x)} samples differ from the other periods: too many for spikes"
-            word += ", left unchanged"
-            findings.append(Finding("spikes left", int(spikes.size), word))
+            text = f"{name}: {spikes.size} of {len(x)} samples differ from the other periods: too many for spikes"
+            text += ", left unchanged"
+            findings.append(Finding("spikes left", int(spikes.size), text))
             continue
         result[spikes, c] = usual
-        word = (
+        text = (
             f"{name}: {spikes.size} of {len(x)} samples are spikes, the first is {log.at(spikes[0])}: replaced by the "
             "median of the other periods"
         )
-        findings.append(Finding(REPLACED, int(spikes.size), word))
+        findings.append(Finding(REPLACED, int(spikes.size), text))
     return Repaired(result, tuple(findings))
 
 
