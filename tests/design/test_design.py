@@ -13,6 +13,8 @@ import pytest
 from plants.notes import said
 
 from elastid.app.cli import run_command
+from elastid.app.console import Console
+from elastid.app.run import Run
 from elastid.base.errors import StudyError
 from elastid.design.design import design
 from elastid.design.friction_effects import friction_level
@@ -30,6 +32,7 @@ from elastid.frf.spec import EstimatorSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 from elastid.store import read_forecast, read_plan, write_plan
+from elastid.study import load
 
 LIMITS = Limits((-2.0, 2.0))
 TWO = Robot(
@@ -370,36 +373,27 @@ def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[st
     assert run_command(["design", str(more), "--run", str(tmp_path / "next"), "-q", "--jobs", "1"]) == 0
 
 
+def _keeps_records(study: Path, folder: Path, *overrides: str) -> bool:
+    """Design and measure, then design for another fit: whether the records are still current."""
+    for command, fit in (("design", ()), ("measure", ()), ("design", ("fit.parameters={k_1: {}}",))):
+        options = [part for override in (*overrides, *fit) for part in ("--set", override)]
+        assert run_command([command, str(study), "--run", str(folder), "-q", "--jobs", "1", *options]) == 0
+        if command == "measure":
+            (folder / "plan.h5").rename(folder / "first.h5")
+    another = load(study, (*overrides, "fit.parameters={k_1: {}}"))
+    return Run(another, folder, 1, Console(-1)).is_current("measure")
+
+
 def test_a_spectrum_found_for_one_fit_is_found_anew_for_another(tiny: Path, tmp_path: Path) -> None:
-    """The plan then hangs on the fit, and with it what is measured."""
-    run = [
-        "run",
-        str(tiny),
-        "--run",
-        str(tmp_path / "run"),
-        "-q",
-        "--jobs",
-        "1",
-        "--set",
-        "excitation.flat=information",
-    ]
-    assert run_command(run) == 0
-    before = read_plan(tmp_path / "run" / "plan.h5").R
-    records = (tmp_path / "run" / "records.h5").stat().st_mtime_ns
-    assert run_command([*run, "--set", "fit.parameters={k_1: {}}"]) == 0
-    assert (tmp_path / "run" / "records.h5").stat().st_mtime_ns > records
-    assert np.abs(read_plan(tmp_path / "run" / "plan.h5").R - before).max() > 0
+    """The plan then depends on the fit, and the records on the plan."""
+    assert not _keeps_records(tiny, tmp_path, "excitation.flat=information")
+    assert np.abs(read_plan(tmp_path / "plan.h5").R - read_plan(tmp_path / "first.h5").R).max() > 0
 
 
-def test_another_fit_tells_another_forecast_and_measures_nothing_anew(tiny: Path, tmp_path: Path) -> None:
-    """Where the configurations are given, the plan does not hang on the fit."""
-    run = str(tmp_path / "run")
-    assert run_command(["run", str(tiny), "--run", run, "-q", "--jobs", "1"]) == 0
-    before = (tmp_path / "run" / "records.h5").stat().st_mtime_ns
-    again = ["run", str(tiny), "--run", run, "-q", "--jobs", "1", "--set", "fit.parameters={k_1: {}}"]
-    assert run_command(again) == 0
-    assert (tmp_path / "run" / "records.h5").stat().st_mtime_ns == before
-    told = read_forecast(tmp_path / "run" / "plan.h5")
+def test_another_fit_has_another_forecast_and_keeps_the_records(tiny: Path, tmp_path: Path) -> None:
+    """Where the configurations are given, the plan does not depend on the fit."""
+    assert _keeps_records(tiny, tmp_path)
+    told = read_forecast(tmp_path / "plan.h5")
     assert told is not None
     assert told.parameters == ("k_1",)
 

@@ -1,4 +1,4 @@
-"""A motor that friction holds is told before the robot moves."""
+"""A motor that friction holds is reported before the robot moves."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from elastid.study import load
 
 
 @pytest.mark.parametrize(("coulomb", "words"), [(0.02, 0), (0.05, 1), (0.5, 1)])
-def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_told(tiny: Path, coulomb: float, words: int) -> None:
+def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_reported(tiny: Path, coulomb: float, words: int) -> None:
     """On the link side: half of it behind a gear of 2; 0.1 Nm rms, in two realisations and two configurations."""
     study = load(tiny).study
     assert study.excitation is not None
@@ -28,5 +28,8 @@ def test_coulomb_friction_beyond_a_third_of_the_rms_torque_is_told(tiny: Path, c
     found = said(sticking(plan, robot, None))
     assert len(found) == words
     for word in found:
-        assert f"motor 1 ({coulomb:g} N*m) is more than a third of its rms torque (0.1 N*m): the joint sticks" in word
+        assert word.startswith(
+            f"motor 1: its Coulomb friction ({coulomb:g} N*m) is more than a third of its rms torque"
+        )
+        assert "torque (0.1 N*m): the joint sticks" in word
     assert said(sticking(plan, robot, CarrierSpec(amplitude=0.1))) == ()
