@@ -25,7 +25,7 @@ from elastid.fit.result import FitResult, LocalOptimum
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise, widening_bands
 from elastid.fit.setup.geometry import check_geometry
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.setup.response_checks import alike_words, check_responses, posture_words
+from elastid.fit.setup.response_checks import check_responses, find_copies, find_same_postures
 from elastid.fit.solve.multistart import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
@@ -124,8 +124,8 @@ def _estimate(
 def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]:
     """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
     responses = assembly.responses
-    twice = alike_words(responses) or posture_words(responses, assembly.parameters, assembly.spec.robots)
-    return (*twice, *assembly.notes, *optimum.notes, *assembly.spring_words(optimum.end.x))
+    twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
+    return (*twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:

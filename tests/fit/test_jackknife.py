@@ -1,4 +1,4 @@
-"""The disagreement of configurations: the jackknife over them."""
+"""The find_two_groups of configurations: the jackknife over them."""
 
 import numpy as np
 import pytest

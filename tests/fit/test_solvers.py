@@ -216,5 +216,5 @@ def test_starts_that_lead_nowhere_are_survived_unless_all_do():
     ranked, hits = multistart([gappy], np.log([[60.0], [21.0]]))
     assert hits == 1
     assert math.isinf(ranked[-1].cost)
-    with pytest.raises(FitError, match=r"none of the 1 starts led anywhere; .* not finite"):
+    with pytest.raises(FitError, match=r"all 1 starts failed; .* not finite"):
         multistart([gappy], np.log([[60.0]]))

@@ -1,4 +1,4 @@
-"""What a fit that ended says of itself: a status with its reason, and words about what may be wrong."""
+"""Diagnosis of a fit that ended: its status with a reason, and notes on possible causes."""
 
 from __future__ import annotations
 
@@ -10,21 +10,29 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.findings import findings, status_and_message
-from elastid.fit.diagnosis.misread_channels import foreign_words, frequency_words, misread_words
-from elastid.fit.diagnosis.two_robots import disagreement
+from elastid.fit.diagnosis.misread_channels import (
+    find_foreign_configurations,
+    find_misread_channels,
+    find_wrong_frequency_unit,
+)
+from elastid.fit.diagnosis.two_robots import find_two_groups
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.inertia_barrier import border_words
+from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.problem.residuals import error_gain
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import RelinearisedOptimum
 from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.fit.uncertainty.jackknife import is_in_error
 
-# A configuration whose residuals are so many times those of the median one is not like the others.
-FAR_APART = 5.0
+# Residuals of a configuration over the median of all beyond which it is unlike the others.
+MAX_RESIDUAL_RATIO = 5.0
+# Model error beyond which misread channels are searched for; so they are where the noise is unknown and the model
+# explains less than this share of the responses.
+SUSPECT_MODEL_ERROR = 10.0
+SUSPECT_EXPLAINED_SHARE = 0.9
 
 
-def explained(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
+def explained_share(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     """The share of the measured responses that the model at x (n_x,) explains; negative where it is worse than none."""
     left, whole = 0.0, 0.0
     for part in fit.parts:
@@ -36,12 +44,12 @@ def explained(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
 
 
-def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
-    """A word about each configuration that the model at x explains far worse than the others."""
+def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
+    """A note on each configuration that the model at x explains far worse than the others."""
     level = {}
     for part in fit.parts:
         if part.n_residuals:
-            name = part.kernel.model.configuration.name
+            name = part.configuration
             level[name] = np.sqrt(part.normal.at(fit.theta(part, x))[0] / part.n_residuals)
     if len(level) < 3:
         return ()
@@ -50,18 +58,12 @@ def apart_words(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
         Note(
             "unlike-configuration",
             f"its residuals are {one / usual:.0f} times those of the other configurations; is it of "
-            "the same robot, with the same load, at the angles that it claims?",
+            "the same robot, with the same load, at the stated angles?",
             f"configuration {name}",
         )
         for name, one in level.items()
-        if one > FAR_APART * usual
+        if one > MAX_RESIDUAL_RATIO * usual
     )
-
-
-# Residuals so many times what the noise explains make one look for channels that were misread.
-FAR_BEYOND_NOISE = 10.0
-# So does a model that explains less than this share of responses whose noise is unknown.
-FAIRLY_EXPLAINED = 0.9
 
 
 def with_status(
@@ -82,34 +84,34 @@ def diagnose(
     notes: tuple[Note, ...],
     robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
-    """The same, and warnings: what was misread or is of another robot first, for which it is fitted again in part.
+    """The same with notes: misread channels and foreign configurations first, which takes further fits.
 
-    notes: known already.  robots: of fit.robots.
+    notes: of the data and the search.  robots: of fit.robots.
     """
     fit, end = optimum.fit, optimum.end
     suspect = _is_suspect(result, optimum)
-    misread = misread_words(fit, end.x, end.cost) if suspect else ()
-    apart = apart_words(fit, end.x) if result.model_error > 1 else ()
+    misread = find_misread_channels(fit, end.x, end.cost) if suspect else ()
+    apart = find_unlike_configurations(fit, end.x) if result.model_error > 1 else ()
     if not apart and not misread and is_in_error(result.cost, result.cost_expected, result.dof):
-        apart = disagreement(fit, end.x, end.cost, result.cost_expected, robots)
-    apart = apart or (foreign_words(fit, end.x) if suspect and not misread else ())
-    found = (*border_words(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
-    words = (*misread, *frequency_words(result), *apart, *notes, *found)
+        apart = find_two_groups(fit, end.x, end.cost, result.cost_expected, robots)
+    apart = apart or (find_foreign_configurations(fit, end.x) if suspect and not misread else ())
+    found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
+    words = (*misread, *find_wrong_frequency_unit(result), *apart, *notes, *found)
     return replace(with_status(result, optimum, uncertainty, bool(misread)), notes=words)
 
 
 def _is_suspect(result: FitResult, optimum: RelinearisedOptimum) -> bool:
-    """Whether the residuals are so large that one asks how the responses were read."""
+    """Whether the residuals are so large that responses may have been misread."""
     if _noise_is_known(optimum):
-        return result.model_error > FAR_BEYOND_NOISE
-    return _share(result, optimum) < FAIRLY_EXPLAINED
+        return result.model_error > SUSPECT_MODEL_ERROR
+    return _share(result, optimum) < SUSPECT_EXPLAINED_SHARE
 
 
 def _share(result: FitResult, optimum: RelinearisedOptimum) -> float:
-    """Of the measured responses that the model explains, known noise aside."""
-    # Where no noise was measured, the residuals are the only measure of it, and no excuse for themselves.
+    """The share of the measured responses that the model explains, known noise aside."""
+    # Where no noise was measured, the residuals are its only estimate, and it does not excuse them.
     noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
-    return explained(optimum.fit, optimum.end.x, noise_cost)
+    return explained_share(optimum.fit, optimum.end.x, noise_cost)
 
 
 def _noise_is_known(optimum: RelinearisedOptimum) -> bool:

@@ -1,4 +1,4 @@
-"""What a user should know about a fit before trusting it, in sentences with numbers."""
+"""Status and findings of a fit: bounds, undetermined and correlated parameters, missed optima, model error."""
 
 from __future__ import annotations
 
@@ -11,30 +11,29 @@ from elastid.base.note import Note
 from elastid.fit.result import FitResult, LocalOptimum, Status
 from elastid.parameters import ParameterSet
 
-# An interval wider than this factor says little more than the sign.
-WIDE = 10.0
-HOPELESS = 1e6
-CORRELATED = 0.99
-# A singular value below this share of the largest is worth a word, with the parameters that have such a part in it.
-ILL = 1e-3
-TELLING = 0.2
+# An interval wider than the first factor is weakly determined, than the second not constrained at all.
+MAX_INTERVAL_FACTOR = 10.0
+UNCONSTRAINED_FACTOR = 1e6
+MAX_CORRELATION = 0.99
+# A smaller singular value, as a share of the largest, is noted with the parameters that have a larger part in it.
+MIN_SINGULAR_VALUE = 1e-3
+MIN_PART_OF_DIRECTION = 0.2
 # x within this share of its range from a bound is at it.
 NEAR_BOUND = 1e-4
-# A bound that holds a parameter in this share of the starts is worth a word.
-MOST = 0.5
-# Residuals so many times what the noise explains are a model error worth a word.
-MODEL_ERROR = 1.5
-# A model that explains less than this share of what was measured does not describe the robot, whatever its optimum. One
-# whose small residuals are far beyond a still smaller noise does.
-EXPLAINED = 0.5
+# A bound that holds a parameter in a larger share of the starts is noted.
+MAX_HELD_SHARE = 0.5
+# Residuals over what the noise explains beyond which the model is in error.
+MAX_MODEL_ERROR = 1.5
+# A model that explains less of what was measured does not describe the robot, unless small residuals alone are far
+# beyond a still smaller noise.
+MIN_EXPLAINED_SHARE = 0.5
 
 
 def at_bound(parameters: ParameterSet, x: FloatArray) -> BoolArray:
     """Which free parameters (n_x,) ended at a bound."""
     lower, upper = parameters.x_bounds
     reach = NEAR_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    near: BoolArray = (x - lower < reach) | (upper - x < reach)
-    return near
+    return np.asarray((x - lower < reach) | (upper - x < reach))
 
 
 def status_and_message(
@@ -45,7 +44,7 @@ def status_and_message(
     noise_is_known: bool = True,
     misread: bool = False,
 ) -> tuple[Status, str]:
-    """How the fit ended: the worst that is true of it, and a sentence with the numbers.
+    """The worst status that applies, and a sentence with the numbers.
 
     explained: the share of the measured responses, known noise aside, that the model explains.  misread: whether it
     would explain them far better if they were read another way.
@@ -61,7 +60,7 @@ def status_and_message(
             f"the model does not describe the responses as they were read: it explains {share} of them, and another "
             f"reading of them far more (see the first warning); {fit}"
         )
-    if explained < EXPLAINED and (result.model_error > MODEL_ERROR or not noise_is_known):
+    if explained < MIN_EXPLAINED_SHARE and (result.model_error > MAX_MODEL_ERROR or not noise_is_known):
         far = "" if end.converged else f" (and the fit did not converge: {end.message})"
         return "model_error", (
             f"the model does not describe the robot: it explains {share} of the measured response{far}; check signs, "
@@ -100,7 +99,7 @@ def _bounds(result: FitResult) -> list[Note]:
                 Note(
                     "at-bound",
                     f"{parameter.name} ended at its {side} bound of {value:.4g} {parameter.unit}: widen the bound if "
-                    "the value beyond it makes sense, otherwise the data want something that the model lacks",
+                    "values beyond it are plausible; otherwise the model lacks something that the data show",
                 )
             )
     return sentences
@@ -118,7 +117,7 @@ def _held_starts(result: FitResult) -> list[Note]:
             f"{name} ended at a bound in {round(100 * one)} % of the starts: widen its bounds, or start it elsewhere",
         )
         for name, one, held in zip(result.parameters.free_names, share, result.at_bound, strict=True)
-        if one > MOST and not held
+        if one > MAX_HELD_SHARE and not held
     ]
 
 
@@ -140,9 +139,9 @@ def _weak(result: FitResult, unreached: BoolArray) -> list[Note]:
     for parameter, beyond in zip(result.parameters.free, unreached, strict=True):
         if parameter.log and not beyond:
             low, high = result.interval(parameter.name)
-            if not high < WIDE * low:
+            if not high < MAX_INTERVAL_FACTOR * low:
                 interval = f"its 95 % interval is {low:.3g} to {high:.3g} {parameter.unit}"
-                far = "the data hardly speak of it" if not high < HOPELESS * low else interval
+                far = "the data barely constrain it" if not high < UNCONSTRAINED_FACTOR * low else interval
                 sentences.append(Note("weakly-determined", f"{parameter.name} is weakly determined: {far}"))
     return sentences
 
@@ -150,31 +149,35 @@ def _weak(result: FitResult, unreached: BoolArray) -> list[Note]:
 def _correlated(result: FitResult) -> list[Note]:
     correlation, names = result.correlation, result.parameters.free_names
     pairs = [
-        (i, j) for i, j in zip(*np.triu_indices(len(names), 1), strict=True) if abs(correlation[i, j]) > CORRELATED
+        (i, j) for i, j in zip(*np.triu_indices(len(names), 1), strict=True) if abs(correlation[i, j]) > MAX_CORRELATION
     ]
     return [
         Note(
             "correlated",
-            f"{names[i]} and {names[j]} are hardly told apart: their estimates are correlated by "
-            f"{correlation[i, j]:.4f}",
+            f"{names[i]} and {names[j]} cannot be distinguished (correlation {correlation[i, j]:.4f})",
         )
         for i, j in pairs
     ]
 
 
 def _weakest(result: FitResult) -> list[Note]:
-    """The combination that is known worst, where it is known far worse than the rest."""
+    """The least determined combination, where the others are determined far better."""
     values = result.singular_values
-    if not len(result.weakest) or len(values) < 2 or values[-1] > ILL * values[0] or values[-1] < 1e-8 * values[0]:
+    if (
+        not len(result.weakest)
+        or len(values) < 2
+        or values[-1] > MIN_SINGULAR_VALUE * values[0]
+        or values[-1] < 1e-8 * values[0]
+    ):
         return []
-    places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > TELLING]
+    places = [i for i in np.argsort(-np.abs(result.weakest)) if abs(result.weakest[i]) > MIN_PART_OF_DIRECTION]
     names = result.parameters.free_names
     terms = " ".join(f"{result.weakest[i]:+.2f} {names[i]}" for i in places)
     return [
         Note(
             "weakest-combination",
-            f"the combination {terms} (relative changes of what they do) is known worst: singular value "
-            f"{values[-1] / values[0]:.1e} of the largest; measure where these act differently, or tie them",
+            f"the combination {terms} (of relative effects) is the least determined: singular value "
+            f"{values[-1] / values[0]:.1e} of the largest; measure where their effects differ, or tie them",
         )
     ]
 
@@ -186,7 +189,7 @@ def _search(result: FitResult) -> list[Note]:
         sentences.append(
             Note(
                 "failed-starts",
-                f"{lost} of {len(result.starts)} starts led nowhere, the first one so: "
+                f"{lost} of {len(result.starts)} starts failed; the first with: "
                 f"{next(start.message for start in result.starts if not math.isfinite(start.cost))}",
             )
         )
@@ -199,12 +202,12 @@ def _search(result: FitResult) -> list[Note]:
                 f"next {second:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
             )
         )
-    if result.model_error > MODEL_ERROR and math.isfinite(result.model_error):
+    if result.model_error > MAX_MODEL_ERROR and math.isfinite(result.model_error):
         sentences.append(
             Note(
                 "model-error",
                 f"the residuals are {result.model_error:.2f} times what the noise explains: the model lacks something; "
-                "the intervals are widened, but not for what is wrong alike at all lines",
+                "the intervals are widened, but not for errors that are alike at all lines",
             )
         )
     return sentences

@@ -1,10 +1,10 @@
-r"""What responses look like that were misread, told from how much better the fit is once they are read another way.
+r"""Misread channels, found by how much better the fit becomes once the responses are read another way.
 
 .. math:: \hat G \to S \hat G, \quad \hat G^*, \quad j \hat G^*, \quad (j \omega)^k \hat G, \quad
           \mathrm{diag}(c_y)\, \hat G\, \mathrm{diag}(c_u)
 
 A channel with the other sign, phases counted by exp(-j omega t), real and imaginary parts exchanged, a velocity taken
-for an acceleration, units or gear ratios of channels. Few lines are enough to tell.
+for an acceleration, units or gear ratios of channels. A few lines are enough.
 """
 
 from __future__ import annotations
@@ -23,34 +23,34 @@ from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import ROUGH, solve
 
-# Read the right way, responses have at most this part of the cost that they have read the wrong way.
-FAR_BETTER = 0.1
-# The same with a scale of each channel found beside the parameters, of which some error is left.
-FAR_BETTER_SCALED = 0.2
-# Lines of a configuration that are looked at, iterations of each solve, and rounds in which scales are found.
-LINES = 40
-ITERATIONS = 60
-ROUNDS = 3
+# Read the right way, responses have at most this share of the cost that they have read the wrong way.
+MAX_COST_RATIO = 0.1
+# The same with a scale of each channel found beside the parameters, which leaves some error.
+MAX_COST_RATIO_SCALED = 0.2
+# Lines of a configuration that are fitted, iterations of each solve, and rounds in which scales are found.
+MAX_LINES = 40
+MAX_ITERATIONS = 60
+SCALE_ROUNDS = 3
 # Up to so many configurations, two of them are left out at once.
-FEW = 6
+MAX_CONFIGURATIONS_IN_PAIRS = 6
 # A scale nearer to one than this factor may be an inertia that is not quite known.
-SCALED = 1.7
-# Stiffnesses that came out (2 pi)^2 times what was expected, within this factor all together, are of a wrong frequency.
-ALIKE = 2.5
-# Relative standard deviation of a stiffness that tells anything.
-KNOWN = 0.5
+MIN_SCALE = 1.7
+# The spread of the factors (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong.
+MAX_FACTOR_SPREAD = 2.5
+# Relative standard deviation of a stiffness that counts there.
+MAX_STIFFNESS_STD = 0.5
 
 
 @dataclass(frozen=True)
 class Reading:
-    """Another way to read the responses, as words that end a sentence, and the fit to them."""
+    """Another way to read the responses: the end of a sentence that says it, and the fit to them."""
 
     words: str
     fit: ElasticFit
 
 
-def misread_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ...]:
-    """A word about the way of reading all responses that makes the fit far better, found again from its optimum x.
+def find_misread_channels(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ...]:
+    """A note on the reading of all responses that makes the fit far better, solved again from its optimum x.
 
     cost: V at x.  An output and an input that do the same, as those of a single motor do, are named together.
     """
@@ -59,24 +59,24 @@ def misread_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ..
     costs = {kind: _costs(readings(thin), x) for kind, readings in _KINDS.items()}
     kind = min(costs, key=lambda one: min(costs[one].values()))
     best = min(costs[kind].values())
-    if best > FAR_BETTER * here:
+    if best > MAX_COST_RATIO * here:
         return _scale_words(thin, x, here)
     # Channels that do the same are named together; of the other ways there is one.
-    least = best / FAR_BETTER if kind == "sign" else best
-    words = [one for one, V in costs[kind].items() if min(least, FAR_BETTER * here) >= V]
+    least = best / MAX_COST_RATIO if kind == "sign" else best
+    words = [one for one, V in costs[kind].items() if min(least, MAX_COST_RATIO * here) >= V]
     whole = min(_costs((one for one in _KINDS[kind](fit) if one.words in words), x).values())
     return (Note("misread-responses", _sentence(words, f"(V = {whole:.4g} instead of {cost:.4g})")),)
 
 
-def foreign_words(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
-    """A word about one configuration, or two of a few, without which the model explains the others far better."""
+def find_foreign_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
+    """A note on one configuration, or two of a few, without which the model explains the others far better."""
     thin, Q = _thinned(fit), len(fit.parts)
-    for size in range(1, 3 if Q <= FEW else 2):
+    for size in range(1, 3 if Q <= MAX_CONFIGURATIONS_IN_PAIRS else 2):
         found: dict[tuple[int, ...], float] = {}
         for left_out in combinations(range(Q), size) if Q - size >= 2 else ():
             rest = replace(thin, parts=tuple(part for i, part in enumerate(thin.parts) if i not in left_out))
             here, V = rest.evaluate(x).cost, min(_solved(rest, start)[0] for start in (x, fit.parameters.x))
-            if FAR_BETTER * here >= V:
+            if MAX_COST_RATIO * here >= V:
                 found[left_out] = V / here
         if found:
             best = min(found, key=lambda one: found[one])
@@ -85,29 +85,29 @@ def foreign_words(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
                 Note(
                     "foreign-configuration",
                     f"without configuration {names} the model fits the others far better (V of these falls to "
-                    f"{100 * found[best]:.2g} %): are they of the same robot, with the same load, at the angles that "
-                    "they claim?",
+                    f"{100 * found[best]:.2g} %): are they of the same robot, with the same load, at the "
+                    "stated angles?",
                 ),
             )
     return ()
 
 
-def frequency_words(result: FitResult) -> tuple[Note, ...]:
-    r"""A word where all stiffnesses say that the frequencies are in rad/s instead of Hz, or the other way round.
+def find_wrong_frequency_unit(result: FitResult) -> tuple[Note, ...]:
+    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, or the other way round.
 
-    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual tells.
+    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
     """
-    known = np.sqrt(np.diag(result.covariance)) < KNOWN
+    known = np.sqrt(np.diag(result.covariance)) < MAX_STIFFNESS_STD
     stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
     if not stiff:
         return ()
     change = result.x[stiff] - result.parameters.x[stiff]
-    told = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
-    if np.any(np.abs(change - told) > math.log(ALIKE)):
+    expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
+    if np.any(np.abs(change - expected) > math.log(MAX_FACTOR_SPREAD)):
         return ()
     factor = math.exp(abs(float(np.median(change))))
     names = ", ".join(result.parameters.free[i].name for i in stiff)
-    side, unit, other = ("above", "rad/s", "Hz") if told > 0 else ("below", "Hz", "rad/s")
+    side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
     return (
         Note(
             "frequency-unit",
@@ -150,7 +150,7 @@ def _signs(fit: ElasticFit) -> Iterator[Reading]:
 def _phases(fit: ElasticFit) -> Iterator[Reading]:
     """The sign is -1 where an odd power of j omega made of them what is fitted: (j omega)^* = -j omega."""
     turned = (
-        "with all phases turned round: what wrote them counts phase by exp(-j omega t); take their complex conjugates"
+        "with all phases negated: they were written with the convention exp(-j omega t); take their complex conjugates"
     )
     swapped = "with real and imaginary parts exchanged: check which column or field is which"
     conjugate = replace(fit, parts=tuple(_conjugate(part) for part in fit.parts))
@@ -179,25 +179,25 @@ _KINDS: dict[str, Callable[[ElasticFit], Iterator[Reading]]] = {
 
 
 def _scale_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ...]:
-    """A word about channels that are off by factors, found in turn with the parameters."""
+    """A note on channels that are off by factors, found in alternation with the parameters."""
     outputs = list(dict.fromkeys(name for part in fit.parts for name in part.kernel.model.outputs))
     inputs = list(dict.fromkeys(name for part in fit.parts for name in part.kernel.model.inputs))
     best, scales = math.inf, np.zeros(len(outputs) + len(inputs))
     for start in (fit.parameters.x, x):
         c, z = np.zeros(len(scales)), start
-        for _ in range(ROUNDS):
+        for _ in range(SCALE_ROUNDS):
             c = _scales(fit, z, outputs, inputs)
             V, z = _solved(_scaled(fit, c, outputs, inputs), z)
             if best > V:
                 best, scales = V, c
-    if best > FAR_BETTER_SCALED * cost:
+    if best > MAX_COST_RATIO_SCALED * cost:
         return ()
     names = [f"y at {name}" for name in outputs] + [f"u at {name}" for name in inputs]
     signs = [1] * len(outputs) + [-1] * len(inputs)  # the values of a torque are off by 1 / c
     off = [
         f"{name} times {math.exp(sign * c):.3g}"
         for name, c, sign in zip(names, scales, signs, strict=True)
-        if abs(c) > math.log(SCALED)
+        if abs(c) > math.log(MIN_SCALE)
     ]
     if not off:
         return ()
@@ -230,7 +230,7 @@ def _scales(fit: ElasticFit, x: FloatArray, outputs: list[str], inputs: list[str
         [1, 0], (len(outputs), len(inputs))
     )
     shifted = [scales - shift * common for shift in (*scales[len(outputs) :], *-scales[: len(outputs)])]
-    return max(shifted, key=lambda c: int(np.sum(np.abs(c) < math.log(SCALED))))
+    return max(shifted, key=lambda c: int(np.sum(np.abs(c) < math.log(MIN_SCALE))))
 
 
 def _scaled(fit: ElasticFit, c: FloatArray, outputs: list[str], inputs: list[str]) -> ElasticFit:
@@ -267,7 +267,7 @@ def _thinned(fit: ElasticFit) -> ElasticFit:
     """The fit on every so many lines."""
 
     def thin(part: Part) -> Part:
-        keep = slice(None, None, math.ceil(len(part.measured) / LINES))
+        keep = slice(None, None, math.ceil(len(part.measured) / MAX_LINES))
         kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[keep])
         mixing = None if part.mixing is None else part.mixing[keep]
         return replace(part, kernel=kernel, measured=part.measured[keep], gain=part.gain[keep], mixing=mixing)
@@ -277,7 +277,7 @@ def _thinned(fit: ElasticFit) -> ElasticFit:
 
 def _solved(fit: ElasticFit, x: FloatArray) -> tuple[float, FloatArray]:
     try:
-        end = solve(fit.problem, x, ROUGH, ITERATIONS)
+        end = solve(fit.problem, x, ROUGH, MAX_ITERATIONS)
     except FitError:
         return math.inf, x
     return end.cost, end.x

@@ -1,9 +1,9 @@
-r"""Whether the configurations fall into two lots that one set of parameters cannot describe, as two robots do.
+r"""Whether the configurations split into two groups with different parameters, as those of two robots do.
 
 .. math:: \min_{S} \Big[ \min_x \sum_{c \in S} V_c(x) + \min_x \sum_{c \notin S} V_c(x) \Big]
 
-Begun with the two configurations whose own parameters describe all of them best, each that of its lot, and refined in
-turn: fit each lot, move every configuration to the lot that describes it better, until none moves.
+It starts with the two configurations whose own parameters describe all of them best, and alternates: fit each group,
+move every configuration to the group that describes it better, until none moves.
 """
 
 from __future__ import annotations
@@ -21,19 +21,19 @@ from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
 
-# Two lots that take less of what V exceeds the noise by are no better than one.
-REMOVED = 0.8
-ROUNDS = 4
-ITERATIONS = 40
-# One configuration does not tell all parameters: what it leaves open stays within so much (of ln p) of the common ones.
-LOOSE = 0.3
-# Parameters named in a message: those that differ by the most standard deviations, and how many they must be.
-NAMED = 3
-APART = 5.0
+# Two groups must remove a larger share of V beyond the noise.
+MIN_REMOVED_SHARE = 0.8
+MAX_ROUNDS = 4
+MAX_ITERATIONS = 40
+# Standard deviation (of ln p) of the prior about the common optimum: one configuration does not determine everything.
+PRIOR_STD = 0.3
+# A note names at most so many parameters, those that differ by more than so many standard deviations.
+MAX_NAMED = 3
+MIN_DIFFERENCE = 5.0
 
 
 @dataclass(frozen=True)
-class Lots:
+class Split:
     """in_second (Q,): of the configurations.  first, second (n_x,): their parameters.  cost: V of both together."""
 
     in_second: BoolArray
@@ -42,31 +42,31 @@ class Lots:
     cost: float
 
 
-def disagreement(
+def find_two_groups(
     fit: ElasticFit, x: FloatArray, cost: float, noise_cost: float, robots: Mapping[str, Sequence[str]]
 ) -> tuple[Note, ...]:
-    """A sentence where two lots of configurations agree with parameters of their own, and not with common ones.
+    """A note where two groups of configurations agree with parameters of their own, and not with common ones.
 
-    x (n_x,): the optimum of all, cost: V there.  noise_cost: what the noise leaves of it.  robots: of fit.robots.
+    x (n_x,): the optimum of all, cost: V there.  noise_cost: V by the noise alone.  robots: of fit.robots.
     """
     parts = tuple(part for part in fit.parts if part.n_residuals)
     if len(parts) < 2:
         return ()
     fit = replace(fit, parts=parts)
     try:
-        lots = _lots(fit, x)
+        split = _split(fit, x)
     except FitError:
         return ()
-    if lots is None or lots.cost - noise_cost > (1 - REMOVED) * (cost - noise_cost):
+    if split is None or split.cost - noise_cost > (1 - MIN_REMOVED_SHARE) * (cost - noise_cost):
         return ()
     names = [part.configuration for part in parts]
-    ones = ", ".join(name for name, other in zip(names, lots.in_second, strict=True) if not other)
-    others = ", ".join(name for name, other in zip(names, lots.in_second, strict=True) if other)
+    ones = ", ".join(name for name, other in zip(names, split.in_second, strict=True) if not other)
+    others = ", ".join(name for name, other in zip(names, split.in_second, strict=True) if other)
     return (
         Note(
             "two-groups",
             f"configurations {ones} on the one side and {others} on the other disagree: fitted apart they leave V = "
-            f"{lots.cost:.4g} instead of {cost:.4g}{_differing(fit, lots)}; {_advice(ones, others, robots)}",
+            f"{split.cost:.4g} instead of {cost:.4g}{_differing(fit, split)}; {_advice(ones, others, robots)}",
         ),
     )
 
@@ -82,25 +82,25 @@ def _advice(ones: str, others: str, robots: Mapping[str, Sequence[str]]) -> str:
     )
 
 
-def _lots(fit: ElasticFit, x: FloatArray) -> Lots | None:
-    """The best two lots; None where one of them loses all its configurations."""
-    loose = _held_near(fit, x)
-    alone = [_solved(replace(loose, parts=(part,)), x) for part in fit.parts]
+def _split(fit: ElasticFit, x: FloatArray) -> Split | None:
+    """The best two groups; None where one of them loses all its configurations."""
+    near = _held_near(fit, x)
+    alone = [_solved(replace(near, parts=(part,)), x) for part in fit.parts]
     costs = np.array([_costs(fit, each) for each in alone])
     both = np.minimum(costs[:, None, :], costs[None, :, :]).sum(axis=2)
     a, b = np.unravel_index(int(np.argmin(both)), both.shape)
     in_second = costs[b] < costs[a]
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         if in_second.all() or not in_second.any():
             return None
         first, second = (_solved(replace(fit, parts=_chosen(fit, chosen)), x) for chosen in (~in_second, in_second))
         of_first, of_second = _costs(fit, first), _costs(fit, second)
-        lots = Lots(in_second, first, second, float(np.where(in_second, of_second, of_first).sum()))
+        split = Split(in_second, first, second, float(np.where(in_second, of_second, of_first).sum()))
         moved = of_second < of_first
         if np.array_equal(moved, in_second):
             break
         in_second = moved
-    return lots
+    return split
 
 
 def _chosen(fit: ElasticFit, chosen: BoolArray) -> tuple[Part, ...]:
@@ -114,13 +114,13 @@ def _held_near(fit: ElasticFit, x: FloatArray) -> ElasticFit:
     def of(p: Parameter) -> Parameter:
         if p.name not in at or p.prior is not None or not p.log:
             return p
-        return replace(p, prior=Prior(math.exp(at[p.name]), LOOSE))
+        return replace(p, prior=Prior(math.exp(at[p.name]), PRIOR_STD))
 
     return replace(fit, parameters=replace(fit.parameters, parameters=tuple(map(of, fit.parameters))))
 
 
 def _solved(fit: ElasticFit, x: FloatArray) -> FloatArray:
-    return solve(fit.problem, x, ROUGH, ITERATIONS).x
+    return solve(fit.problem, x, ROUGH, MAX_ITERATIONS).x
 
 
 def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
@@ -130,15 +130,15 @@ def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
     return np.where(np.isfinite(costs), costs, np.inf)
 
 
-def _differing(fit: ElasticFit, lots: Lots) -> str:
+def _differing(fit: ElasticFit, split: Split) -> str:
     """The parameters that differ most, with both values."""
     variance = sum(
         np.diag(np.linalg.pinv(replace(fit, parts=_chosen(fit, chosen)).evaluate(x).hessian / 2, hermitian=True))
-        for chosen, x in ((~lots.in_second, lots.first), (lots.in_second, lots.second))
+        for chosen, x in ((~split.in_second, split.first), (split.in_second, split.second))
     )
-    apart = np.abs(lots.first - lots.second) / np.sqrt(np.maximum(variance, 1e-300))
-    far = [i for i in np.argsort(-apart)[:NAMED] if apart[i] > APART]
-    one, other = (fit.parameters.as_dict(x) for x in (lots.first, lots.second))
+    apart = np.abs(split.first - split.second) / np.sqrt(np.maximum(variance, 1e-300))
+    far = [i for i in np.argsort(-apart)[:MAX_NAMED] if apart[i] > MIN_DIFFERENCE]
+    one, other = (fit.parameters.as_dict(x) for x in (split.first, split.second))
     free = fit.parameters.free
     said = [f"{free[i].name} {one[free[i].name]:.4g} against {other[free[i].name]:.4g} {free[i].unit}" for i in far]
     return f", with {', '.join(said)}" if said else ""

@@ -104,7 +104,7 @@ class ElasticFit:
 
     @property
     def problem(self) -> LeastSquares:
-        """As solvers want it."""
+        """The problem of a solver."""
         return LeastSquares(self.parameters, self.n_residuals, self.rough, self.residual)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:

@@ -160,8 +160,8 @@ def _roundness(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Param
     return min(body.roundness(body.theta(parameters, x)) for body in inertias)
 
 
-def border_words(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
-    """A word about each body whose inertia ended at the border of what a body can have."""
+def find_border_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> tuple[Note, ...]:
+    """A note on each body whose inertia ended at the border of what a body can have."""
     words = []
     for body in inertias:
         values = np.linalg.eigvalsh(body.second_moment(body.theta(parameters, x)))
@@ -169,7 +169,7 @@ def border_words(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: F
             words.append(
                 Note(
                     "impossible-inertia",
-                    "the data want an inertia that no body can have (a principal moment above the sum "
+                    "the data ask for an inertia that no body can have (a principal moment above the sum "
                     "of the other two); it ended at the border: check its mass, its centre of mass and the placement "
                     "of its joint",
                     f"body {body.name}",

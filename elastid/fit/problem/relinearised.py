@@ -2,9 +2,9 @@ r"""The fit of a robot whose linearisation holds near its point only: linearised
 
 .. math:: x \to \theta \to q_0(\theta) \to M, D, K\,(q_0, \theta) \to G, \qquad dG / dx \text{ along the whole chain}
 
-The tangent stiffness of a nonlinear spring changes by factors between what a start says and what is true; a model that
-is affine about the nominal parameters would lead all starts into one valley. So it is where masses and their places are
-identified together: M holds m c^2.
+The tangent stiffness of a nonlinear spring changes by factors between a start and the truth; a model that is affine
+about the nominal parameters would lead all starts into one valley. The same holds for masses identified together with
+their places: M contains m c^2.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 
 @dataclass(frozen=True, eq=False)
 class RelinearisedFit:
-    """linearised(x): the fit with every configuration linearised at x.  fixed: at the first start, for its gains."""
+    """linearise(x): the fit with every configuration linearised at x.  first: at the first start, for its gains."""
 
-    linearised: Callable[[FloatArray], ElasticFit]
-    fixed: ElasticFit
+    linearise: Callable[[FloatArray], ElasticFit]
+    first: ElasticFit
 
     @property
     def problem(self) -> LeastSquares:
-        """As solvers want it; it pickles."""
-        return LeastSquares(self.fixed.parameters, self.fixed.n_residuals, self.evaluate, self.residual)
+        """The problem of a solver; it pickles."""
+        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, self.residual)
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand."""
@@ -46,8 +46,8 @@ class RelinearisedFit:
 
     def at(self, x: FloatArray) -> ElasticFit:
         """The fit at x; which elements count and how much stays as it is at the first start."""
-        moved = self.linearised(x)
-        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.fixed.parts)))
+        moved = self.linearise(x)
+        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.first.parts)))
 
 
 def _weighed_as(part: Part, first: Part) -> Part:

@@ -1,1 +1,1 @@
-"""Before the search: which parameters are identified, what is wrong with responses or wishes, the fit assembled."""
+"""Before the search: choice of parameters, checks of responses and geometry, assembly of the fit."""

@@ -95,7 +95,7 @@ class Assembly:
             return fit.problem
         return RelinearisedFit(partial(self.at, criterion=criterion), fit).problem
 
-    def spring_words(self, x: FloatArray) -> tuple[Note, ...]:
+    def spring_notes(self, x: FloatArray) -> tuple[Note, ...]:
         """Springs that no one stiffness describes where the robot rests at x."""
         model = self.linearisation.model
         alike: dict[tuple[float, ...], dict[str, Configuration]] = {}  # configurations of the same numbers

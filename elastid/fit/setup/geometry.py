@@ -1,10 +1,10 @@
-r"""What is wrong with the coordinates and lengths that a study wants identified, before anything is fitted.
+r"""Checks of the coordinates and lengths to identify, before anything is fitted.
 
 The ends a_1, a_2 of a compensator, within their bounds, at the closest that they come in a configuration:
 
 .. math:: \min_{a_1, a_2} |p_2 + R_2 a_2 - p_1 - R_1 a_1|
 
-where they meet its force has no direction, and its stiffness k L_0 / L across no bound.
+where they meet its force has no direction, and its lateral stiffness k L_0 / L no bound.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from elastid.robot import BASE, Compensator, Robot
 
 # Names of configurations to the motors' angles (n_u,).
 Configurations: TypeAlias = Mapping[str, Sequence[float] | FloatArray]
-# m: two ends at this distance are taken for one point.
+# m: two ends nearer to each other are one point.
 MIN_DISTANCE_M = 1e-3
 
 
 def geometry_problems(
     parameters: ParameterSet, robot: Robot, configurations: Configurations
 ) -> Iterator[tuple[str, str]]:
-    """The parameter, and what is wrong with its start or its bounds in one of the configurations."""
+    """Each parameter whose start or bounds are impossible in one of the configurations, with a message."""
     free = [p for p in parameters.free if p.stands_for in robot.geometry]
     if not free:
         return
@@ -68,7 +68,7 @@ def _has_a_direction(compensator: Compensator, parameters: ParameterSet) -> bool
 def _meeting(
     robot: Robot, compensator: Compensator, free: Sequence[Parameter], configuration: str, angles: FloatArray
 ) -> Iterator[tuple[str, str]]:
-    """A word where the ends come together at the start of these coordinates, or within their bounds."""
+    """The problem where the ends come together at the start of these coordinates, or within their bounds."""
     q = followed(robot, angles[None])
     (start, first), (end, second) = (_pose(robot, q, anchor.body) for anchor in compensator.ends)
     points = [np.array(anchor.point, dtype=float) for anchor in compensator.ends]

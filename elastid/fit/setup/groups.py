@@ -1,4 +1,4 @@
-"""Parameters of their own for groups of configurations: each robot of a type, a temperature, every configuration.
+"""Groups of configurations with parameters of their own: each robot of a type, a temperature, each configuration.
 
 fm_1@warm stands in for fm_1 in the configurations of the group warm.
 """
@@ -13,24 +13,24 @@ from elastid.base.errors import StudyError, did_you_mean
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.parameters import ParameterSet
 
-# Behind it the group that a parameter is of.
+# Between the name of a parameter and its group.
 SEPARATOR = "@"
 
 
 def is_group_key(key: str) -> bool:
-    """Whether a key of fit.parameters speaks of the parameter of one group."""
+    """Whether a key of fit.parameters is about the parameter of one group."""
     return SEPARATOR in key
 
 
-def of(
-    name: str, wish: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
+def groups_of(
+    name: str, spec: ParameterSpec, robots: Mapping[str, Sequence[str]], configurations: Sequence[str]
 ) -> dict[str, tuple[str, ...]]:
     """Group to its configurations, of the groups of which any is fitted.
 
     Those of a group that are not fitted are in it, too: what was found for the group predicts them.
     StudyError where a configuration is in two groups, and for `per: robot` without robots.
     """
-    per, where = wish.per, f"fit.parameters.{name}.per"
+    per, where = spec.per, f"fit.parameters.{name}.per"
     if per == "robot":
         if not robots:
             raise StudyError(
@@ -49,8 +49,8 @@ def of(
     return {group: tuple(members) for group, members in per.items() if set(members) & set(configurations)}
 
 
-def wish(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
-    """What the study says about the parameter of one group: its own keys before what is said for all groups."""
+def spec_of_group(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) -> ParameterSpec:
+    """The settings of the parameter of one group: of its own keys, else those of all groups."""
     matching = [each for each in given if is_group_key(each) and fnmatchcase(key, each)]
     if not matching:
         return shared
@@ -61,15 +61,15 @@ def wish(key: str, shared: ParameterSpec, given: Mapping[str, ParameterSpec]) ->
 
 
 def check_keys(spec: FitSpec, wanted: Mapping[str, ParameterSpec]) -> None:
-    """StudyError for a key of one group that stands for no parameter, or that says what only all groups can.
+    """StudyError for a key of one group that matches no parameter, or sets what is common to all groups.
 
-    wanted: what the study says about each name.  A fit of some configurations does not have all groups.
+    wanted: the settings of each name.  A fit of some configurations does not have all groups.
     """
     for key in filter(is_group_key, spec.parameters):
         where, (name, _, group) = f"fit.parameters.{key}", key.partition(SEPARATOR)
         if spec.parameters[key].per is not None or spec.parameters[key].tie is not None:
             raise StudyError(f"{where}: per and tie are for all groups together; give them at {name}")
-        pers = [wish.per for each, wish in wanted.items() if fnmatchcase(each, name) and wish.per is not None]
+        pers = [spec.per for each, spec in wanted.items() if fnmatchcase(each, name) and spec.per is not None]
         if not pers:
             raise StudyError(
                 f"{where}: {name} has no groups; say which there are, for example {name}: {{per: robot}} with "

@@ -20,7 +20,7 @@ from elastid.parameters import Parameter, ParameterSet, Prior
 from elastid.robot import Robot
 
 # Default bounds: a logarithmic parameter within this factor of its start, the delay in s. Friction may end higher:
-# Coulomb friction looks viscous to a multisine, the more the slower it slides, by far more than a data sheet's number.
+# Coulomb friction looks viscous to a multisine, the more the slower it slides.
 BOUND_FACTOR = 100.0
 BOUND_FACTOR_OF_FRICTION = 1e4
 DELAY_BOUNDS = (0.0, 0.01)
@@ -38,9 +38,9 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
     table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
-    shared = {key: wish for key, wish in spec.parameters.items() if not groups.is_group_key(key)}
+    shared = {key: asked for key, asked in spec.parameters.items() if not groups.is_group_key(key)}
     wanted = _match(shared, table, robot.geometry) if spec.parameters else _default(robot)
-    grouped = {name: groups.of(name, wish, spec.robots, configurations) for name, wish in wanted.items()}
+    grouped = {name: groups.groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
     groups.check_keys(spec, wanted)
     linear = _linear_names(robot)
     chosen: list[Parameter] = []
@@ -55,8 +55,8 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
         chosen.append(replace(parameter, free=False, prior=None) if everywhere else parameter)
         for group, only in own.items():
             key = f"{name}@{group}"
-            wish = groups.wish(key, wanted[name], spec.parameters)
-            of_group = _parameter(key, value, unit, wish, name not in linear)
+            asked = groups.spec_of_group(key, wanted[name], spec.parameters)
+            of_group = _parameter(key, value, unit, asked, name not in linear)
             further.append(replace(of_group, only=only))
     _check_ratios(spec, chosen)
     chosen += further
@@ -74,33 +74,33 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
 
     A pattern has to begin with a letter (pc1_*, p_arm_*): `*` and `*_1` do not stand for geometry.
     """
-    asked = [key for key in given if key[:1].isalpha()]
-    asked += [wish.tie.to for wish in given.values() if wish.tie is not None and wish.tie.to in robot.geometry]
-    return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in asked))
+    keys = [key for key in given if key[:1].isalpha()]
+    keys += [one.tie.to for one in given.values() if one.tie is not None and one.tie.to in robot.geometry]
+    return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in keys))
 
 
 def _match(
     given: Mapping[str, ParameterSpec], table: Mapping[str, object], geometry: Iterable[str]
 ) -> dict[str, ParameterSpec]:
-    """What the study says about each name that it names."""
+    """The settings of each name that a key of the study matches."""
     matched: dict[str, ParameterSpec] = {}
-    for key, wish in given.items():
+    for key, asked in given.items():
         names = [name for name in table if fnmatchcase(name, key)]
         if not names:
             raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, table, geometry)}")
-        matched |= {name: _starred(key, name, wish) for name in names}
-    return matched | {key: wish for key, wish in given.items() if key in table}
+        matched |= {name: _starred(key, name, asked) for name in names}
+    return matched | {key: asked for key, asked in given.items() if key in table}
 
 
-def _starred(key: str, name: str, wish: ParameterSpec) -> ParameterSpec:
-    """The wish for one name of a pattern: the * of its tie is what the * of the key stands for."""
-    if wish.tie is None or "*" not in wish.tie.to:
-        return wish
+def _starred(key: str, name: str, asked: ParameterSpec) -> ParameterSpec:
+    """The key for one name of a pattern: the * of its tie is what the * of the key stands for."""
+    if asked.tie is None or "*" not in asked.tie.to:
+        return asked
     if key.count("*") != 1:
-        raise StudyError(f"fit.parameters.{key}: a tie to {wish.tie.to} needs exactly one * in the key")
+        raise StudyError(f"fit.parameters.{key}: a tie to {asked.tie.to} needs exactly one * in the key")
     before, after = key.split("*")
     star = name[len(before) : len(name) - len(after)]
-    return replace(wish, tie=replace(wish.tie, to=wish.tie.to.replace("*", star)))
+    return replace(asked, tie=replace(asked.tie, to=asked.tie.to.replace("*", star)))
 
 
 def _ratio(name: str, ratio: RatioSpec, table: Mapping[str, object]) -> Parameter:
@@ -157,7 +157,7 @@ def _default(robot: Robot) -> dict[str, ParameterSpec]:
 
 
 def _linear_names(robot: Robot) -> set[str]:
-    """Those that may be zero or negative."""
+    """Names of the parameters that may be zero or negative."""
     names = {DELAY}
     for body in robot.all_bodies:
         names |= {f"c_{body.name}_{axis}" for axis in "xyz"}
@@ -169,22 +169,22 @@ def _linear_names(robot: Robot) -> set[str]:
     return names
 
 
-def _parameter(name: str, value: float, unit: str, wish: ParameterSpec, log: bool) -> Parameter:
+def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bool) -> Parameter:
     where = f"fit.parameters.{name}"
-    if wish.tie is not None:
-        return Parameter(name, value, unit, log=log, tie=wish.tie.tie())
-    start = value if wish.start is None else float(wish.start)
-    if wish.fixed:
+    if asked.tie is not None:
+        return Parameter(name, value, unit, log=log, tie=asked.tie.tie())
+    start = value if asked.start is None else float(asked.start)
+    if asked.fixed:
         return Parameter(name, start, unit, log=log, free=False)
     if log and not start > 0:
         raise StudyError(
             f"{where}: it is found as a factor of its start, and the start is {start:g} {unit}; "
             f"give a positive one, for example {{start: 1 {unit}}}"
         )
-    prior = _prior(wish.prior, value)
+    prior = _prior(asked.prior, value)
     if prior is not None and log and not prior.mean > 0:
         raise StudyError(f"{where}.prior: the mean {prior.mean:g} {unit} must be positive")
-    lower, upper = _bounds(name, start, wish, log)
+    lower, upper = _bounds(name, start, asked, log)
     try:
         return Parameter(name, start, unit, lower, upper, log, prior=prior)
     except ValueError as error:
@@ -192,13 +192,13 @@ def _parameter(name: str, value: float, unit: str, wish: ParameterSpec, log: boo
 
 
 def _prior(prior: PriorSpec | None, known: float) -> Prior | None:
-    """About its mean, or about the number that is known without it."""
+    """The prior about its mean, by default the robot's number."""
     return None if prior is None else Prior(known if prior.mean is None else float(prior.mean), prior.std)
 
 
-def _bounds(name: str, start: float, wish: ParameterSpec, log: bool) -> tuple[float, float]:
-    if wish.bounds is not None:
-        return float(wish.bounds[0]), float(wish.bounds[1])
+def _bounds(name: str, start: float, asked: ParameterSpec, log: bool) -> tuple[float, float]:
+    if asked.bounds is not None:
+        return float(asked.bounds[0]), float(asked.bounds[1])
     if log:
         return start / BOUND_FACTOR, start * (
             BOUND_FACTOR_OF_FRICTION if name.startswith(("f_", "fm_")) else BOUND_FACTOR

@@ -1,4 +1,4 @@
-"""What is wrong with a set of measured responses before anything is fitted to it."""
+"""Checks of measured responses before a fit: of this robot, none twice, one kind of frequency."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 
 # rad or m: angles nearer to each other are one posture.
-SAME_ANGLE = 2e-5
+ANGLE_TOLERANCE = 2e-5
 # Two responses with more than this share of their lines in common are one measurement.
-ALIKE = 0.5
+MAX_SHARED_LINES = 0.5
 
 
 def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
@@ -47,10 +47,10 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
         raise DataError(f"the lines of {unknown} are in units of an unknown sampling rate, the others in Hz")
 
 
-def posture_words(
+def find_same_postures(
     responses: Sequence[FrequencyResponse], parameters: ParameterSet, robots: Mapping[str, Sequence[str]]
 ) -> tuple[Note, ...]:
-    """A word about configurations that are one posture of one robot, with the same parameters, under two names."""
+    """A note on configurations that are one posture of one robot, with the same parameters, under two names."""
 
     def group(name: str) -> tuple[object, ...]:
         own = tuple(p.name for p in parameters if name in p.only)
@@ -72,22 +72,22 @@ def posture_words(
 def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:
     """Pairs at the same angles and through the same channels."""
     angles = np.array([response.configuration.angles for response in responses])
-    same = np.all(np.abs(angles[:, None] - angles) < SAME_ANGLE, axis=2)
+    same = np.all(np.abs(angles[:, None] - angles) < ANGLE_TOLERANCE, axis=2)
     for i, j in np.argwhere(np.triu(same, 1)):
         one, other = responses[i], responses[j]
         if (one.inputs, one.outputs) == (other.inputs, other.outputs):
             yield one, other
 
 
-def alike_words(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
-    """A word about every two configurations that hold the very same numbers, which two measurements never do."""
+def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
+    """A note on every two configurations that hold the same numbers, which two measurements never do."""
     words = []
     for one, other in combinations(responses, 2):
         if (one.inputs, one.outputs) != (other.inputs, other.outputs):
             continue
         _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, assume_unique=True, return_indices=True)
         same = int(np.all((one.G[here] == other.G[there]) & (one.G[here] != 0), axis=(1, 2)).sum())
-        if same > ALIKE * min(one.n_lines, other.n_lines):
+        if same > MAX_SHARED_LINES * min(one.n_lines, other.n_lines):
             words.append(
                 Note(
                     "alike-responses",

@@ -1,6 +1,6 @@
-"""Many starts, since a local solve finds the global optimum only half of the time from 50 % off, and the hit rate.
+"""Multistart and its hit rate: from 50 % off a local solve finds the global optimum only half of the time.
 
-It knows no robot: problems are solved one after the other, each from where the one before ended (log, then complex).
+Problems are solved one after the other, each from where the one before ended (log, then complex).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.solvers import FINE, ROUGH, Method, solve
 from elastid.parameters import Parameter, ParameterSet
 
-# Dampings and frictions are known worse than stiffnesses and inertias: their starts spread over factor^2.
+# Dampings and frictions are known less well than stiffnesses and inertias: their starts spread over factor^2.
 DAMPING_EXPONENT = 2.0
 DAMPING_UNITS = ("N*m*s/rad", "N*s/m")
 # A linear parameter's starts spread over this share of its bounds to either side.
 LINEAR_SHARE_OF_BOUNDS = 0.1
 # A start is a hit if its V exceeds the best by less than this share of what one standard deviation costs.
 MAX_HIT_EXCESS = 0.1
-# Iterations of a rough solve, and the multiple of the best cost from which one that used them all up is given up.
+# Iterations of a rough solve, and the cost over the best beyond which one that used them all is given up.
 ROUGH_ITERATIONS = 60
 MAX_ROUGH_COST_RATIO = 30.0
 
@@ -55,7 +55,7 @@ def _reach(parameter: Parameter, factor: float) -> float:
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in the middle of many starts or after them; ends: of those that led anywhere, best first."""
+    """Ctrl-C in the middle of many starts or after them; ends: of those that did not fail, best first."""
 
     def __init__(self, ends: Iterable[LocalOptimum]) -> None:
         self.ends = tuple(sorted((end for end in ends if math.isfinite(end.cost)), key=lambda end: end.cost))
@@ -70,8 +70,8 @@ def multistart(
 ) -> tuple[tuple[LocalOptimum, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
 
-    Every start is solved roughly; then those go on that can still reach the best one, and the others end where they
-    are, with a word. The same under any execution; for several processes the problems must pickle.
+    Every start is solved roughly; those that can still reach the best cost are then solved finely, and the others end
+    where they are, with a message. The same under any execution; for several processes the problems must pickle.
     Raises FitError where none succeeds, Interrupted on Ctrl-C.
     """
     execution = execution or Execution()
@@ -79,7 +79,7 @@ def multistart(
     rough = _kept(begin, {f"start-{i}": x for i, x in enumerate(starts)}, execution)
     best = min(end.cost for end in rough)
     if not np.isfinite(best):
-        raise FitError(f"none of the {len(rough)} starts led anywhere; the first one ended so: {rough[0].message}")
+        raise FitError(f"all {len(rough)} starts failed; the first with: {rough[0].message}")
     reach = best + _deviation(best, problems[-1])
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
     polish = _Polish(problems[-1], method)
@@ -100,7 +100,7 @@ def _deviation(cost: float, problem: LeastSquares) -> float:
 
 
 def _may_fall(end: LocalOptimum, best: float) -> bool:
-    """Whether a rough solve that ran out of iterations is near enough to go on."""
+    """Whether a rough solve that ran out of iterations is near enough to continue."""
     return not end.converged and end.cost <= MAX_ROUGH_COST_RATIO * best
 
 

@@ -61,11 +61,11 @@ def add_intervals(
     execution: Execution,
 ) -> FitResult:
     """The result with the profiles and the bootstrap of the study."""
-    x, words = optimum.end.x, list(result.notes)
+    x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
         names, left = choose_profiles(problem, x, variance)
-        words += _bent_words(names, left)
+        notes += _profile_notes(names, left)
     else:
         names = match_names(spec.profile, result.parameters)
     if names:
@@ -76,7 +76,7 @@ def add_intervals(
         draws = bootstrap(optimum.fit, weights, x, spec.bootstrap, kind, spec.seed or 0, execution)
         good = np.isfinite(draws).all(axis=1)
         if np.mean(~good) > MAX_FAILED_SHARE:
-            words.append(
+            notes.append(
                 Note(
                     "bootstrap-failures",
                     f"{np.sum(~good)} of {len(draws)} fits of the bootstrap did not converge and are left out",
@@ -84,7 +84,7 @@ def add_intervals(
             )
         ends = np.quantile(draws[good], [0.025, 0.975], axis=0).T if good.any() else np.full((len(x), 2), np.nan)
         result = replace(result, bootstrap95=_natural(result.parameters, ends))
-    return replace(result, notes=tuple(words))
+    return replace(result, notes=tuple(notes))
 
 
 def profile_ends(
@@ -110,15 +110,15 @@ def choose_profiles(
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)
 
 
-def _bent_words(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...]:
+def _profile_notes(names: Sequence[str], left: Sequence[str]) -> tuple[Note, ...]:
     if not names:
         return ()
-    words = (
-        f"{', '.join(names)}: known too roughly for an interval that is symmetric (in the logarithm, of a positive "
+    text = (
+        f"{', '.join(names)}: V is not quadratic over the symmetric interval (in the logarithm, of a positive "
         "parameter); the interval is by profile likelihood"
     )
-    more = f"; so are {', '.join(left)}, whose interval is symmetric all the same: name them in fit.profile"
-    return (Note("profiled-interval", words + (more if left else ""), severity="information"),)
+    more = f"; {', '.join(left)} likewise, but with the symmetric interval: name them in fit.profile" if left else ""
+    return (Note("profiled-interval", text + more, severity="information"),)
 
 
 def match_names(patterns: Sequence[str], parameters: ParameterSet) -> tuple[str, ...]:
@@ -134,5 +134,4 @@ def _natural(parameters: ParameterSet, ends: FloatArray) -> FloatArray:
     """Ends (n_x, 2) in x as SI values."""
     log = np.array([parameter.log for parameter in parameters.free])
     with np.errstate(over="ignore"):
-        natural: FloatArray = np.where(log[:, None], np.exp(ends), ends)
-    return natural
+        return np.where(log[:, None], np.exp(ends), ends)

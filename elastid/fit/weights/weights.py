@@ -28,7 +28,7 @@ from elastid.response import Covariance, FrequencyResponse
 class Weights:
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
-    factor (F, n_y, n_u): the wish of the study, on top of the inverse variance.  noise: the measured covariance C of
+    factor (F, n_y, n_u): of the study, times the inverse variance.  noise: the measured covariance C of
     vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by element to what was smoothed:
     scale_a C_ab scale_b.  floor: alpha.  notes: what was left out, and why.
     correlated (F, n_y n_u, n_y n_u): the noise's part of the covariance to weigh with, vec column-major; None where
