@@ -1,4 +1,4 @@
-"""Movements, reference trajectories, and amplitudes that keep a robot inside its limits."""
+"""Amplitudes that keep a robot inside its limits."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
 from plants.notes import said
 
 from elastid.app.cli import run_command
@@ -19,14 +18,11 @@ from elastid.base.errors import StudyError
 from elastid.design.limit_use import QUANTITIES, LimitUse
 from elastid.design.limits import within_limits
 from elastid.design.rehearsed_peaks import nearest_run, peaks_of_run
-from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.movement import check_movement, movement
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.plan.references import references
-from elastid.experiment.simulated.closed_loop import closed_loop_of, feed_forward_of
+from elastid.experiment.simulated.closed_loop import feed_forward_of
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise
@@ -34,31 +30,8 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.model.serial import serial
 from elastid.report.figures.limits import limit_use as limit_use_figure
 from elastid.report.figures.limits import nearest_run_signals
-from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot import Limits, Robot
 from elastid.store import read_peaks, read_plan, read_rehearsal, write_plan
-
-LIMITS = Limits(angle=(-1.5, 1.5), velocity=0.8, torque=1500.0, acceleration=40.0)
-EXCITATION = MultisineSpec(rate_hz=500.0, period=1.0, band_hz=(2.0, 60.0), torque_rms="limits")
-
-
-def arm(limits: Limits = LIMITS) -> Robot:
-    """Two elastic axes with friction under gravity."""
-    motor = Motor(3e-3, 100, 2e-3, 0.15)
-    upper = Joint("1", "z", Spring(3e5, 300), motor, limits=limits)
-    lower = Joint("2", "y", Spring(2e5, 200), replace(motor, ratio=-90), limits=limits)
-    return Robot(
-        "arm",
-        (
-            Body("turret", joints=(upper,), mass=80, center_of_mass=(0.1, 0, 0.1), inertia=6),
-            Body("beam", "turret", Placement((0.1, 0, 0.4)), (lower,), 40, (0.0, 0.02, 0.3), 4),
-        ),
-    )
-
-
-def experiment(carrier: CarrierSpec | None = None, **changes: Any) -> ExperimentSpec:
-    noise = NoiseSpec(torque_std=0.5, disturbance_std=0.5, encoder_counts=1 << 20)
-    simulated = SimulatedSpec(carrier=carrier, noise=noise, substeps=4)
-    return replace(ExperimentSpec({"a": (0.2, 0.4)}, 1, simulated=simulated), **changes)
 
 
 def within(
@@ -74,79 +47,6 @@ def within(
 def largest(rig: SimulatedRig) -> np.ndarray:
     """Peaks (5, n_u) over all experiments."""
     return np.max([peaks_of_run(rig, e, *rig.rehearse(e)) for e in rig.experiments], axis=0)
-
-
-@given(
-    kind=st.sampled_from(["sine", "square", "offset"]),
-    ramp=st.sampled_from([0.0, 0.25, 0.6]),
-    hold=st.sampled_from([0.0, 0.1]),
-    cycles=st.integers(1, 2),
-)
-@settings(deadline=None, max_examples=24)
-def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
-    kind: Any, ramp: float, hold: float, cycles: int
-) -> None:
-    """Position, velocity, acceleration agree; ends at rest; every period's velocity is the last one's."""
-    size: dict[str, Any] = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
-    plan = make_plan(
-        replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=ramp, hold=hold), arm(), 0
-    )
-    path = movement(CarrierSpec(cycles=cycles, kind=kind, **size), plan)
-    inner = slice(plan.first_sample + 2, plan.run_samples - plan.first_sample - 2)
-    for x, dx in ((path.position, path.velocity), (path.velocity, path.acceleration)):
-        numeric = np.gradient(x, 1 / plan.rate_hz, axis=0)
-        step = np.abs(np.diff(dx, axis=0)).max()
-        np.testing.assert_allclose(numeric[inner], dx[inner], atol=step + 1e-9)
-        if ramp:
-            np.testing.assert_allclose(numeric[1:-1], dx[1:-1], atol=step + 1e-9)
-    N = plan.period_samples
-    periods = path.velocity[plan.first_sample :][: 3 * N].reshape(3, N, 2)
-    np.testing.assert_allclose(periods - periods[0], 0, atol=1e-12)
-    if hold and ramp:
-        np.testing.assert_array_equal(path.velocity[: plan.hold_samples], 0)
-        np.testing.assert_array_equal(path.velocity[-plan.hold_samples + 1 :], 0)
-    assert np.all(path.scale[plan.first_sample :][: 3 * N] == 1)
-
-
-def test_a_square_wave_leaves_the_analysed_lines_free_and_keeps_its_shape() -> None:
-    """No power on excited or detection lines; the velocity is near its amplitude for most of the time."""
-    excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
-    plan = make_plan(excitation, experiment(), arm(), 0)
-    carrier = CarrierSpec(kind="square", velocity=0.1, cutoff_hz=2.0)
-    velocity = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples, 0]
-    spectrum = np.abs(np.fft.rfft(velocity)) / len(velocity)
-    analysed = np.concatenate([plan.lines, plan.detection])
-    assert len(plan.detection) > 50
-    assert spectrum[analysed].max() < 1e-12
-    assert spectrum[[1, 3, 5, 7]].min() > 1e-3
-    assert np.mean(np.abs(velocity) > 0.08) > 0.8
-
-
-def test_a_constant_velocity_passes_through_the_configuration_in_the_middle() -> None:
-    """At the middle of the measured periods, with the sign of its velocity."""
-    plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
-    path = movement(CarrierSpec(kind="offset", velocity=(0.05, -0.1)), plan)
-    middle = plan.first_sample + 2 * plan.period_samples
-    np.testing.assert_allclose(path.position[middle], 0, atol=1e-12)
-    np.testing.assert_allclose(path.position[middle + 50], [0.005, -0.01])
-
-
-def test_a_carrier_that_leaves_a_joints_limits_in_its_ramps_is_refused() -> None:
-    """A constant velocity travels while it is ramped, too; a wrong number of velocities is counted."""
-    plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
-    check_movement(CarrierSpec(kind="offset", velocity=0.4), plan, arm())
-    with pytest.raises(StudyError, match=r"1.8 rad about 0.2 rad take joint 1 out of its limits \[-1.5, 1.5\] rad"):
-        check_movement(CarrierSpec(kind="offset", velocity=0.8), plan, arm())
-    with pytest.raises(StudyError, match="3 velocities for 2 motors"):
-        check_movement(CarrierSpec(kind="square", velocity=(0.1, 0.1, 0.1)), plan, arm())
-
-
-CARRIERS = [
-    None,
-    CarrierSpec(amplitude=0.02),
-    CarrierSpec(kind="square", velocity=0.05),
-    CarrierSpec(kind="offset", velocity=0.1),
-]
 
 
 @pytest.mark.parametrize("carrier", CARRIERS, ids=["rest", "sine", "square", "offset"])
@@ -210,88 +110,6 @@ def test_a_constant_velocity_shows_the_linear_robot_in_spite_of_gravity_and_fric
     true = frequency_response(linear, linear.theta_ref, plan.freq_hz)
     error = np.abs(np.einsum("fii->fi", G - true)) / np.abs(np.einsum("fii->fi", true))
     assert np.median(error, axis=0).max() < 0.03
-
-
-@pytest.mark.parametrize("flat", ["position", "velocity", "acceleration"])
-def test_a_motion_that_is_to_be_flat_is_flat_and_low_where_a_resonance_may_be(flat: Any) -> None:
-    """Amplitude times the largest response within 10 % is the same at all lines; no line of the motion is above it."""
-    machine = arm()
-    loop_of = closed_loop_of(machine, SimulatedSpec().controller, 500.0)
-    excitation = replace(EXCITATION, torque_rms=50.0, flat=flat)
-    plan = make_plan(excitation, experiment(), machine, 0, closed_loop=loop_of)
-
-    def motion(factor: float) -> np.ndarray:
-        loop = loop_of(plan.configurations[0], factor * plan.freq_hz)
-        return np.abs(np.einsum("fii,fi->fi", getattr(loop, flat), plan.R[0, 0, 0]))
-
-    level = np.max([motion(factor) for factor in np.linspace(0.9, 1.1, 9)], axis=0)
-    np.testing.assert_allclose(level / level[0], 1, rtol=1e-9)
-    assert np.all(motion(1.0) <= level * (1 + 1e-9))
-    assert np.all(motion(1.0).max(axis=0) > 0.9 * level[0])
-
-
-def test_the_closed_loop_response_is_what_the_simulation_does() -> None:
-    """Without friction and gravity, position and torque at all lines, to aliasing."""
-    machine = arm(Limits()).with_parameters({"fm_1": 1e-6, "fm_2": 1e-6})
-    bodies = tuple(
-        replace(b, joints=tuple(replace(j, motor=replace(j.motor, coulomb=0.0)) for j in b.joints))  # type: ignore[type-var]
-        for b in machine.bodies
-    )
-    machine = replace(machine, bodies=bodies, gravity=(0.0, 0.0, 0.0))
-    spec = experiment(simulated=SimulatedSpec(substeps=4), transient_periods=6)
-    plan = make_plan(replace(EXCITATION, torque_rms=1.0), spec, machine, 0)
-    rig = SimulatedRig(machine, spec, plan, 0)
-    loop = closed_loop_of(machine, spec.as_simulated().controller, 500.0)(plan.configurations[0], plan.freq_hz)
-    position, torque = rig.rehearse(rig.experiments[1])
-    last = slice(plan.first_sample + 6 * 500, plan.first_sample + 7 * 500)
-    R = plan.R[0, 0, 1]
-    for signal, T in ((position, loop.position), (torque, loop.torque)):
-        measured = np.fft.rfft(signal[last], axis=0)[plan.lines] / 250
-        expected = np.einsum("foi,fi->fo", T, R)
-        assert np.abs(measured - expected).max() < 0.01 * np.abs(expected).max()
-
-
-def test_precision_puts_torque_where_angle_noise_would_hide_the_response() -> None:
-    """With noise of the angle alone the torque rises as the angle falls; without any noise it is refused."""
-    noise = NoiseSpec(angle_std=1e-5)
-    spec = experiment(simulated=SimulatedSpec(noise=noise))
-    excitation = replace(EXCITATION, torque_rms=50.0, flat="precision")
-    loop_of = closed_loop_of(arm(), SimulatedSpec().controller, 500.0)
-    plan = make_plan(excitation, spec, arm(), 0, closed_loop=loop_of)
-    loop = loop_of(plan.configurations[0], plan.freq_hz)
-    position = np.abs(np.einsum("fii,fi->fi", loop.position, plan.R[0, 0, 0]))
-    np.testing.assert_allclose(position / position[0], 1, rtol=1e-9)
-    with pytest.raises(StudyError, match="precision needs the expected noise"):
-        make_plan(excitation, experiment(simulated=SimulatedSpec()), arm(), 0, closed_loop=loop_of)
-    with pytest.raises(StudyError, match=r"flat: precision.*needs the robot's closed-loop response"):
-        make_plan(excitation, spec, arm(), 0)
-
-
-def test_a_plan_refuses_sets_that_its_lines_or_realisations_do_not_allow() -> None:
-    """Fewer lines than motors; two realisations of one signal; no Hadamard matrix is needed for two motors."""
-    few = replace(EXCITATION, torque_rms=1.0, band_hz=(2.5, 3.5))
-    with pytest.raises(StudyError, match="excitation: 1 lines for 2 motors; take a period at least 2 times as long"):
-        make_plan(few, experiment(), arm(), 0)
-    twice = replace(EXCITATION, torque_rms=1.0, phases="schroeder")
-    with pytest.raises(StudyError, match="schroeder gives the same signal in each of 2 realisations"):
-        make_plan(twice, experiment(realisations=2), arm(), 0)
-    assert make_plan(replace(twice, orthogonal="hadamard"), experiment(), arm(), 0).R.shape[1] == 1
-
-
-def test_references_hold_the_robot_up_and_inject_the_plans_torque_under_a_ramp() -> None:
-    """Feed-forward is the weight at rest; the injected torque is the period's, at the right sample."""
-    spec = experiment(hold=0.1)
-    plan = make_plan(replace(EXCITATION, torque_rms=10.0), spec, arm(), 0)
-    (one,) = references(plan, None, feed_forward_of(serial(arm())))
-    assert one.position.shape == (plan.run_samples, 2)
-    np.testing.assert_allclose(one.feed_forward[:, 0], 0, atol=1e-9)
-    weight = -9.81 * 40 * 0.3 * math.sin(0.4)  # gravity about the beam's axis; the motor holds against it
-    np.testing.assert_allclose(one.feed_forward[:, 1], weight, rtol=1e-3)
-    period = plan.torque(plan.experiments[1])
-    r = one.injected(period)
-    np.testing.assert_array_equal(r[one.first_sample : one.first_sample + 500], period)
-    np.testing.assert_array_equal(r[:50], 0)
-    assert np.all(np.diff(one.scale[: one.first_sample]) >= 0)
 
 
 def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:

@@ -1,0 +1,82 @@
+"""Movements under a multisine: sines, square waves and constant velocities with their ramps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.limited_arm import EXCITATION, arm, experiment
+
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.movement import check_movement, movement
+from elastid.experiment.plan.plan import make_plan
+from elastid.experiment.specs.simulated import CarrierSpec
+
+
+@given(
+    kind=st.sampled_from(["sine", "square", "offset"]),
+    ramp=st.sampled_from([0.0, 0.25, 0.6]),
+    hold=st.sampled_from([0.0, 0.1]),
+    cycles=st.integers(1, 2),
+)
+@settings(deadline=None, max_examples=24)
+def test_a_movement_is_the_integral_of_its_velocity_and_periodic_in_its_periods(
+    kind: Any, ramp: float, hold: float, cycles: int
+) -> None:
+    """Position, velocity, acceleration agree; ends at rest; every period's velocity is the last one's."""
+    size: dict[str, Any] = {"amplitude": 0.02} if kind == "sine" else {"velocity": (0.05, -0.1)}
+    plan = make_plan(
+        replace(EXCITATION, torque_rms=1.0, band_hz=(5.0, 60.0)), experiment(ramp=ramp, hold=hold), arm(), 0
+    )
+    path = movement(CarrierSpec(cycles=cycles, kind=kind, **size), plan)
+    inner = slice(plan.first_sample + 2, plan.run_samples - plan.first_sample - 2)
+    for x, dx in ((path.position, path.velocity), (path.velocity, path.acceleration)):
+        numeric = np.gradient(x, 1 / plan.rate_hz, axis=0)
+        step = np.abs(np.diff(dx, axis=0)).max()
+        np.testing.assert_allclose(numeric[inner], dx[inner], atol=step + 1e-9)
+        if ramp:
+            np.testing.assert_allclose(numeric[1:-1], dx[1:-1], atol=step + 1e-9)
+    N = plan.period_samples
+    periods = path.velocity[plan.first_sample :][: 3 * N].reshape(3, N, 2)
+    np.testing.assert_allclose(periods - periods[0], 0, atol=1e-12)
+    if hold and ramp:
+        np.testing.assert_array_equal(path.velocity[: plan.hold_samples], 0)
+        np.testing.assert_array_equal(path.velocity[-plan.hold_samples + 1 :], 0)
+    assert np.all(path.scale[plan.first_sample :][: 3 * N] == 1)
+
+
+def test_a_square_wave_leaves_the_analysed_lines_free_and_keeps_its_shape() -> None:
+    """No power on excited or detection lines; the velocity is near its amplitude for most of the time."""
+    excitation = replace(EXCITATION, torque_rms=1.0, period=10.0, band_hz=(0.9, 60.0), grid="odd-random")
+    plan = make_plan(excitation, experiment(), arm(), 0)
+    carrier = CarrierSpec(kind="square", velocity=0.1, cutoff_hz=2.0)
+    velocity = movement(carrier, plan).velocity[plan.first_sample :][: plan.period_samples, 0]
+    spectrum = np.abs(np.fft.rfft(velocity)) / len(velocity)
+    analysed = np.concatenate([plan.lines, plan.detection])
+    assert len(plan.detection) > 50
+    assert spectrum[analysed].max() < 1e-12
+    assert spectrum[[1, 3, 5, 7]].min() > 1e-3
+    assert np.mean(np.abs(velocity) > 0.08) > 0.8
+
+
+def test_a_constant_velocity_passes_through_the_configuration_in_the_middle() -> None:
+    """At the middle of the measured periods, with the sign of its velocity."""
+    plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
+    path = movement(CarrierSpec(kind="offset", velocity=(0.05, -0.1)), plan)
+    middle = plan.first_sample + 2 * plan.period_samples
+    np.testing.assert_allclose(path.position[middle], 0, atol=1e-12)
+    np.testing.assert_allclose(path.position[middle + 50], [0.005, -0.01])
+
+
+def test_a_carrier_that_leaves_a_joints_limits_in_its_ramps_is_refused() -> None:
+    """A constant velocity travels while it is ramped, too; a wrong number of velocities is counted."""
+    plan = make_plan(replace(EXCITATION, torque_rms=1.0), experiment(), arm(), 0)
+    check_movement(CarrierSpec(kind="offset", velocity=0.4), plan, arm())
+    with pytest.raises(StudyError, match=r"1.8 rad about 0.2 rad take joint 1 out of its limits \[-1.5, 1.5\] rad"):
+        check_movement(CarrierSpec(kind="offset", velocity=0.8), plan, arm())
+    with pytest.raises(StudyError, match="3 velocities for 2 motors"):
+        check_movement(CarrierSpec(kind="square", velocity=(0.1, 0.1, 0.1)), plan, arm())
