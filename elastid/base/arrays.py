@@ -1,4 +1,4 @@
-"""The array types that signatures speak of; the letters F, Q, n_y, n_u ... in docstrings give their shapes."""
+"""Array types of signatures, and values that cannot be edited; letters F, Q, n_y, n_u ... in docstrings are shapes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ IntArray: TypeAlias = NDArray[np.int64]
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """A read-only copy of an array, so that a value that flows through the stages cannot be edited on its way."""
+    """A read-only copy of an array."""
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy
@@ -42,7 +42,7 @@ def frozen_value(*, eq: bool) -> Callable[[type[T]], type[T]]: ...
 
 
 def frozen_value(cls: type[T] | None = None, /, *, eq: bool = True) -> type[T] | Callable[[type[T]], type[T]]:
-    """A frozen dataclass whose array fields are read-only copies of what was given, before its `__post_init__` checks.
+    """A frozen dataclass whose array fields are read-only copies of the given arrays, made before its `__post_init__`.
 
     An array field is one annotated FloatArray, ComplexArray, BoolArray or IntArray, alone or with `| None`; the
     annotation gives the dtype.

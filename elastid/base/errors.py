@@ -1,4 +1,4 @@
-"""The three ways in which a command can end badly; `cli` turns each into a message and an exit code."""
+"""The three kinds of failure of a command; `cli` turns each into a message and an exit code."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 
 class ElastidError(Exception):
-    """A failure that the user can act on: the message says what, where, why and what to do next."""
+    """A failure that the user can act on: the message states fault, place, reason and remedy."""
 
     exit_code = 1
 
@@ -19,7 +19,7 @@ class StudyError(ElastidError):
 
 
 class DataError(ElastidError):
-    """The measured data cannot support what was asked: exit code 1, the data are left untouched."""
+    """The measured data do not allow the analysis: exit code 1, the data are left untouched."""
 
 
 class FitError(ElastidError):
@@ -27,9 +27,9 @@ class FitError(ElastidError):
 
 
 def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -> str:
-    """The name that was probably meant, or else those that there are: the end of a message about an unknown name.
+    """The known name nearest to an unknown one, or else all of them: the end of a message.
 
-    further: names that may have been meant, too, but are too many to be listed.
+    further: known names that are too many to be listed.
 
     >>> did_you_mean("bamd_hz", ["band_hz", "period"])
     "did you mean 'band_hz'?"

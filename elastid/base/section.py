@@ -1,4 +1,4 @@
-"""`@section`: a frozen dataclass that may be read from a study, unknown keys refused.
+"""`@section`: a frozen dataclass that can be read from a study, unknown keys refused.
 
 Each section of a study lives beside the code that uses it and knows no YAML; `study` only gathers them.
 """
@@ -16,6 +16,6 @@ _CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": Fa
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def section(cls: type[T]) -> type[T]:
-    """A frozen dataclass whose keys a study may give and no others."""
+    """A frozen dataclass whose fields are the keys that a study may give."""
     cls.__pydantic_config__ = _CONFIG  # type: ignore[attr-defined]
     return dataclass(frozen=True)(cls)

@@ -1,7 +1,7 @@
 """Units of a study: a plain number is SI, a text such as '2.5 kN*m/rad' comes from a closed table.
 
 `Annotated[float, InUnit("N*m/rad")]` makes a dataclass field read both and refuse every other dimension; with
-`InUnit("N*m/rad", "N/m")` it takes either, as a `Measured` number that remembers which, for its owner to check.
+`InUnit("N*m/rad", "N/m")` it takes either, as a `Measured` number that keeps its dimension for its owner to check.
 Frequencies are in Hz everywhere; nothing here turns Hz into rad/s.
 """
 
@@ -104,7 +104,7 @@ def factor(unit: str, dimension: str) -> float:
 
 
 def to_si(value: Any, dimension: str) -> float:
-    """A number (SI) or a text '2.5 kN*m/rad' as a float in SI; ValueError names what would fit.
+    """A number (SI) or a text '2.5 kN*m/rad' as a float in SI; ValueError lists the units that fit.
 
     >>> to_si("2.5 kN*m/rad", "N*m/rad")
     2500.0
@@ -125,12 +125,12 @@ def to_si(value: Any, dimension: str) -> float:
 
 
 class Measured(float):
-    """A float in SI that remembers what the unit measures that it was written with."""
+    """A float in SI with the dimension of the unit that it was written in."""
 
     dimension: str
 
     def __new__(cls, value: float, dimension: str) -> Measured:
-        """The number and what it measures."""
+        """The number and its dimension."""
         number = super().__new__(cls, value)
         number.dimension = dimension
         return number
@@ -140,7 +140,7 @@ class Measured(float):
 
 
 def to_si_of(value: Any, dimensions: tuple[str, ...]) -> float:
-    """As `to_si`, for any of several dimensions; of a text with a unit the dimension stays known.
+    """As `to_si`, for any of several dimensions; a text with a unit keeps its dimension.
 
     >>> to_si_of("5 N/mm", ("N*m/rad", "N/m")).dimension
     'N/m'
@@ -233,5 +233,5 @@ JointAcceleration: TypeAlias = Annotated[float, InUnit("rad/s^2", "m/s^2")]
 JointTorque: TypeAlias = Annotated[float, InUnit("N*m", "N")]
 TorqueConstant: TypeAlias = Annotated[float, InUnit("N*m/A")]
 
-# A quantity whose dimension only its name tells (a parameter of the robot); `study` reads it into SI.
+# A quantity whose dimension follows from its name (a parameter of the robot); `study` reads it into SI.
 Quantity: TypeAlias = float | str

@@ -13,26 +13,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import casadi as ca
-import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.friction.law import Curve, Expression
 
 # v_s in rad/s on the link side. Well below the speed at which a multisine moves a joint (0.01 to 1 rad/s), so that the
 # torque is F_c nearly all the time; not smaller, since the slope F_c / v_s is a rate that the integrator must resolve:
 # 50 Nm on a motor of 20 kg m^2 give 2500 1/s, which RK4 still integrates at 1 kHz.
 SLIDING_VELOCITY = 1e-3
-
-
-def coulomb(v: FloatArray, F_c: FloatArray, v_s: float = SLIDING_VELOCITY) -> FloatArray:
-    """tau_f = F_c tanh(v / v_s), Nm, for velocities v (..., n) in rad/s and levels F_c (n,) in Nm."""
-    torque: FloatArray = F_c * np.tanh(np.asarray(v) / v_s)
-    return torque
-
-
-def coulomb_expression(v: ca.SX, F_c: FloatArray, v_s: float = SLIDING_VELOCITY) -> ca.SX:
-    """The same as a CasADi expression (n, 1) of the velocities v (n, 1)."""
-    return ca.DM(F_c) * ca.tanh(v / v_s)
 
 
 @dataclass(frozen=True)

@@ -8,17 +8,20 @@ Niglis & Oberg (2015), eqs. (2.10), (2.14); with constraints: `baumgarte`. Link 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TypeAlias
 
 import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.friction.static import coulomb_expression
 from elastid.model.elastic import ElasticModel
 from elastid.model.nonlinear_springs import on_the_flanks
 from elastid.model.parallel_linkage.null_space import motions
 from elastid.simulation.baumgarte import constrained_acceleration
 from elastid.simulation.friction_states import Contacts
+
+Acceleration: TypeAlias = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
+Advance: TypeAlias = Callable[[ca.SX, ca.SX, float], ca.SX]
 
 # |h lambda| up to which RK4 is used; it is stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
 MAX_STEP_RATE = 2.5
@@ -40,35 +43,6 @@ def free_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0
     return ca.Function("free_acceleration", [q, v, torque], [a], {"cse": True})
 
 
-def acceleration(model: ElasticModel, coulomb: FloatArray, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
-    """(q, v, u) -> q'' of shape (n_q,), for torques u (n_u,) and Coulomb levels (n_u,) of the motors in Nm.
-
-    alpha, beta: as for `free_acceleration`.
-    """
-    q, v, u = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("u", model.n_u)
-    B, shafts = ca.DM(model.B), ca.sparsify(ca.DM(model.robot.mixing @ model.B.T))
-    torque = B @ u - shafts.T @ coulomb_expression(shafts @ v, coulomb)
-    return ca.Function("acceleration", [q, v, u], [free_acceleration(model, alpha, beta)(q, v, torque)], {"cse": True})
-
-
-def runge_kutta(acceleration: ca.Function, step: float, steps: int) -> ca.Function:
-    """(q, v, u) -> (q, v) after `steps` classical Runge-Kutta steps of `step` s at constant torque u.
-
-    The error is of order step^4. An oscillation at omega comes out with a relative frequency error of
-    (omega step)^4 / 120 and an added damping ratio of (omega step)^5 / 144.
-    """
-    n, n_u = acceleration.size1_in(0), acceleration.size1_in(2)
-    q0, v0, u = ca.SX.sym("q", n), ca.SX.sym("v", n), ca.SX.sym("u", n_u)
-    q, v, z = q0, v0, ca.SX(0, 1)
-    for _ in range(steps):
-        q, v, z = runge_kutta_step(lambda q, v, z, u: acceleration(q, v, u), _unmoved, q, v, z, (u, u, u), step)
-    return ca.Function("runge_kutta", [q0, v0, u], [q, v])
-
-
-Acceleration = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
-Advance = Callable[[ca.SX, ca.SX, float], ca.SX]
-
-
 def runge_kutta_step(
     acceleration: Acceleration,
     advanced: Advance,
@@ -80,6 +54,8 @@ def runge_kutta_step(
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """(q, v, z) after one classical Runge-Kutta step, u the torque at its beginning, middle and end.
 
+    The error is of order step^4. An oscillation at omega comes out with a relative frequency error of
+    (omega step)^4 / 120 and an added damping ratio of (omega step)^5 / 144.
     acceleration(q, v, z, u).  advanced(z, v, step): z after `step` at constant v. Friction states
     advance with the velocities of q, stage by stage: bristles that stick are integrated as any other spring, and
     bristles that slip, however fast their rate sigma_0 |v| / g, by the exact update, which has no limit of stability.
@@ -93,10 +69,6 @@ def runge_kutta_step(
     a4 = acceleration(q + step * v3, v4, advanced(z, v3, step), u[2])
     mean = (v + 2 * v2 + 2 * v3 + v4) / 6
     return q + step * mean, v + step / 6 * (a1 + 2 * a2 + 2 * a3 + a4), advanced(z, mean, step)
-
-
-def _unmoved(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
-    return z
 
 
 def fastest_rate(model: ElasticModel, contacts: Contacts, q: FloatArray) -> float:

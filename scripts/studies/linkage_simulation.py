@@ -32,7 +32,7 @@ from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.record import Configuration
 from elastid.simulation.baumgarte import energy, projection, violation
-from elastid.simulation.dynamics import acceleration, runge_kutta
+from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
 from elastid.study import load_robot
 
 ROBOT = Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml"
@@ -52,9 +52,9 @@ def undamped(formulation: str) -> ElasticModel:
 def swung(model: ElasticModel, step: float, seconds: float, stabilisation: str) -> tuple[FloatArray, FloatArray]:
     """q and v (n, n_q) every 10 ms after a kick from rest; stabilisation: `alpha, beta` or `projection`."""
     alpha, beta = (0.0, 0.0) if stabilisation == "projection" else map(float, stabilisation.split(","))
-    one = runge_kutta(acceleration(model, np.zeros(model.n_u), alpha, beta), step, 1)
-    q0, v0 = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-    q, v = one(q0, v0, np.zeros(model.n_u))
+    free, unforced = free_acceleration(model, alpha, beta), ca.SX(model.n_q, 1)
+    q0, v0, z = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX(0, 1)
+    q, v, _ = runge_kutta_step(lambda q, v, z, u: free(q, v, u), lambda z, v, step: z, q0, v0, z, (unforced,) * 3, step)
     if stabilisation == "projection" and model.n_c:
         q, v = projection(model)(q, v)
     per_sample = round(0.01 / step)

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.integration import acceleration
 from plants.notes import said
 from scipy.linalg import expm
 
@@ -22,7 +23,6 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.record import Configuration, Record
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
-from elastid.simulation.dynamics import acceleration
 
 POSTURE = (0.2, 0.5, -0.6)
 WEIGHT = (0.0, 0.0, -9.81)

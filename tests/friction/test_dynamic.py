@@ -1,4 +1,4 @@
-"""Friction laws obey their differential equations, their bounds, and slide as Tustin's law says."""
+"""Dynamic friction obeys its differential equations and bounds, and slides as Tustin's law says."""
 
 from __future__ import annotations
 
@@ -10,58 +10,33 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.friction_laws import Numeric
 from scipy.integrate import solve_ivp
 
-from elastid.base.errors import StudyError
 from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
-from elastid.friction.law import Curve, Law, phi_1
-from elastid.friction.robot_friction import coulomb_levels, frictions
+from elastid.friction.law import Curve, Law
 from elastid.friction.static import SLIDING_VELOCITY, Tustin
 from elastid.robot import (
-    Body,
-    Dahl,
     Friction,
-    Joint,
-    LoadDependence,
     LuGre,
-    MaxwellSlip,
-    Motor,
-    Robot,
-    Spring,
-    TemperatureDependence,
 )
 
 F_C, F_S, NU_S = 1.0, 1.5, 1e-2
+
+
 STRIBECK, COULOMB = Curve(F_C, F_S, 1 / NU_S), Curve(F_C, F_C, 0.0)
+
+
 LUGRE, DAHL = Bristle(1e4, 30.0), Bristle(1e4)
+
+
 ELEMENTS = MaxwellElements((4e3, 3e3, 2e3, 1e3), (0.1, 0.2, 0.3, 0.4), (0.0,) * 4, 200.0)
+
+
 SMOOTH, SWITCHED = SmoothMaxwellSlip(ELEMENTS), SwitchedMaxwellSlip(ELEMENTS)
+
+
 DYNAMIC = [LUGRE, DAHL, SMOOTH, SWITCHED]
-
-
-class Numeric:
-    """A law as functions of numbers."""
-
-    def __init__(self, law: Law, curve: Curve, step: float = 1e-4) -> None:
-        v, z = ca.SX.sym("v"), ca.SX.sym("z", law.n_states)
-        self.n = law.n_states
-        self.torque = ca.Function("torque", [v, z], [law.torque(v, z, curve)])
-        self.rate = ca.Function("rate", [v, z], [law.rate(v, z, curve)])
-        self.advanced = ca.Function("advanced", [v, z], [law.advanced(v, z, curve, step)])
-        self.path = self.advanced_path(law, curve, step)
-
-    @staticmethod
-    def advanced_path(law: Law, curve: Curve, step: float) -> ca.Function:
-        v, z = ca.SX.sym("v"), ca.SX.sym("z", law.n_states)
-        after = law.advanced(v, z, curve, step)
-        return ca.Function("step", [z, v], [after, law.torque(v, after, curve)])
-
-    def follow(self, v: np.ndarray, z: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """States (n, n_z) and torques (n,) after each of n steps at the velocities v (n,)."""
-        walk = self.path.mapaccum("walk", len(v))
-        start = np.zeros(self.n) if z is None else z
-        states, torque = walk(start, v[None])
-        return states.full().T, torque.full()[0]
 
 
 def motion(seed: int, top: float = 0.2) -> Callable[[np.ndarray], np.ndarray]:
@@ -78,6 +53,20 @@ def motion(seed: int, top: float = 0.2) -> Callable[[np.ndarray], np.ndarray]:
 def profile(seed: int, top: float = 0.2) -> np.ndarray:
     """Velocities (n,) of such a motion in the middle of steps of 50 us."""
     return motion(seed, top)((np.arange(20_000) + 0.5) * 5e-5)
+
+
+def minor_loop(law: Law, curve: Curve) -> tuple[float, float]:
+    """Torque where a small excursion back begins, and where it ends at the same displacement."""
+    there, little = np.full(600, 1e-2), np.full(60, -1e-2)
+    _, torque = Numeric(law, curve, 1e-5).follow(np.concatenate([there, little, -little]))
+    return torque[599], torque[-1]
+
+
+def taken(law: Law, curve: Curve, v: np.ndarray, viscous: float, step: float) -> float:
+    """Energy in J that the law and viscous friction have taken at the worst moment, from unbent bristles."""
+    states, _ = Numeric(law, curve, step).follow(v)
+    torque = Numeric(law, curve).torque.map(len(v))(v[None], states.T).full()[0]
+    return float(np.cumsum((torque + viscous * v) * v * step).min())
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -132,13 +121,6 @@ def test_steady_sliding_takes_tustins_torque_in_both_directions(law: Law, v: flo
     np.testing.assert_allclose(static, expected, rtol=1 - math.tanh(abs(v) / SLIDING_VELOCITY) + 1e-12)
 
 
-def minor_loop(law: Law, curve: Curve) -> tuple[float, float]:
-    """Torque where a small excursion back begins, and where it ends at the same displacement."""
-    there, little = np.full(600, 1e-2), np.full(60, -1e-2)
-    _, torque = Numeric(law, curve, 1e-5).follow(np.concatenate([there, little, -little]))
-    return torque[599], torque[-1]
-
-
 def test_maxwell_slip_remembers_minor_loops_and_lugre_does_not() -> None:
     """Back by 6e-6 rad and forth again: the torque returns to rounding; LuGre ends elsewhere, by percents."""
     for law in (SMOOTH, SWITCHED):
@@ -189,23 +171,6 @@ def test_a_joint_at_rest_under_load_does_not_creep() -> None:
         np.testing.assert_array_equal(torque[2:], torque[1])
 
 
-def test_phi_1_has_the_derivatives_of_its_series() -> None:
-    """1, -1/2, 1/3 at 0; no jump where the series hands over."""
-    x = ca.SX.sym("x")
-    first = ca.jacobian(phi_1(x), x)
-    values = ca.Function("phi", [x], [phi_1(x), first, ca.jacobian(first, x)])
-    np.testing.assert_allclose([float(part) for part in values(0.0)], [1, -0.5, 1 / 3], rtol=1e-12)
-    below, above = float(values(1e-3 * (1 - 1e-9))[0]), float(values(1e-3)[0])
-    np.testing.assert_allclose(below, above, rtol=1e-12)
-
-
-def taken(law: Law, curve: Curve, v: np.ndarray, viscous: float, step: float) -> float:
-    """Energy in J that the law and viscous friction have taken at the worst moment, from unbent bristles."""
-    states, _ = Numeric(law, curve, step).follow(v)
-    torque = Numeric(law, curve).torque.map(len(v))(v[None], states.T).full()[0]
-    return float(np.cumsum((torque + viscous * v) * v * step).min())
-
-
 @given(st.integers(0, 10_000), st.sampled_from([0.02, 0.2, 2.0]))
 @settings(deadline=None, max_examples=30)
 def test_what_passes_the_check_gives_no_energy(seed: int, top: float) -> None:
@@ -232,72 +197,3 @@ def test_what_fails_the_check_gives_energy(part: float, gives: bool) -> None:
     energy = np.cumsum((torque + viscous * fast) * fast * step).min()
     assert (energy < -1e4 * slow[0] ** 2 / 2) == gives
     assert np.all(np.diff(np.abs(states[:, 0])) <= 0)
-
-
-def test_friction_of_a_robot_is_seen_from_the_link() -> None:
-    """Torques times |ratio|, stiffness and damping times its square, velocities divided by it; joints as they are."""
-    n = 50.0
-    lugre = Friction(0.5, 0.7, 2.0, 1e-4, lugre=LuGre(30.0, 0.01, 5.0))
-    slip = Friction(9.0, maxwell_slip=MaxwellSlip((1e4, 2e4), (0.4, 0.6), 100.0, switching="events"))
-    robot = Robot("r", (
-        Body("a", joints=(Joint("1", "z", Spring(1e5), Motor(1e-3, -n, friction=lugre), friction=slip),), inertia=1.0),
-        Body("b", "a", joints=(Joint("2", "y", None, Motor(1e-3, n, 0, 0.3), friction=Friction(4.0)),), inertia=1.0),
-    ))  # fmt: skip
-    first, second, third, fourth = frictions(robot)
-    assert [one.place for one in (first, second, third, fourth)] == ["motor 1", "motor 2", "joint 1", "joint 2"]
-    np.testing.assert_allclose(first.curve(), [25, 35, n / 2, 1e-4 * n**3, 0])
-    assert first.law == Bristle(30 * n**2, 0.01 * n**2, n / 5)
-    assert second.law == Tustin()
-    assert third.law == SwitchedMaxwellSlip(MaxwellElements((1e4, 2e4), (0.4, 0.6), (0.0, 0.0), 100.0))
-    np.testing.assert_allclose(coulomb_levels(robot), [25, 15 + 4])
-    # Power is the same on both sides.
-    v, z = 0.02, 1e-5
-    motor = Numeric(Bristle(30.0, 0.01, 1 / 5), Curve(0.5, 0.7, 1 / 2, 1e-4)).torque(n * v, n * z)
-    link = Numeric(first.law, Curve(*first.curve().tolist())).torque(v, z)
-    np.testing.assert_allclose(float(link), n * float(motor), rtol=1e-12)
-
-
-def test_load_and_temperature_change_the_curve() -> None:
-    """Affine in |load|; stiction and Stribeck velocity affine, viscous friction exponential in temperature."""
-    n = 100.0
-    warm = TemperatureDependence(25.0, stiction=0.01, stribeck_velocity=0.1, viscous=0.02, decay=20.0)
-    spec = Friction(0.5, 0.8, 2.0, load=LoadDependence(0.01, 0.03), temperature=warm)
-    robot = Robot("r", (Body("a", joints=(Joint("1", "z", motor=Motor(1e-3, n, 0.03, friction=spec)),), inertia=1.0),))
-    (one,) = frictions(robot)
-    np.testing.assert_allclose(one.curve(-300.0)[:2], [50 + 3, 80 + 9])
-    np.testing.assert_allclose(
-        one.curve(0, 45.0), [50, 80 + 0.2 * n, n / 4.0, 0, n**2 * 0.02 * (math.exp(-1) - 1)], rtol=1e-12
-    )
-    np.testing.assert_allclose(one.curve(0, 25.0, level=1.2)[[0, 1, 4]], [60, 96, 0])
-    with pytest.raises(ValueError, match=r"friction of motor 1 .* at -20 degC: stiction falls to 0.35 N"):
-        one.curve(0, -20.0)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "word"),
-    [
-        (lambda: Friction(2.0, 1.0, 0.1), "stiction .* 1 N.m, below coulomb .* of 2 N.m"),
-        (lambda: Friction(-1.0), "coulomb .* -1; it must be positive"),
-        (lambda: Friction(1.0, 2.0), "needs stribeck_velocity"),
-        (lambda: Friction(1.0, lugre=LuGre(-1e4)), "stiffness .sigma_0. is -10000"),
-        (lambda: Friction(1.0, lugre=LuGre(1e4, -1.0)), "damping .sigma_1. is -1"),
-        (lambda: Friction(1.0, 2.0, 0.1, dahl=Dahl(1e4)), "no Stribeck effect"),
-        (lambda: Friction(1.0, dahl=Dahl(1e4), lugre=LuGre(1e4)), "at most one"),
-        (lambda: MaxwellSlip((1e4, 1e4), (0.5, 0.4), 1.0), "sum to 0.9"),
-        (lambda: MaxwellSlip((1e4,), (0.5, 0.5), 1.0), "1 numbers of stiffness and 2 shares"),
-        (lambda: MaxwellSlip((1e4, 1e4), (0.5, 0.5), 0.0), "attraction .C. is 0"),
-        (lambda: Motor(1e-3, 10, 0.4, 1.0, friction=Friction(1.0)), "both given"),
-        (
-            lambda: Motor(1e-3, 1, 0.4, friction=Friction(1.0, 1.5, 1e-3, lugre=LuGre(1e5, 316.0))),
-            r"not passive.*>= damping .* = 158 .* viscous is 0.4; give damping_velocity: 0.027",
-        ),
-        (
-            lambda: Joint("1", friction=Friction(1.0, 1.5, 1e-3, lugre=LuGre(1e5, 316.0, 0.05))),
-            "damping_velocity is 0.05 .* = 0.02951 rad/s",
-        ),
-    ],
-)
-def test_friction_that_no_contact_has_is_refused(wrong: object, word: str) -> None:
-    """The message says which number, what it is and what it must be."""
-    with pytest.raises((ValueError, StudyError), match=word):
-        wrong()  # type: ignore[operator]

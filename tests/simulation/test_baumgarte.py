@@ -6,6 +6,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import pytest
+from plants.integration import acceleration, runge_kutta
 from pydantic import TypeAdapter
 from ruamel.yaml import YAML
 
@@ -20,7 +21,6 @@ from elastid.record import Configuration
 from elastid.robot import BASE, Robot, unit_axis
 from elastid.simulation.baumgarte import constrained_acceleration, energy, projection, violation
 from elastid.simulation.controller import feed_forward, rigid_motion, rigid_path
-from elastid.simulation.dynamics import acceleration, runge_kutta
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 CONSTRAINED, MINIMAL = ModelSpec("constrained"), ModelSpec("minimal")

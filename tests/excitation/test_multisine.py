@@ -1,0 +1,91 @@
+"""Multisines: orthogonal sets, the torques asked for, and their signals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.excitation.grids import grid_lines, line_frequencies
+from elastid.excitation.multisine import amplitudes, experiments, orthogonal_set, relative_amplitudes, synthesise
+from elastid.excitation.spec import Phases
+
+
+@given(n_u=st.integers(1, 7), F=st.integers(7, 12), seed=st.integers(0, 2**32))
+@settings(deadline=None, max_examples=40)
+def test_experiments_of_a_set_are_orthogonal_at_every_line(n_u: int, F: int, seed: int) -> None:
+    """U U^H = n_u diag(a^2) to 1e-12, for any number of inputs, six included."""
+    amplitude = np.random.default_rng(seed).uniform(0.1, 3, (F, n_u))
+    U = orthogonal_set(amplitude, np.random.default_rng(seed)).transpose(1, 2, 0)
+    product = U @ U.conj().transpose(0, 2, 1)
+    expected = n_u * amplitude[:, :, None] ** 2 * np.eye(n_u)
+    np.testing.assert_allclose(product, expected, atol=1e-12 * n_u * 9)
+
+
+def test_the_same_generator_gives_the_same_set_and_the_next_one_fresh_phases() -> None:
+    """Deterministic from the seed; a second realisation is another one."""
+    amplitude = np.ones((20, 3))
+    rng = np.random.default_rng(5)
+    first, second = orthogonal_set(amplitude, rng), orthogonal_set(amplitude, rng)
+    np.testing.assert_array_equal(first, orthogonal_set(amplitude, np.random.default_rng(5)))
+    assert np.abs(np.mean(second / first)) < 0.5
+
+
+def test_inputs_of_one_experiment_move_independently_of_each_other() -> None:
+    """Random phases between the inputs too: without them the first experiment would move all motors alike."""
+    for U in orthogonal_set(np.ones((400, 3)), np.random.default_rng(1)):
+        correlation = np.abs(U.conj().T @ U) / 400
+        assert np.max(correlation - np.eye(3)) < 0.2
+
+
+@pytest.mark.parametrize("spectrum", [(), ((2.0, 10.0), (20.0, 1.0))])
+def test_every_input_has_the_torque_rms_asked_for_in_every_experiment(
+    spectrum: tuple[tuple[float, float], ...],
+) -> None:
+    """RMS over a period of the sampled signal, for a flat and for a shaped spectrum."""
+    lines = grid_lines("odd", (1.0, 40.0), 200.0, 2000)
+    rms = np.array([12.0, 3.0, 0.5])
+    amplitude = amplitudes(relative_amplitudes(line_frequencies(lines, 200.0, 2000), 0.0, spectrum), rms)
+    for U in orthogonal_set(amplitude, np.random.default_rng(0)):
+        torque = synthesise(lines, U, 2000)
+        np.testing.assert_allclose(np.sqrt(np.mean(torque**2, axis=0)), rms, rtol=1e-12)
+
+
+def test_amplitude_table_is_straight_on_log_log_axes_and_multiplies_a_power_law() -> None:
+    """Points in any order; a slope of -1 between them; constant beyond the ends."""
+    freq_hz = np.array([1.0, 2.0, 4.0, 10.0, 20.0, 40.0])
+    table = relative_amplitudes(freq_hz, 0.0, ((20.0, 1.0), (2.0, 10.0)))
+    np.testing.assert_allclose(table / table[4], [10, 10, 5, 2, 1, 1])
+    np.testing.assert_allclose(relative_amplitudes(freq_hz, -0.5, ((20.0, 1.0), (2.0, 10.0))), table * freq_hz**-0.5)
+
+
+def test_synthesis_is_the_sum_of_its_cosines() -> None:
+    """u(t) = Re sum U exp(j omega t), the phasor convention of model and estimator."""
+    lines, U = np.array([2, 5]), np.array([[1 + 1j], [0.5 - 2j]])
+    t = np.arange(64) / 64
+    expected = sum((u * np.exp(2j * np.pi * k * t)).real for k, u in zip(lines, U[:, 0], strict=True))
+    np.testing.assert_allclose(synthesise(lines, U, 64)[:, 0], expected, atol=1e-13)
+
+
+def eye(F: int, n_u: int) -> np.ndarray:
+    return np.repeat(np.eye(n_u)[None], F, axis=0).astype(complex)
+
+
+@given(
+    case=st.sampled_from([("dft", 3), ("dft", 6), ("hadamard", 4), ("zippered", 3), ("zippered", 6), ("dft", 1)]),
+    phases=st.sampled_from(["random", "schroeder", "newman", "linear-sweep", "log-sweep", "prbs"]),
+    odd=st.booleans(),
+)
+@settings(deadline=None, max_examples=30)
+def test_every_set_has_orthogonal_inputs_of_equal_power(case: tuple, phases: Phases, odd: bool) -> None:
+    """U U^H is diagonal at every line, and over the lines every input has n_u times the power of its amplitudes."""
+    kind, n_u = case
+    lines = grid_lines("odd" if odd else "full", (1.0, 40.0), 100.0, 100)
+    amplitude = np.random.default_rng(1).uniform(0.5, 2, (len(lines), n_u))
+    U = experiments(phases, kind, lines, amplitude, np.random.default_rng(2), eye(len(lines), n_u)).transpose(1, 2, 0)
+    product = U @ U.conj().transpose(0, 2, 1)
+    off = product - np.einsum("fii->fi", product)[:, :, None] * np.eye(n_u)
+    assert np.abs(off).max() < 1e-10
+    np.testing.assert_allclose(np.einsum("fii->i", product).real, n_u * np.sum(amplitude**2, axis=0), rtol=1e-10)
+    assert np.linalg.cond(U).max() < 100

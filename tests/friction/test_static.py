@@ -1,0 +1,58 @@
+"""Static friction brakes, and looks to a multisine like viscous friction."""
+
+import math
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from elastid.friction.law import Curve
+from elastid.friction.static import SLIDING_VELOCITY, Tustin
+
+
+def torque(v: np.ndarray, *numbers: float) -> np.ndarray:
+    """Torques (n,) at velocities v (n,); numbers: F_c, F_s, 1 / nu_s, alpha_3, or Coulomb's F_c alone."""
+    symbol, curve = ca.SX.sym("v"), Curve(*(numbers if len(numbers) > 1 else (*numbers, *numbers, 0.0)))
+    law = ca.Function("law", [symbol], [Tustin().torque(symbol, ca.SX(0, 1), curve)])
+    return law.map(len(v))(v[None]).full()[0]
+
+
+@given(st.floats(-10, 10), st.floats(0, 1e3))
+@settings(deadline=None)
+def test_friction_takes_energy_and_never_more_than_its_level(v: float, F_c: float) -> None:
+    """tau_f v >= 0 on the left-hand side, so the motion loses energy, and |tau_f| <= F_c."""
+    (tau_f,) = torque(np.array([v]), F_c)
+    assert tau_f * v >= 0
+    assert abs(tau_f) <= F_c
+
+
+def test_friction_is_coulombs_away_from_standstill() -> None:
+    """At five sliding velocities tanh is within 1e-4 of the sign."""
+    v = np.array([-5.0, 5.0]) * SLIDING_VELOCITY
+    np.testing.assert_allclose(torque(v, 20.0), [-20.0, 20.0], rtol=1e-4)
+
+
+@pytest.mark.parametrize("v", [-0.5, -0.02, 0.004, 0.5])
+def test_sliding_follows_the_stribeck_curve(v: float) -> None:
+    """sgn(v) (F_c + (F_s - F_c) exp(-(v / nu_s)^2)) + alpha_3 v |v|, smoothed by tanh."""
+    expected = math.copysign(1.0 + 0.5 * math.exp(-((v / 1e-2) ** 2)), v) * math.tanh(abs(v) / SLIDING_VELOCITY)
+    np.testing.assert_allclose(torque(np.array([v]), 1.0, 1.5, 1e2, 0.3), expected + 0.3 * v * abs(v), rtol=1e-12)
+
+
+def test_at_rest_the_law_is_a_damper() -> None:
+    """The slope of the torque at v = 0 is that of tanh."""
+    stiffness, damping = Tustin().at_rest(1.0, 1.5)
+    slope = torque(np.array([1e-9]), 1.0, 1.5, 1e2)[0] / 1e-9
+    assert stiffness == 0
+    np.testing.assert_allclose(slope, damping, rtol=1e-9)
+
+
+def test_under_gaussian_velocity_friction_is_viscous_on_average() -> None:
+    """Bussgang: E[tau_f v] / E[v^2] = sqrt(2 / pi) F_c / sigma_v, up to (v_s / sigma_v)^2."""
+    F_c, sigma = 20.0, 0.05
+    v = np.linspace(-8 * sigma, 8 * sigma, 200_001)
+    density = np.exp(-((v / sigma) ** 2) / 2)
+    slope = np.sum(torque(v, F_c) * v * density) / np.sum(v**2 * density)
+    np.testing.assert_allclose(slope, np.sqrt(2 / np.pi) * F_c / sigma, rtol=2 * (SLIDING_VELOCITY / sigma) ** 2)

@@ -1,0 +1,100 @@
+"""Accelerations obey the equations of motion, the integrator its order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from plants.integration import acceleration, runge_kutta
+from plants.two_links import (
+    MASS,
+    OFFSET,
+    STIFFNESS,
+    arm,
+    energy,
+    motor,
+    path,
+    rough,
+)
+
+from elastid.friction.static import SLIDING_VELOCITY
+from elastid.model.serial import serial
+from elastid.simulation.dynamics import fastest_rate
+
+
+@given(st.lists(st.floats(-1, 1), min_size=10, max_size=10))
+@settings(deadline=None, max_examples=25)
+def test_accelerations_solve_the_equations_of_motion(numbers: list[float]) -> None:
+    """M q'' + f + B tau_f = B u, with M factorised in symbols, equals NumPy's pivoted solve."""
+    model, F_c = serial(arm(damping=20.0)), np.array([5.0, 3.0])
+    q, v, u = np.split(np.array(numbers), [4, 8])
+    torque = (
+        model.B @ (u - F_c * np.tanh(model.B.T @ v / SLIDING_VELOCITY)) - model.force(q, v, model.theta).full()[:, 0]
+    )
+    expected = np.linalg.solve(model.mass(q, model.theta).full(), torque)
+    np.testing.assert_allclose(acceleration(model, F_c)(q, v, u).full()[:, 0], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_the_integrator_is_of_fourth_order_under_held_torque() -> None:
+    """Halving the step divides the error by 16, torque jumping from sample to sample."""
+    model = serial(arm(damping=20.0))
+    start = np.concatenate([[0.3, -0.4, 0.3, -0.4], np.zeros(4)])
+    torque = np.random.default_rng(1).normal(0, 200, (25, 2))
+    paths = [path(model, step, 0.2, start, torque) for step in (2e-3, 1e-3, 5e-4, 6.25e-5)]
+    errors = [np.linalg.norm(states - paths[-1]) for states in paths[:-1]]
+    np.testing.assert_allclose(np.log2([errors[0] / errors[1], errors[1] / errors[2]]), 4.0, atol=0.05)
+
+
+def test_energy_is_conserved_at_the_rate_of_the_order() -> None:
+    """Undamped and unforced, the energy drifts by less than 1e-6 of what moves, 16 times less with half the step."""
+    model = serial(arm())
+    start = np.concatenate([[0.3, -0.4, 0.31, -0.39], [1.0, -2.0, 1.0, -2.0]])
+    before, at_rest = energy(model, *np.split(start, 2)), np.zeros((4, 2))
+    ends = [path(model, step, 0.4, start, at_rest)[-1] for step in (2e-3, 1e-3)]
+    drift = [abs(energy(model, *np.split(end, 2)) - before) for end in ends]
+    moving = start[4:] @ model.mass(start[:4], model.theta).full() @ start[4:] / 2
+    assert drift[1] < 1e-6 * moving
+    assert np.log2(drift[0] / drift[1]) > 3.65
+
+
+def test_a_mode_gets_the_frequency_and_damping_error_that_the_docstring_states() -> None:
+    """(omega h)^4 / 120 slower and (omega h)^5 / 144 more damped, read off the poles of the step."""
+    robot, step = arm(gravity=0.0), 4e-3
+    model = serial(replace(robot, bodies=robot.bodies[:1]))
+    advance = runge_kutta(acceleration(model, np.zeros(1)), step, 1)
+    columns = [np.concatenate([r.full()[:, 0] for r in advance(e[:2], e[2:], 0)]) for e in 1e-6 * np.eye(4)]
+    poles = np.log(np.linalg.eigvals(np.array(columns).T / 1e-6).astype(complex)) / step
+    pole = poles[np.argmax(poles.imag)]
+    omega = fastest_rate(model, rough(model, 0.0), np.zeros(2))
+    y = omega * step
+    np.testing.assert_allclose(1 - pole.imag / omega, y**4 / 120, rtol=0.1)
+    np.testing.assert_allclose(-pole.real / omega, y**5 / 144, rtol=0.1)
+
+
+def test_the_fastest_rate_is_friction_at_standstill_or_the_stiffest_mode() -> None:
+    """F_c / (v_s J) for a motor with friction; sqrt(k (1/J_m + 1/J)) for an elastic joint."""
+    model = serial(motor())
+    np.testing.assert_allclose(fastest_rate(model, rough(model, 10.0), np.zeros(1)), 10 / (SLIDING_VELOCITY * 20))
+    robot = arm(gravity=0.0)
+    single = serial(replace(robot, bodies=robot.bodies[:1]))
+    J, J_m = 1.5 + MASS[0] * OFFSET[0] ** 2, 2e-3 * 80**2
+    expected = math.sqrt(STIFFNESS[0] * (1 / J + 1 / J_m))
+    np.testing.assert_allclose(fastest_rate(single, rough(single, 0.0), np.zeros(2)), expected)
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_friction_brakes_a_motor_in_both_directions_and_then_holds_it(direction: float) -> None:
+    """J v' = -F_c sgn(v): the speed falls along a straight line to zero and stays there."""
+    model, F_c, J = serial(motor()), np.array([10.0]), 20.0
+    advance = runge_kutta(acceleration(model, F_c), 5e-4, 200)
+    q, v = np.zeros(1), np.array([direction * 0.5])
+    speeds = []
+    for _ in range(15):
+        q, v = (part.full()[:, 0] for part in advance(q, v, 0.0))
+        speeds.append(v[0])
+    line = np.maximum(0.5 - F_c[0] / J * 0.1 * np.arange(1, 16), 0)
+    np.testing.assert_allclose(speeds, direction * line, atol=2 * SLIDING_VELOCITY)
