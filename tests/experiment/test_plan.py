@@ -86,7 +86,10 @@ def test_a_configuration_outside_the_joint_limits_is_refused_in_degrees() -> Non
 
 def test_an_experiment_is_of_one_kind_and_refuses_the_work_of_another() -> None:
     """`rig` is the section that is given; a log is not simulated, a simulation has no logs."""
-    channels = (ChannelSpec("u", "motor 1", "x", quantity="torque"), ChannelSpec("y", "motor 1", "q"))
+    channels = (
+        ChannelSpec("u", "motor 1", "x", quantity="torque"),
+        ChannelSpec("y", "motor 1", "q", quantity="position"),
+    )
     logs = RecordedSpec("unknown", channels, (FileSpec("log.csv", "a"),), period_samples=10)
     simulated, recorded = ExperimentSpec(simulated=SimulatedSpec()), ExperimentSpec(recorded=logs)
     assert (simulated.kind, simulated.rig, simulated.as_simulated()) == ("simulated", SimulatedSpec(), SimulatedSpec())
