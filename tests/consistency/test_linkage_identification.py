@@ -94,7 +94,7 @@ def test_postures_with_one_sine_do_not_help():
     assert any("k_3 and k_rod are cannot be distinguished" in word for word in said(alike.notes))
 
 
-@pytest.mark.parametrize("spec", [ModelSpec("constrained"), ModelSpec("minimal")])
+@pytest.mark.parametrize("spec", [ModelSpec("constrained"), pytest.param(ModelSpec("minimal"), marks=pytest.mark.slow)])
 def test_springs_are_recovered_within_their_intervals(spec: ModelSpec):
     """Over eight draws of the noise: all within 4 standard deviations, the mean square near one; both formulations."""
     robot = planar()
@@ -136,7 +136,7 @@ def forecast(**changes: object) -> tuple[list[float], float]:
     return sines, float(C[i, j] / np.sqrt(C[i, i] * C[j, j]))
 
 
-@pytest.mark.parametrize("seed", [1, 3])
+@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_designed_postures_spread_the_angle_between_lever_and_rod(seed: int):
     """Among random candidates: nearly aligned and nearly square, and gear and rod come apart, as in no one posture."""
     sines, correlation = forecast(design=DesignSpec(count=6, candidates=CandidateSpec(random=60)), seed=seed)
@@ -235,6 +235,7 @@ def test_shipped_linkages_are_identified_from_the_simulated_rig(study: str, seed
         assert abs(p["value"] - p["truth"]) < 3 * p["std"], name
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_the_shipped_approximation_fails_where_it_was_not_made_for(tmp_path: Path):
     """The fit says that the model lacks something, and a posture left out shows what; the exact model has neither."""

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from plants.gears import COUPLINGS, D_SHAFT, K_SHAFT, LINKS, RATIO, J, wrist
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_all, run_stage
+from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.fit.identify import identify
@@ -255,12 +255,23 @@ report: {formats: [png]}
 """
 
 
-def test_a_coupled_wrist_is_simulated_estimated_and_fitted(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def measured_wrist(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """The wrist's study after its simulated experiments."""
+    folder = tmp_path_factory.mktemp("wrist")
+    (folder / "robot.yml").write_text(ROBOT)
+    (folder / "study.yml").write_text(STUDY)
+    run = Run(load(folder / "study.yml"), folder / "run", 1, Console(-1))
+    for stage in ("design", "measure"):
+        run_stage(run, stage)
+    return run
+
+
+def test_a_coupled_wrist_is_simulated_estimated_and_fitted(measured_wrist: Run) -> None:
     """The rig, its controller, the FRFs and the fit know the coupling: the stiffnesses are within their intervals."""
-    (tmp_path / "robot.yml").write_text(ROBOT)
-    (tmp_path / "study.yml").write_text(STUDY)
-    run_all(Run(load(tmp_path / "study.yml"), tmp_path / "run", 1, Console(-1)))
-    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    for stage in ("estimate", "fit"):
+        run_stage(measured_wrist, stage)
+    found = json.loads((measured_wrist.folder / "summary.json").read_text())
     assert found["status"] == "converged"
     for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
         low, high = found["parameters"][name]["interval95"]
@@ -269,6 +280,7 @@ def test_a_coupled_wrist_is_simulated_estimated_and_fitted(tmp_path: Path) -> No
     assert all(row["rms_log_db"] < 1 for row in found["frf_error"])
 
 
+@pytest.mark.slow
 def test_a_coupled_wrist_with_one_rigid_shaft_is_simulated_and_fitted(tmp_path: Path) -> None:
     """Motor 6 has no spring; where that of motor 5 gives, joint 6 turns along: rig, fit and replay know it."""
     (tmp_path / "robot.yml").write_text(ROBOT.replace(", spring: {stiffness: 0.5, damping: 1e-3}", ""))
@@ -285,16 +297,12 @@ def test_a_coupled_wrist_with_one_rigid_shaft_is_simulated_and_fitted(tmp_path: 
     assert all(np.min(replay["fit_percent"]) > 90 for replay in replays)
 
 
-def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(measured_wrist: Run, tmp_path: Path) -> None:
     """The log of the simulated rig, written to CSV as torques and angles of shafts, is fitted as on the link side."""
     (tmp_path / "robot.yml").write_text(ROBOT)
-    (tmp_path / "study.yml").write_text(STUDY)
-    study = load(tmp_path / "study.yml")
-    run = Run(study, tmp_path / "run", 1, Console(-1))
-    for stage in ("design", "measure"):
-        run_stage(run, stage)
-    eta, files = study.study.robot.eta, []
-    for record in read_records(run.path("measure")):
+    eta, files = measured_wrist.study.robot.eta, []
+    for record in read_records(measured_wrist.path("measure")):
         name = f"{record.name}.csv"
         columns = np.column_stack([record.u @ np.linalg.inv(eta), record.y @ eta.T])
         with (tmp_path / name).open("w", newline="") as file:
@@ -317,7 +325,9 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(tmp_path: Path) -
         "fit: {starts: 3}\nreport: {formats: [png]}\n",
     ]
     (tmp_path / "logged.yml").write_text("\n".join(text))
-    run_all(Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1)))
+    run = Run(load(tmp_path / "logged.yml"), tmp_path / "logged", 1, Console(-1))
+    for stage in ("measure", "estimate", "fit"):
+        run_stage(run, stage)
     found = json.loads((tmp_path / "logged" / "summary.json").read_text())
     for name, truth in (("km_5", 1.1), ("km_6", 0.4)):
         assert found["parameters"][name]["value"] == pytest.approx(truth, rel=0.03)

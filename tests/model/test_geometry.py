@@ -115,7 +115,13 @@ def measured(robot: Robot, body: str) -> tuple[str, ...]:
     return (*robot.motor_locations, *(place.format(body) for place in TOOL))
 
 
-@pytest.mark.parametrize("case", CASES)
+# One of each kind; the others are slow.
+QUICK = ("bending arm", "constrained, rigid", "minimal, elastic")
+
+
+@pytest.mark.parametrize(
+    "case", [case if case in QUICK else pytest.param(case, marks=pytest.mark.slow) for case in CASES]
+)
 def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -> None:
     """dG/dtheta of all parameters at once, geometry and what it deflects, against differences of fourth order."""
     robot, spec, angles, body = CASES[case]
@@ -127,7 +133,7 @@ def test_derivatives_to_every_coordinate_follow_the_operating_point(case: str) -
     G, dG = kernel.evaluate(linear.theta_ref)
     np.testing.assert_allclose(G, frequency_response(linear, linear.theta_ref, LINES), rtol=1e-9)
     scale = np.abs(G).max(axis=0)
-    found = replace(linearisation, following=None)  # responses alone
+    found = replace(linearisation, point=None)  # responses alone
 
     def anew(place: int, by: float) -> np.ndarray:
         theta = model.theta.copy()
@@ -280,8 +286,17 @@ def jointed(pin: Pin | None) -> Robot:
     return Robot("jointed", bodies, loops=(Loop("l", ends, pin=pin),))
 
 
-@pytest.mark.parametrize("formulation", ["constrained", "minimal"])
-@pytest.mark.parametrize("pin", [Pin("y", planar=True), Pin("y"), None])
+@pytest.mark.parametrize(
+    ("pin", "formulation"),
+    [
+        (Pin("y", planar=True), "minimal"),
+        (Pin("y"), "constrained"),
+        pytest.param(Pin("y", planar=True), "constrained", marks=pytest.mark.slow),
+        pytest.param(Pin("y"), "minimal", marks=pytest.mark.slow),
+        pytest.param(None, "constrained", marks=pytest.mark.slow),
+        (None, "minimal"),
+    ],
+)
 def test_pins_and_points_of_loops_move_alike(pin: Pin | None, formulation: str) -> None:
     """However a planar loop is closed: the same response and derivatives; what would open it is named."""
     robot, spec, at = jointed(pin), ModelSpec(formulation), Configuration("c", (0.2, 0.1))  # type: ignore[arg-type]

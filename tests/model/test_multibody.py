@@ -103,7 +103,7 @@ def pin():
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 def test_mass_coriolis_and_gravity_equal_pinocchio(pin, seed):
     """M, c + g and g of random trees (branches, oblique axes, fixed bodies) equal pinocchio's to 1e-10."""
     assert_equal_to_pinocchio(pin, random_robot(seed), seed)
@@ -193,7 +193,7 @@ def test_angular_velocities_equal_pinocchio(pin, seed):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 def test_mass_is_symmetric_positive_and_linear_in_masses_and_inertias(seed):
     """M = M^T > 0, and scaling all masses and inertias (centres of mass kept) scales M."""
     model = serial(random_robot(seed))
@@ -206,7 +206,7 @@ def test_mass_is_symmetric_positive_and_linear_in_masses_and_inertias(seed):
 
 
 @given(seed=seeds)
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 def test_coriolis_forces_do_no_work_beyond_the_change_of_kinetic_energy(seed):
     """v^T (c - M' v / 2) = 0: the energy identity that sign errors in c break."""
     model = serial(random_robot(seed))

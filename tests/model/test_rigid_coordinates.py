@@ -41,7 +41,9 @@ def response(robot: Robot, spec: ModelSpec, angles: tuple[float, ...]) -> np.nda
     return frequency_response(linear, linear.theta_ref, LINES)
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize(
+    "plant", [pytest.param(plant, marks=pytest.mark.slow) if "spatial" in plant else plant for plant in PLANTS]
+)
 def test_ever_stiffer_springs_tend_to_a_rigid_coordinate_at_the_rate_of_their_compliance(plant: str) -> None:
     """Every coordinate in turn: ten times the stiffness, a tenth of the difference; motors stay inputs and outputs."""
     robot, angles, specs = PLANTS[plant]
