@@ -1,1 +1,1 @@
-"""The identified model for other tools, one target a file."""
+"""The fitted model for other tools, one target a file."""

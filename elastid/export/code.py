@@ -2,7 +2,7 @@ r"""Export of the nonlinear equations: CasADi functions in one file each, and C 
 
 .. math:: M(q)\, \ddot q + f(q, \dot q) + \Phi^T \lambda = B u, \qquad \varphi(q) = 0
 
-with the identified numbers put in. Conventions of sign and side: `elastid.model.elastic`.
+with the fitted numbers inserted. Conventions of sign and side: `elastid.model.elastic`.
 """
 
 from __future__ import annotations
@@ -23,19 +23,22 @@ def functions(model: FittedModel) -> tuple[ca.Function, ...]:
     lambda_) is the Hessian of V + lambda^T phi.
     """
     m, theta = model.model, model.theta[:-1]
-    q, v = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q)
-    held = ca.SX.sym("lambda_", m.n_c)
-    stiffness_of = ([q, held], ["q", "lambda_"]) if m.n_c else ([q], ["q"])
+    q, v, multipliers = ca.SX.sym("q", m.n_q), ca.SX.sym("v", m.n_q), ca.SX.sym("lambda_", m.n_c)
+    given = {"q": q, "v": v, "lambda_": multipliers}
+
+    def function(name: str, inputs: tuple[str, ...], output: str, value: ca.SX) -> ca.Function:
+        return ca.Function(name, [given[each] for each in inputs], [value], list(inputs), [output], {"cse": True})
+
     closing = (
-        ca.Function("constraint", [q], [m.constraint(q, theta)], ["q"], ["phi"], {"cse": True}),
-        ca.Function("constraint_jacobian", [q], [m.constraint_jacobian(q, theta)], ["q"], ["Phi"], {"cse": True}),
+        function("constraint", ("q",), "phi", m.constraint(q, theta)),
+        function("constraint_jacobian", ("q",), "Phi", m.constraint_jacobian(q, theta)),
     )
     return (
-        ca.Function("mass", [q], [m.mass(q, theta)], ["q"], ["M"], {"cse": True}),
-        ca.Function("force", [q, v], [m.force(q, v, theta)], ["q", "v"], ["f"], {"cse": True}),
-        ca.Function("damping", [q], [m.damping(q, theta)], ["q"], ["D"], {"cse": True}),
-        ca.Function("stiffness", stiffness_of[0], [m.stiffness(q, held, theta)], stiffness_of[1], ["K"], {"cse": True}),
-        ca.Function("input_matrix", [], [ca.SX(ca.DM(m.B))], [], ["B"]),
+        function("mass", ("q",), "M", m.mass(q, theta)),
+        function("force", ("q", "v"), "f", m.force(q, v, theta)),
+        function("damping", ("q",), "D", m.damping(q, theta)),
+        function("stiffness", ("q", "lambda_") if m.n_c else ("q",), "K", m.stiffness(q, multipliers, theta)),
+        function("input_matrix", (), "B", ca.SX(ca.DM(m.B))),
         *(closing if m.n_c else ()),
     )
 
@@ -70,7 +73,7 @@ def write_c(folder: Path, model: FittedModel) -> tuple[Path, ...]:
 
 
 def _coordinates(folder: Path, model: FittedModel) -> Path:
-    """What the entries of q and u are, in words."""
+    """coordinates.txt: the names of the entries of q and u."""
     path = folder / "coordinates.txt"
     equation = "M(q) q'' + f(q, q')" + (" + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u")
     with text_file(path) as file:

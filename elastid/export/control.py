@@ -9,7 +9,7 @@ import numpy as np
 from elastid.fit.fitted_model import FittedModel
 from elastid.store import replacing, text_file
 
-_LOADER = '''"""Loads {npz}: the identified model of {name}, one state space for each configuration.
+_LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration.
 
     systems, delays = load()
     control.bode_plot(systems["{first}"])
@@ -52,7 +52,7 @@ def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
         arrays |= {f"{name}/delay": np.array(system.delay), f"{name}/angles": system.configuration.angles}
     data, loader = folder / "model.npz", folder / "load_model.py"
     with replacing(data) as temporary, temporary.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
     with text_file(loader) as script:
         script.write(
             _LOADER.format(

@@ -13,10 +13,10 @@ from elastid.fit.fitted_model import FittedModel
 from elastid.linear.response.transfer import frequency_response
 from elastid.store import replacing, text_file
 
-# A MAT-file of version 5 begins with 116 bytes of free text, where SciPy writes the time of the day.
+# A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
 _HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 
-_SCRIPT = """% Loads {mat}: the identified model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
+_SCRIPT = """% Loads {mat}: the fitted model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
 % models{{i}} is an ss, measured{{i}} an idfrd (System Identification Toolbox), of e.model(i).configuration.
 e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
 for i = 1:numel(e.model)
@@ -88,7 +88,7 @@ def _response(freq_hz: Any, G: Any, of: Any) -> dict[str, Any]:
 
 
 def _structs(rows: list[dict[str, Any]]) -> Any:
-    """A struct array: a structured array of one field a key."""
+    """A MATLAB struct array: a structured array with one field a key."""
     array = np.empty((len(rows), 1), dtype=[(key, object) for key in rows[0]])
     for i, row in enumerate(rows):
         array[i, 0] = tuple(row.values())

@@ -1,4 +1,4 @@
-r"""Export to MuJoCo: the identified robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
+r"""Export to MuJoCo: the fitted robot as MJCF, elasticity and rotors included, a keyframe for each configuration.
 
 A flexible joint becomes two hinges (or slides) of one axis on one body, motor angle and twist of the gear, so that
 q_a = q_m + twist:
@@ -12,6 +12,7 @@ an actuator exerts link-side torque. The keyframes are the equilibria, controls 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -24,12 +25,12 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
 
-# MuJoCo refuses a moving body without mass or with a point's inertia: kg and kg m^2 that no robot notices.
-_LEAST = 1e-12
+# MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
+MIN_INERTIA = 1e-12
 
 
 def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
-    """robot.xml. StudyError where the robot has something that MJCF cannot say."""
+    """robot.xml. StudyError where MJCF cannot represent the robot."""
     root = mjcf(model.robot)
     _keyframes(root, model)
     ET.indent(root)
@@ -39,44 +40,12 @@ def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     return (path,)
 
 
-def _check_springs(robot: Robot) -> None:
-    bent = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
-    beyond = [*bent, *(f"compensator {compensator.name}" for compensator in robot.compensators)]
-    if beyond:
-        raise StudyError(
-            f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(beyond)} would be lost; "
-            "export to casadi or c instead"
-        )
-
-
-def _refuse_other_drives(robot: Robot) -> None:
-    """Rotors are armatures here: they neither ride on bodies nor share gears."""
-    for joint in robot.driven:
-        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
-            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
-            raise StudyError(
-                f"export to MuJoCo: the motor of joint {joint.name} {what}, for which MJCF's armature has no words; "
-                "export to casadi or c, which hold all equations"
-            )
-    if robot.gears:
-        raise StudyError(
-            f"export to MuJoCo: gears couple the axes of robot {robot.name}, which MJCF's armature cannot say; export "
-            "to casadi or c, which hold all equations"
-        )
-
-
 def mjcf(robot: Robot) -> ET.Element:
-    """The robot without keyframes; StudyError where it has something that MJCF cannot say."""
-    if robot.loops:
-        raise StudyError(
-            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are no bodies "
-            "and have no place in this MJCF; export to casadi, c, control or matlab"
-        )
-    _check_springs(robot)
-    _refuse_other_drives(robot)
+    """The robot without keyframes; StudyError where MJCF cannot represent it."""
+    _check(robot)
     root = ET.Element("mujoco", model=robot.name)
-    # An implicit step keeps stiff gears stable at a millisecond; MuJoCo's own would not.
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
+    # An implicit step keeps stiff gears stable; MuJoCo's default would not.
     ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
     _bodies(ET.SubElement(root, "worldbody"), robot)
     _tendons(root, robot)
@@ -84,8 +53,36 @@ def mjcf(robot: Robot) -> ET.Element:
     return root
 
 
+def _check(robot: Robot) -> None:
+    """StudyError where the robot has a part that MJCF cannot represent."""
+    if robot.loops:
+        raise StudyError(
+            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are not "
+            "bodies of an MJCF file; export to casadi, c, control or matlab instead"
+        )
+    nonlinear = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
+    nonlinear += [f"compensator {compensator.name}" for compensator in robot.compensators]
+    if nonlinear:
+        raise StudyError(
+            f"robot {robot.name}: MJCF has linear joint springs only, and the {', '.join(nonlinear)} would be lost; "
+            "export to casadi or c instead"
+        )
+    for joint in robot.driven:
+        if joint.motor is not None and (joint.motor.on or joint.motor.spring is not None):
+            what = f"rides on {joint.motor.on}" if joint.motor.on else "has a spring in its shaft"
+            raise StudyError(
+                f"robot {robot.name}: the motor of joint {joint.name} {what}, which MJCF's armature cannot represent; "
+                "export to casadi or c instead"
+            )
+    if robot.gears:
+        raise StudyError(
+            f"gears couple the axes of robot {robot.name}, which MJCF's armature cannot represent; export to casadi or "
+            "c instead"
+        )
+
+
 def _bodies(world: ET.Element, robot: Robot) -> None:
-    elements = {BASE: (world, Placement())}  # with where the body's axes are in the element's
+    elements = {BASE: (world, Placement())}  # with the placement of the body's axes in the element
     for body in robot.all_bodies:
         parent, mounted = elements[body.parent]
         element = ET.SubElement(parent, "body", {"name": body.name} | _seat(mounted, body.placement))
@@ -111,13 +108,13 @@ def _seat(first: Placement, second: Placement) -> dict[str, str]:
 def _inertial(element: ET.Element, body: Body) -> None:
     R = body.mounting.rotation
     I = R @ body.inertia_matrix @ R.T  # noqa: E741
-    I = I + max(0.0, _LEAST - np.linalg.eigvalsh(I)[0]) * np.eye(3)  # noqa: E741
+    I = I + max(0.0, MIN_INERTIA - np.linalg.eigvalsh(I)[0]) * np.eye(3)  # noqa: E741
     entries = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
     ET.SubElement(
         element,
         "inertial",
         pos=_numbers(np.array(body.mounting.xyz) + R @ body.center_of_mass),
-        mass=_number(max(body.mass, _LEAST)),
+        mass=_number(max(body.mass, MIN_INERTIA)),
         fullinertia=_numbers(entries),
     )
 
@@ -188,12 +185,12 @@ def _quaternion(R: FloatArray) -> FloatArray:
             [yx - xy, zx + xz, zy + yz, zz - xx - yy],
         ]
     )
-    q: FloatArray = np.linalg.eigh(K)[1][:, -1]
+    q = np.linalg.eigh(K)[1][:, -1]
     return q if q[0] >= 0 else -q
 
 
-def _numbers(values: object) -> str:
-    return " ".join(_number(float(value)) for value in values)  # type: ignore[attr-defined]
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(_number(float(value)) for value in values)
 
 
 def _number(value: float) -> str:

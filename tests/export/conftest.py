@@ -1,0 +1,24 @@
+"""The fitted models that are exported, each built once."""
+
+import pytest
+from plants.fitted_models import LOOPED, SERIAL, fitted_model
+
+from elastid.fit.fitted_model import FittedModel
+
+
+@pytest.fixture(params=SERIAL)
+def serial_model(request: pytest.FixtureRequest) -> FittedModel:
+    """Of a robot without loops."""
+    return fitted_model(request.param)
+
+
+@pytest.fixture(params=LOOPED)
+def looped_model(request: pytest.FixtureRequest) -> FittedModel:
+    """Of a robot with loops, in one of its formulations."""
+    return fitted_model(request.param)
+
+
+@pytest.fixture(params=[*SERIAL, *LOOPED])
+def model(request: pytest.FixtureRequest) -> FittedModel:
+    """Of any robot."""
+    return fitted_model(request.param)

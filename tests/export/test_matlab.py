@@ -1,0 +1,32 @@
+"""The .mat file, read back, has the response of the linear model."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.fitted_models import close, responses_of
+from scipy.io import loadmat
+
+from elastid.export.matlab import write_matlab
+from elastid.fit.fitted_model import FittedModel
+
+
+def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedModel, tmp_path: Path) -> None:
+    """ss within 1e-9 without loops, 1e-8 with them; the fields of an idfrd to the last digits."""
+    data, script = write_matlab(tmp_path, model)
+    content = loadmat(data, squeeze_me=False, struct_as_record=True)
+    for i in range(2):
+        system = content["model"][i, 0]
+        A, B, C, D = (np.asarray(system[name], float) for name in "ABCD")
+        s = 2j * np.pi * model.measured[i].freq_hz[:, None, None]
+        G = C @ np.linalg.solve(s * np.eye(len(A)) - A, B.astype(complex)) + D
+        delayed = G * np.exp(-s * system["InputDelay"].item())
+        assert close(delayed, responses_of(model, i), 1e-8 if model.robot.loops else 1e-9)
+        for kind, expected in (("fitted", responses_of(model, i)), ("measured", model.measured[i].G)):
+            assert close(np.moveaxis(content[kind][i, 0]["ResponseData"], 2, 0), expected, 1e-14)
+    for row in content["parameters"][:, 0]:
+        name = row["name"].item()
+        assert row["value"].item() == model.result.values[name]
+        assert row["std"].item() == pytest.approx(model.result.std.get(name, 0.0))
+    assert "idfrd(" in script.read_text()
+    assert "ss(" in script.read_text()
