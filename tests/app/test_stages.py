@@ -238,7 +238,7 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
     summary = json.loads((finished / "run" / "summary.json").read_text())
     assert list(summary) == [
         *("schema", "study", "status", "message", "cost", "cost_expected", "dof", "starts", "hits"),
-        *("parameters", "correlations_above_0.9", "modes", "frf_error", "warnings"),
+        *("parameters", "correlations_above_0.9", "modes", "frf_error", "warnings", "notes"),
     ]
     assert summary["schema"] == 1
     assert summary["status"] == "converged"
