@@ -2,31 +2,24 @@
 
 Two wings end in the same value, FrequencyResponse, and meet in the fit:
 
-    excitation -> experiment -> record --> frf ---.
-                       ^                          v
-              experiment.simulated               fit -> validation -> report
-                       ^                          ^
-    robot -> model -> simulation                  |
-               `----> linear ---------------------'
+     measured wing:  excitation -> experiment -> record -> frf -----.
+                                       ^                            v
+     one bridge:            experiment/simulated                   fit -> validation -> report, export
+                                       ^                            ^
+     model wing:     robot -> model -> simulation                   |
+                                `----> linear ----------------------'
 
-Values (floor 1): `units` and `section` (how a study's numbers and sections are read), `parameters` (names and vectors),
-`record` (sampled signals), `response` (frequency responses with covariance), `robot` (bodies, joints, springs, motors,
-loops; from a table of Denavit and Hartenberg, or a URDF).
+Floors, from the top; a room imports from the floors below it only:
 
-Measured wing: `excitation` (multisines), `repair` (faults of logs), `experiment` (the plan; `design` of what to
-measure; the `simulated` and the `recorded` rig; `responses` of other programs), `frf` (records to responses and their
-covariance).
-
-Model wing: `model` (equations of motion in CasADi: `formulation` chooses `serial` or, for robots with loops, one of
-`parallel_linkage`), `friction`, `simulation` (closed loop in time), `linear` (equilibrium, linearisation, frequency
-response and its derivatives, modes and which springs hold their energy).
-
-Together: `fit` (weights, residuals, solver, multistart, certainty), `validation`, `report`, `export` (to other tools).
-
-The application: `study` (YAML to values), `store` (HDF5), `run`, `provenance`, `planning`, `imported` and `stages`
-(file to value to file, what is current), `validating` (what the stage of that name does), `comparing` (models on
-the same responses), `searching` (where the elasticity sits), `outcome` (summary.json, validation.json), `console`,
-`overview`, `inspection`, `scaffold`, `tables` (what people see) and `cli`.
+- app           command line, table of stages, runs: file -> value -> file
+- export study  models for other tools; YAML -> values, with file, line and column of every error
+- report store  page and figures; HDF5
+- design recorded validation   plans within limits; logs -> records; agreement, cross-validation, comparison
+- experiment fit               plan and simulated rig; weights, least squares, solvers, uncertainty, diagnosis
+- frf linear simulation        estimators; linearised robot and its responses; closed loop in time
+- friction model response      laws; equations of motion in CasADi; FrequencyResponse
+- excitation parameters record robot   multisines; names and vectors; sampled signals; bodies, joints, springs, motors
+- base          arrays, units, errors, notes, execution
 
 The names below are those that a notebook needs; they are loaded when they are first used.
 """

@@ -70,7 +70,7 @@ def _explained(error: Exception) -> int:
 
 def _interrupted(arguments: Sequence[str]) -> int:
     again = shlex.join(["elastid", *arguments])
-    return _ended(f"interrupted; what was finished is kept, and `{again}` goes on from there", INTERRUPTED)
+    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", INTERRUPTED)
 
 
 def _ended(message: str, code: int) -> int:
@@ -129,7 +129,7 @@ def _run(study: Path, options: dict[str, Any]) -> Run:
 @cli.command()
 @_options("run", "jobs", "verbose", "quiet")
 def demo(**options: Any) -> None:
-    """A whole identification of a simulated three-axis arm, from excitation to report."""
+    """Identify a simulated three-axis arm, from excitation to report."""
     from elastid.app import scaffold
 
     folder = options["folder"] or Path("runs") / "demo"
@@ -159,7 +159,7 @@ def new(folder: Path, template: str) -> None:
 @_study
 @_options("set")
 def check(study: Path, overrides: tuple[str, ...]) -> None:
-    """All errors of a study with file, line and column; else what will be run."""
+    """Show all errors of a study with file, line and column, else a summary of the study and its stages."""
     one_blas_thread()
     from elastid.app.overview import overview
     from elastid.study import load
@@ -192,7 +192,7 @@ add_stage_commands(cli)
 @_study
 @_stage_options
 def run(study: Path, **options: Any) -> None:
-    """All stages in order; one whose inputs have not changed is not run again."""
+    """Run all stages in order, except those whose inputs have not changed."""
     asked = _run(study, options)
     from elastid.app.run import run_all
 
@@ -213,15 +213,15 @@ def export(study: Path, target: str, **options: Any) -> None:
 
 @cli.command()
 @click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
-@click.option("--search", is_flag=True, help="Search for what gives way: gears, joints and rods.")
+@click.option("--search", is_flag=True, help="Search for the elastic gears, joints and rods.")
 @_stage_options
 def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
-    """Rank models on the responses of the first study by what they predict where they were not fitted: compare.json.
+    """Rank models by their prediction error on left-out configurations of the first study: compare.json.
 
     The models are those of the study's section `compare` (by default the robot without motor coupling, and without each
-    elastic joint that is not driven), and those of further studies. With --search they are those that a search meets
-    which begins with the gears of the driven joints alone and frees or stiffens one gear, further elastic joint or rod
-    at a time: what is free must lower the left-out error by more than its standard error, and the criterion with it.
+    elastic joint that is not driven), and those of further studies. With --search the models come from a stepwise
+    search: it starts from elastic gears of the driven joints alone and frees or stiffens one gear, elastic joint or rod
+    at a time; a free one must lower the left-out error by more than its standard error, and the criterion too.
     """
     if search and len(studies) > 1:
         raise click.UsageError(f"--search takes one study, and there are {len(studies)}; leave it out, or the others")
@@ -239,7 +239,7 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 def inspect(file: Path) -> None:
-    """What is in a log or a result: names, shapes, units, rates."""
+    """Show the content of a log or a result: names, shapes, units, rates."""
     from elastid.app.inspection import described
 
     click.echo(described(file))

@@ -1,6 +1,6 @@
 """compare: several models of one robot on the frequency responses of one run, ranked; file -> value -> file.
 
-Finished fits are kept in compare.partial until all are there, so that an interrupted comparison goes on.
+Finished fits are kept in compare.partial until all are there, from where an interrupted comparison is resumed.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyR
     finished, keys = Checkpoint(run.folder / PARTIAL, run.stamps["estimate"].code), [_key(task, run) for task in tasks]
     there = sum(key in finished for key in keys)
     if there:
-        run.console.say(f"compare: going on, {there} of {len(tasks)} fits are there")
+        run.console.say(f"compare: resumed, {there} of {len(tasks)} fits are kept")
     with run.console.progress("compare") as progress:
         results = in_order(resumed(partial(refit, responses), tasks, keys, finished, run.jobs, progress))
     n = len(parts)
@@ -183,6 +183,6 @@ def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyR
 
 
 def _key(task: RefitTask, run: Run) -> str:
-    """Of the result of a fit, with what it hangs on beside the code."""
+    """The name of a finished fit: a hash of everything that it depends on beside the code."""
     document = [asdict(task), run.stamps["estimate"].inputs]
     return f"refit-{hashlib.sha256(json.dumps(document).encode()).hexdigest()[:24]}"

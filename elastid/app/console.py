@@ -1,4 +1,4 @@
-"""What a run says while it works: words, warnings and progress on the terminal, all of it in run.log as well."""
+"""Output of a run while it works: words, warnings and progress on the terminal, all of it in run.log as well."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Console:
             (self.warn if group.first.severity == "warning" else self.say)(str(group))
 
     def log(self, text: str) -> None:
-        """How the work was stopped; the command itself tells the terminal."""
+        """How the work ended, for the log alone; the command prints it on the terminal."""
         self._log.error(text)
 
     def table(self, rows: Sequence[Sequence[str]]) -> None:

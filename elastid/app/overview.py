@@ -1,4 +1,4 @@
-"""What `elastid check` says about a study without errors: robot, unknowns, experiments, what will be run."""
+"""The summary that `elastid check` prints of a study without errors: robot, unknowns, experiments, stages."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def _robot(study: Study) -> Iterator[str]:
 
 
 def _nonlinear(study: Study) -> Iterator[str]:
-    """Springs that have no one stiffness, and what carries part of the weight."""
+    """Nonlinear springs and gravity compensators."""
     springs = {joint.name: joint.spring for joint in study.robot.joints if joint.spring is not None}
     bent = [name for name, spring in springs.items() if not spring.is_linear]
     if bent:
-        yield f"  nonlinear springs: {', '.join(bent)}; the fit sees their tangent where gravity leaves them"
+        yield f"  nonlinear springs: {', '.join(bent)}; the fit uses their tangent under gravity"
     gaps = [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]
     if gaps:
-        yield f"  backlash: {', '.join(gaps)}; it wants configurations in which gravity loads these joints"
+        yield f"  backlash: {', '.join(gaps)}; take configurations in which gravity loads these joints"
     for compensator in study.robot.compensators:
         kind = "coil" if compensator.coil is not None else "gas spring"
         yield f"  compensator {compensator.name}: {kind} from {' to '.join(end.body for end in compensator.ends)}"
@@ -92,7 +92,7 @@ def _experiments(study: Study) -> Iterator[str]:
     if study.design is not None:
         if study.design.robot_time is not None:
             given = f"{_plural(Q, 'configuration')} ({names}) and " if Q else ""
-            yield f"{study.design.robot_time:g} s of the robot's time: {given}as many as the design fits in"
+            yield f"{study.design.robot_time:g} s of the robot's time: {given}as many as fit into it"
             return
         chosen = study.design.count or 0
         Q, names = Q + chosen, ", ".join(filter(None, (names, f"{chosen} to be chosen")))
@@ -112,7 +112,7 @@ def _run(robot: Robot, experiment: ExperimentSpec, excitation: MultisineSpec, ru
     )
     carrier = experiment.simulated.carrier if experiment.simulated is not None else None
     if carrier is None:
-        yield "  the robot rests in each configuration: where friction sticks, it looks like stiffness"
+        yield "  the robot rests in each configuration: sticking friction then looks like stiffness"
     else:
         yield f"  carrier: {carrier.kind}, {_speed(carrier, robot)}"
 
@@ -137,7 +137,7 @@ def _signal(study: Study, excitation: MultisineSpec) -> Iterator[str]:
     as_large = "scaled to the limits" if excitation.torque_rms == "limits" else "as given, lowered where limits ask"
     shaped = f"flat in {excitation.flat}"
     if excitation.flat == "information":
-        shaped = "spectra that tell most about the parameters"
+        shaped = "spectra with the most information about the parameters"
     yield (
         f"  {excitation.phases} phases, {excitation.orthogonal} set, {shaped}, {as_large} "
         f"({excitation.margin:.0%} of every limit stays free)"
@@ -151,7 +151,7 @@ def _plan_of_work(study: Study) -> Iterator[str]:
         "responses": "import the responses",
     }[study.experiment.kind]
     left_out = study.validation.left_out
-    judged = f"judge it on {', '.join(left_out)}, which it has not seen" if left_out else "judge it on what it has seen"
+    judged = f"judge it on {', '.join(left_out)}, which was not fitted" if left_out else "judge it on the fitted configurations"
     log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
     yield (
         f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "

@@ -1,4 +1,4 @@
-"""Ctrl-C that is heard, whatever code it falls into."""
+"""The process: Ctrl-C that interrupts any code, and one BLAS thread."""
 
 from __future__ import annotations
 

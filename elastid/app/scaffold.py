@@ -25,7 +25,7 @@ def new(folder: Path, template: str) -> Path:
 
 
 def demo(folder: Path) -> Path:
-    """The demo's study in its run folder, to copy and edit; what is there already is kept as it is."""
+    """The demo's study in its run folder, to copy and edit; existing files are kept."""
     _write_template(folder, DEMO)
     return folder / STUDY
 

@@ -1,4 +1,4 @@
-"""The table of stages: which kinds of study have one, what it reads and leaves, and the function that does it.
+"""The table of stages: which kinds of study have one, what it reads and leaves, and the function that carries it out.
 
 A further stage is a row here and a file below `stages`. Functions stand as text, so that the command line,
 which shows a command for each row, loads none of them.

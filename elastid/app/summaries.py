@@ -1,4 +1,4 @@
-"""What an identification ends with: truth, modes, and summary.json and validation.json, both of a fixed form."""
+"""Results of an identification as values: truth, modes, and summary.json and validation.json, both of a fixed form."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def truth(study: Study) -> dict[str, float] | None:
         return None
     robot = study.robot
     numbers = {name: value for name, (value, _) in robot.parameters(robot.geometry).items()} | {DELAY: 0.0}
-    # Dry friction looks viscous to a multisine: what the fit finds is then not the motor's viscous number alone,
+    # Dry friction looks viscous to a multisine: the fitted number is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
     rough = {law.place for law in frictions(study.robot)}
     sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
@@ -158,7 +158,7 @@ def failure(study: Study, message: str) -> dict[str, Any]:
 
 def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
     """summary.json of a fit that was stopped: where the best of the starts that were done ended, without intervals."""
-    best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to go on")
+    best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to resume it")
     if not ends:
         return best | {"status": "interrupted"}
     parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
@@ -172,7 +172,7 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
 
 
 def validation_summary(study: Study, validation: Validation) -> dict[str, Any]:
-    """The content of validation.json: what validation.h5 says, but for its curves.
+    """The content of validation.json: that of validation.h5 without its curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
     row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to

@@ -1,4 +1,4 @@
-"""The tables of the terminal: what a plan is expected to tell, and what a run has found."""
+"""The tables of the terminal: predicted and estimated parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
 
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:
-    """Headings, then a line for each parameter: how well it will be known, from where, and with what confused."""
+    """Headings, then a line for each parameter: predicted std, the configuration that informs it most, correlation."""
     rows = [["parameter", "unit", "nominal", "expected std", "most of it from", "most correlated with"]]
     by_configuration = forecast.share.sum(axis=1)
     for i, name in enumerate(forecast.parameters):

@@ -375,7 +375,7 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
         assert done.returncode == code, done.stderr
         assert "Traceback" not in done.stderr
         if number == signal.SIGINT:
-            assert "goes on from there" in done.stderr
+            assert "resumes from there" in done.stderr
             assert not list(here.rglob(".*")), "a half-written file"
         kept = [leaves[before] for before in STAGES[:i]]
         assert all(f"{name} is kept" in done.stdout for name in kept[:-1])
@@ -419,7 +419,7 @@ def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
 
     monkeypatch.setattr(running, "run_all", disguised)
     assert cli.run_command(["run", str(tiny)]) == 130
-    assert capsys.readouterr().err.startswith("interrupted; what was finished is kept, and `elastid run ")
+    assert capsys.readouterr().err.startswith("interrupted: finished parts are kept, and `elastid run ")
 
 
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="asks /proc for processes")

@@ -120,17 +120,17 @@ def test_a_stopped_fit_goes_on_from_where_it_was(
         assert not list(unfitted.rglob(".*"))
         n_starts = len([name for name in kept if name.startswith("start-")])
         assert f"fit: stopped, {n_starts} starts" in end.said
-        assert "what was finished is kept" in end.complained
+        assert "finished parts are kept" in end.complained
         summary = json.loads((unfitted / "summary.json").read_text())
         assert (summary["status"], summary["message"]) == (
             "interrupted",
-            f"interrupted after {n_starts} of 60 starts; run the fit again to go on",
+            f"interrupted after {n_starts} of 60 starts; run the fit again to resume it",
         )
         assert summary["parameters"]["k_1"]["value"] == pytest.approx(60.0, rel=0.05)
     else:
         assert end.code == -9
     done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "fit: going on from " in done.stdout
+    assert "fit: resumed from " in done.stdout
     ours, theirs = tree(unfitted), tree(whole / "run")
     assert ours.keys() == theirs.keys()
     assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]
@@ -141,7 +141,7 @@ def test_parts_of_another_study_are_not_gone_on_from(whole: Path, unfitted: Path
     command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", "1")
     stopped(command, unfitted / "fit.partial", "start-*.json", signal.SIGINT)
     done = subprocess.run([*command, "--set", "fit.start_factor=2"], capture_output=True, text=True, check=True)
-    assert "going on" not in done.stdout
+    assert "resumed" not in done.stdout
     assert not (unfitted / "fit.partial").exists()
     x_start = [
         np.array([start.x_start for start in read_fit(path / "fit.h5").starts]) for path in (unfitted, whole / "run")
