@@ -1,0 +1,102 @@
+"""Forms of covariances and their values: against Monte Carlo and each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from plants.notes import said
+from plants.random_plants import ALL_PERIODS, N, record_of
+
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.covariance import distortion_covariance, positive
+from elastid.frf.estimate import estimate
+from elastid.response import Covariance
+
+
+def _matrix_records(rng: np.random.Generator, M: int, n: int, P: int, s: float, F: int = 60) -> tuple[list, np.ndarray]:
+    """M realisations of n experiments of the same random plant, correlated noise on inputs and outputs; and G."""
+    lines, plant = np.arange(10, 10 + F), np.random.default_rng(n)
+    G = np.repeat(plant.normal(size=(1, n, n)) + 1j * plant.normal(size=(1, n, n)), F, axis=0)
+    records = []
+    for m in range(M):
+        for e, U in enumerate(orthogonal_set(np.ones((F, n)), rng)):
+            u, y = (np.tile(synthesise(lines, X, N), (P, 1)) for X in (U, np.einsum("fyu,fu->fy", G, U)))
+            u, y = (x + s * rng.normal(size=x.shape) @ (np.eye(n) + 0.4 * np.tri(n)) for x in (u, y))
+            records.append(record_of(u, y, m, e))
+    return records, G
+
+
+def test_six_by_six_variances_are_true_in_monte_carlo() -> None:
+    """Noise on all inputs and outputs: each of the 36 variances within 8 %, their mean within 1.5 %.
+
+    scripts/studies/estimator_errors.py has the long run, with every variance within 1 %.
+    """
+    rng = np.random.default_rng(1)
+    error, noise, total = [], [], []
+    for _ in range(8):
+        records, G = _matrix_records(rng, 3, 6, 2, 0.3, F=400)
+        response = estimate(records, ALL_PERIODS, np.arange(10, 410))
+        error.append(np.mean(np.abs(response.G - G) ** 2, axis=0))
+        assert response.noise is not None
+        noise.append(response.noise.variance.mean(axis=0))
+        assert response.total is not None
+        total.append(response.total.variance.mean(axis=0))
+    for found in (noise, total):
+        ratio = np.mean(found, axis=0) / np.mean(error, axis=0)
+        assert ratio.mean() == pytest.approx(1, abs=0.015)
+        np.testing.assert_allclose(ratio, 1, atol=0.08)
+
+
+def test_the_form_of_a_covariance_follows_from_its_degrees_of_freedom() -> None:
+    """2 x 2: the full matrix from 9 realisations on, a Kronecker product below, variances alone where one is left."""
+    rng = np.random.default_rng(0)
+    records, _ = _matrix_records(rng, 9, 2, 2, 0.1)
+    lines = np.arange(10, 70)
+
+    def forms(M: int) -> tuple[str, float]:
+        response = estimate([r for r in records if r.realisation < M], ALL_PERIODS, lines)
+        assert response.total is not None
+        eigenvalues = np.linalg.eigvalsh(response.total.full())
+        assert np.all(eigenvalues[:, 0] > 1e-9 * eigenvalues[:, -1])
+        return response.total.form, response.total.dof
+
+    assert forms(9) == ("full", 8)
+    assert forms(8) == ("kronecker", 14)
+    assert forms(2) == ("kronecker", 2)
+    full = estimate(records, ALL_PERIODS, lines)
+    assert any("full covariance of its 4 elements, from 8 complex degrees" in note for note in said(full.notes))
+
+
+def test_full_and_kronecker_covariance_agree_where_both_are_right() -> None:
+    """Many realisations of one noise: their means over lines, element by element within 10 % of the diagonal."""
+    rng = np.random.default_rng(2)
+    records, _ = _matrix_records(rng, 24, 2, 2, 0.2, F=150)
+    response = estimate(records, ALL_PERIODS, np.arange(10, 160))
+    assert response.total is not None
+    assert response.noise is not None
+    assert (response.total.form, response.noise.form) == ("full", "kronecker")
+    a, b = response.total.full().mean(axis=0), response.noise.full().mean(axis=0)
+    scale = np.sqrt(np.outer(np.diag(b).real, np.diag(b).real))
+    assert np.max(np.abs(a - b) / scale) < 0.1
+    np.testing.assert_allclose(
+        np.einsum("fii->fi", response.total.full()).real.reshape(-1, 2, 2).transpose(0, 2, 1), response.total.variance
+    )
+
+
+def test_distortion_is_total_less_noise_and_never_negative() -> None:
+    """Where noise explains everything, what is left is positive semidefinite and small."""
+    rng = np.random.default_rng(0)
+    left = np.eye(2)[None] * np.ones((5, 1, 1)) + 0j
+    noise = Covariance(np.ones((5, 3, 2)), 50, left, np.eye(3) * np.ones((5, 1, 1)) + 0j)
+    extra = rng.normal(size=(5, 3, 1)) + 1j * rng.normal(size=(5, 3, 1))
+    right = noise.right + extra @ extra.conj().swapaxes(1, 2)
+    total = Covariance(np.einsum("fii->fi", right).real[:, :, None] * np.ones((5, 3, 2)), 20, left, right)
+    found = distortion_covariance(noise, total, 4)
+    assert found.right is not None
+    np.testing.assert_allclose(found.full(), 4 * (total.full() - noise.full()), atol=1e-12)
+    less = distortion_covariance(total, noise, 4)
+    assert np.linalg.eigvalsh(less.full()).min() > -1e-12
+    assert np.all(less.variance < 1e-12)
+    A = rng.normal(size=(4, 5, 5))
+    A = A + A.swapaxes(1, 2)
+    assert np.linalg.eigvalsh(positive(A + 0j)).min() > -1e-12

@@ -1,0 +1,76 @@
+"""Lines found excited in recorded inputs, whatever the shape of the spectrum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.steady_record import AUTO, RATE, N, steady_record, unit_phases
+
+from elastid.base.errors import DataError
+from elastid.excitation.multisine import synthesise
+from elastid.frf.lines import analysed_lines, find_excited
+from elastid.frf.spectra import RecordSpectra
+from elastid.record import Configuration, Record
+
+
+def _spectrum(kind: str, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Excited lines and their amplitudes."""
+    full = np.arange(1, 200)
+    if kind == "1/f":
+        return full, 1.0 / full
+    if kind == "odd":
+        return full[::2], np.ones(100)
+    if kind == "odd with detection lines":
+        odd = full[::2]
+        lines = np.delete(odd, [4 * i + int(rng.integers(4)) for i in range(25)])
+        return lines, np.ones(len(lines))
+    if kind == "quasi-logarithmic":
+        lines = np.unique(np.round(np.geomspace(1, 200, 40)).astype(int))
+        return lines, np.ones(len(lines))
+    if kind == "quasi-logarithmic 1/f^2":
+        lines = np.unique(np.round(np.geomspace(1, 200, 40)).astype(int))
+        return lines, lines**-2.0
+    if kind == "band":
+        return np.arange(41, 141), np.ones(100)
+    notch = np.abs(full**2 - 90**2 + 0.6j * full) / 90**2  # u of a plant held by its support
+    return full, notch
+
+
+KINDS = ["1/f", "odd", "odd with detection lines", "quasi-logarithmic", "quasi-logarithmic 1/f^2", "band", "notch"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_excited_lines_are_found_in_spectra_of_every_shape(kind: str) -> None:
+    """Exactly the excited ones, with noise 60 dB and nonlinear distortion 35 dB below the excited lines next to it."""
+    rng = np.random.default_rng(0)
+    lines, amplitude = _spectrum(kind, rng)
+    candidates = np.arange(1, 500)
+    noise = 1e-6 * np.min(amplitude) ** 2 * np.ones(len(candidates))
+    power = noise * rng.exponential(size=len(noise))
+    distortion = 10**-3.5 * np.interp(candidates, lines, amplitude**2) * (candidates < 400)
+    power += distortion * rng.exponential(size=len(noise))
+    power[lines - 1] = amplitude**2
+    found = candidates[find_excited(candidates, power / power.max(), noise / power.max())]
+    np.testing.assert_array_equal(found, lines)
+
+
+def test_a_1_over_f_record_keeps_all_its_lines_from_start_to_end() -> None:
+    """199 of 199 lines of a noisy record, where a threshold at the strongest line keeps one."""
+    lines = np.arange(1, 200)
+    u = np.tile(synthesise(lines, unit_phases(199) / lines[:, None], N * 2), (4, 1))
+    rng = np.random.default_rng(1)
+    record = Record(
+        "r", Configuration("c", np.zeros(1)), 0, 0, RATE, 2 * N, ("motor 1",), ("motor 1",), ("acceleration",),
+        u + 1e-3 * rng.normal(size=u.shape), u + 1e-3 * rng.normal(size=u.shape),
+    )  # fmt: skip
+    np.testing.assert_array_equal(analysed_lines([RecordSpectra(record)], AUTO, None), lines)
+
+
+def test_inputs_of_noise_have_no_excited_line() -> None:
+    """And the message says what to look at."""
+    record = steady_record(4)
+    rng = np.random.default_rng(0)
+    with pytest.raises(DataError, match="no excited line between 0 and 100 Hz; check period"):
+        analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)

@@ -1,0 +1,98 @@
+"""Spectra period by period: exact derivatives, amplitudes, drift, half waves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.steady_record import AUTO, LINES, RATE, N, periods_of, steady_record
+
+from elastid.base.errors import StudyError
+from elastid.frf.estimate import estimate
+from elastid.record import MOTION_ORDER, Motion
+
+
+@pytest.mark.parametrize("measured", ["position", "velocity", "acceleration"])
+@pytest.mark.parametrize("wanted", ["position", "velocity", "acceleration"])
+def test_any_motion_becomes_any_other_exactly(measured: Motion, wanted: Motion) -> None:
+    """(j omega)^order to rounding, up and down; a finite difference would be 2 % off at the highest line."""
+    spectra = periods_of(steady_record(quantity=measured), LINES, wanted)
+    j_omega = 2j * np.pi * LINES * RATE / N
+    expected = j_omega ** (MOTION_ORDER[wanted] - 2)
+    np.testing.assert_allclose(spectra.Y[:, :, 0] / spectra.U[:, :, 0], np.tile(expected, (4, 1)), rtol=1e-9)
+
+
+def test_amplitudes_are_those_of_the_sines_whatever_the_period() -> None:
+    """|U| is the peak in Nm of each line's cosine."""
+    np.testing.assert_allclose(np.abs(periods_of(steady_record(), LINES, "velocity").U), 1.0, rtol=1e-12)
+
+
+def test_without_a_rate_a_derivative_is_per_sample() -> None:
+    """omega = 2 pi f with f in units of the sampling rate."""
+    record = replace(steady_record(quantity="velocity"), rate_hz=1.0, rate_is_known=False)
+    response = estimate([record], AUTO, LINES)
+    np.testing.assert_allclose(response.G[:, 0, 0], np.full(75, 1 / RATE), rtol=1e-9)
+    np.testing.assert_allclose(response.freq_hz, LINES / N)
+    assert not response.rate_is_known
+
+
+@pytest.mark.parametrize("quantity", ["position", "velocity"])
+def test_a_motion_that_drifts_steadily_gives_the_same_spectra(quantity: Motion) -> None:
+    """A ramp a thousand times the motion changes nothing: neither amplitude nor, by its scatter, the noise level."""
+    record = steady_record(6, quantity)
+    ramp = 1000 * record.y.std() * np.linspace(0, 1, record.n_samples)[:, None]
+    still, drifting = (periods_of(r, LINES, quantity).Y for r in (record, replace(record, y=record.y + ramp)))
+    np.testing.assert_allclose(drifting, still, rtol=0, atol=1e-9 * np.abs(still).max())
+
+
+def test_a_position_that_wanders_is_cleaned_of_most_of_its_leakage() -> None:
+    """A random walk of the velocity under the position: twenty times less scatter than of the plain DFT."""
+    record = steady_record(20, "position")
+    rng = np.random.default_rng(2)
+    walk = np.cumsum(np.cumsum(rng.normal(size=record.n_samples)))
+    y = record.y + 20 * record.y.std() * (walk / walk.std())[:, None]
+    cleaned = periods_of(replace(record, y=y), LINES, "position").Y
+    plain = periods_of(replace(record, y=y, quantities=("acceleration",)), LINES, "acceleration").Y
+    assert 20 * cleaned.std(axis=0).mean() < plain.std(axis=0).mean()
+
+
+def test_drift_removal_adds_no_noise_to_an_encoder_without_drift() -> None:
+    """White noise on the position: the variance at every line from the third on is what the DFT alone would have."""
+    lines = np.arange(3, 80)
+    record = steady_record(2, "position")
+    rng, s, variance = np.random.default_rng(0), 0.1, []
+    for _ in range(300):
+        noisy = replace(record, y=s * rng.normal(size=record.y.shape))
+        variance.append(np.mean(np.abs(periods_of(noisy, lines, "position").Y[:, :, 0]) ** 2, axis=0))
+    np.testing.assert_allclose(np.mean(variance, axis=0)[0], 4 * s**2 / N, rtol=0.4)
+    np.testing.assert_allclose(np.mean(variance, axis=0)[10:].mean(), 4 * s**2 / N, rtol=0.02)
+
+
+def test_half_wave_records_give_two_estimates_of_a_period_and_a_true_noise_level() -> None:
+    """Odd lines, one period of 400 samples, an offset on all signals: G exact, and the noise of white noise."""
+    lines = np.arange(1, 120, 2)
+    whole = steady_record(2, lines=lines)
+    one = replace(whole, u=3 + whole.u[:N], y=5 + whole.y[:N], half_wave=True)
+    response = estimate([one], AUTO)
+    np.testing.assert_allclose(response.freq_hz, lines * RATE / N)
+    np.testing.assert_allclose(response.G[:, 0, 0], 1.0, rtol=1e-11)
+    rng, s, estimated, true = np.random.default_rng(0), 0.1, [], []
+    for _ in range(60):
+        noisy = estimate([replace(one, y=one.y + s * rng.normal(size=one.y.shape))], AUTO, lines)
+        assert noisy.noise is not None
+        assert noisy.noise.dof == 1
+        estimated.append(noisy.noise.variance.mean())
+        true.append(np.mean(np.abs(noisy.G - 1) ** 2))
+    assert np.mean(estimated) == pytest.approx(4 * s**2 / N, rel=0.06)
+    assert np.mean(true) == pytest.approx(4 * s**2 / N, rel=0.06)
+
+
+def test_half_wave_records_have_no_even_lines() -> None:
+    """`full` is refused, and a half-wave position that is off centre and drifts is no trouble."""
+    lines = np.arange(1, 120, 2)
+    record = replace(steady_record(2, "position", lines=lines), half_wave=True)
+    with pytest.raises(StudyError, match="full does not go with half_wave"):
+        estimate([record], replace(AUTO, lines="full"))
+    off_centre = replace(record, y=record.y + 7 + np.linspace(0, 1e-3, 2 * N)[:, None])
+    np.testing.assert_allclose(estimate([off_centre], AUTO, lines).G[:, 0, 0], 1.0, atol=2e-2)

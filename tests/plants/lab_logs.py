@@ -1,0 +1,108 @@
+"""A log of two axes in every format, and the study that reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from scipy.io import savemat
+
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.record import Record
+from elastid.recorded.rig import RecordedRig
+from elastid.robot import Body, Joint, Motor, Robot, Spring
+
+N, P, RATE, RATIO = 200, 4, 100.0, -50.0
+
+
+ROBOT = Robot(
+    "two axes",
+    (
+        Body("turret", joints=(Joint("1", motor=Motor(1e-3, RATIO), spring=Spring(1e5)),), inertia=1.0),
+        Body("arm", "turret", joints=(Joint("2", "y", Spring(1e5), Motor(1e-3)),), inertia=1.0),
+    ),
+)
+
+
+# Currents of both motors in mA and motor side, the angle of motor 1 in deg and motor side, the speed of joint 2.
+CURRENT = {"role": "u", "quantity": "current", "unit": "mA", "torque_constant": 0.5, "side": "motor"}
+
+
+CHANNELS = (
+    ChannelSpec(at="motor 2", channel="i2", sign=-1, **CURRENT),  # type: ignore[arg-type]
+    ChannelSpec(at="motor 1", channel="i1", **CURRENT),  # type: ignore[arg-type]
+    ChannelSpec("y", "motor 1", "phi", quantity="position", unit="deg", side="motor"),
+    ChannelSpec("y", "joint 2", "w2", quantity="velocity", scale=0.1),
+)
+
+
+def study_of(path: str, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:
+    keys: dict[str, Any] = {
+        "rate_hz": RATE,
+        "period_samples": N,
+        "channels": channels,
+        "files": (FileSpec(path, "home"),),
+    }
+    return ExperimentSpec({"home": (0.0, 0.0)}, recorded=RecordedSpec(**(keys | changes)))
+
+
+def measured(base: Path, spec: ExperimentSpec) -> Record:
+    rig = RecordedRig(ROBOT, spec, base)
+    return rig.measure(rig.experiments[0])
+
+
+def save_csv(
+    path: Path, log: Mapping[str, np.ndarray], delimiter: str = ",", head: str = "", comma: bool = False
+) -> None:
+    rows = [delimiter.join(f"{v:.17g}" for v in row) for row in zip(*log.values(), strict=True)]
+    text = head + delimiter.join(log) + "\n" + "\n".join(rows) + "\n"
+    path.write_text(text.replace(".", ",") if comma else text)
+
+
+def with_names(names: Mapping[str, str], **same: Any) -> tuple[ChannelSpec, ...]:
+    return tuple(replace(c, channel=names[c.channel], **same) for c in CHANNELS)
+
+
+def write_matlab(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    struct = {"cur": np.stack([log["i1"], log["i2"]]), "phi": log["phi"], "note": "run 7"}
+    runs = np.array([(log["w2"],), (2 * log["w2"],)], dtype=[("w", object)])
+    cells = np.array([np.ones(50), "text"], dtype=object)
+    savemat(base / "log.mat", {"rec": struct, "run": runs, "fs": 100.0, "cells": cells})
+    channels = with_names({"i1": "rec.cur", "i2": "rec.cur", "phi": "rec.phi", "w2": "run(1).w"})
+    return study_of("log.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
+
+
+def write_matlab_73(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    with h5py.File(base / "new.mat", "w", userblock_size=512) as file:
+        file["rec/cur"] = np.stack([log["i1"], log["i2"]])  # a 800 x 2 matrix, as MATLAB writes it
+        file["rec/phi"] = log["phi"][None]
+        file["w2"] = log["w2"][None]
+        file["#refs#/junk"] = np.zeros(3)
+    with (base / "new.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
+    channels = with_names({"i1": "rec.cur", "i2": "rec.cur", "phi": "rec.phi", "w2": "w2"})
+    return study_of("new.mat", (replace(channels[0], column=2), replace(channels[1], column=1), *channels[2:]))
+
+
+def write_csv(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    save_csv(base / "log.csv", {"t": np.arange(len(log["i1"])) / RATE} | log)
+    return study_of("log.csv")
+
+
+U, Y = CHANNELS[1], CHANNELS[2]
+
+
+def write_hdf5(base: Path, log: dict[str, np.ndarray]) -> ExperimentSpec:
+    table = np.zeros(len(log["i1"]), dtype=[("i1", "f8"), ("i2", "f8")])
+    table["i1"], table["i2"] = log["i1"], log["i2"]
+    with h5py.File(base / "log.h5", "w") as file:
+        file["drive/currents"], file["drive/phi"], file["w2"] = table, log["phi"], log["w2"]
+    return study_of(
+        "log.h5",
+        with_names({"i1": "drive/currents.i1", "i2": "drive/currents.i2", "phi": "/drive/phi", "w2": "w2"}),
+    )

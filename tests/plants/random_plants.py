@@ -1,0 +1,40 @@
+"""Records of random matrices with noise, and of static nonlinearities."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Record
+
+RATE, N = 1000.0, 1024
+
+
+ALL_PERIODS = EstimatorSpec(transient_periods=0, outlier_sigma=1e9)
+
+
+ODD = np.arange(21, 301, 2)
+
+
+def record_of(u: np.ndarray, y: np.ndarray, m: int = 0, e: int = 0, r: np.ndarray | None = None) -> Record:
+    """Signals (n, c) with periods of N samples."""
+    inputs = tuple(f"motor {i + 1}" for i in range(u.shape[1]))
+    outputs = tuple(f"joint {i + 1}" for i in range(y.shape[1]))
+    quantities = ("acceleration",) * len(outputs)
+    return Record(f"c-r{m}-e{e}", Configuration("c", [0.0]), m, e, RATE, N, inputs, outputs, quantities, u, y, r)
+
+
+def nonlinear(
+    function: Callable[[np.ndarray], np.ndarray], lines: np.ndarray, M: int, noise: float = 0.0, seed: int = 0
+) -> list[Record]:
+    """One input of RMS 1 through a static function, M realisations of two periods."""
+    rng = np.random.default_rng(seed)
+    records = []
+    for m in range(M):
+        R = orthogonal_set(np.full((len(lines), 1), np.sqrt(2 / len(lines))), rng)[0]
+        u = np.tile(synthesise(lines, R, N), (2, 1))
+        records.append(record_of(u, function(u) + noise * rng.normal(size=u.shape), m))
+    return records
