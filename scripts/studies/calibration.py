@@ -44,7 +44,7 @@ from study_plants import NOISE, Plant, Rig, demo, of_study, responses, three_mas
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import ordered
 from elastid.fit.result import QUANTILE, LocalOptimum
-from elastid.fit.setup.assembly import RelinearisedOptimum, settle
+from elastid.fit.setup.assembly import RelinearisedOptimum, relinearise
 from elastid.fit.spec import ParameterSpec, PriorSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty, inverse_information
 from elastid.fit.uncertainty.intervals import choose_profiles, profile_ends
@@ -76,11 +76,11 @@ class DataSets:
         data = self.rig.drawn(rng, _truth(self.rig, self.wrong, rng))
         assembly = self.rig.assembly(data, spec)
         x = self.plant.parameters.x
-        settled = settle(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
-        if not settled.end.converged:
+        optimum = relinearise(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
+        if not optimum.end.converged:
             return np.full((3, len(x)), np.nan)
-        sure = estimate_uncertainty(settled.fit, data, settled.weights, settled.end.x)
-        return np.array([settled.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(settled, sure, x)])
+        sure = estimate_uncertainty(optimum.fit, data, optimum.weights, optimum.end.x)
+        return np.array([optimum.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(optimum, sure, x)])
 
     def bound(self) -> FloatArray:
         """The Cramer-Rao bound of x (n_x,) at the truth."""
@@ -91,9 +91,9 @@ class DataSets:
         return np.sqrt(np.diag(inverse_information(np.linalg.qr(J, mode="r"))[0]))
 
 
-def _holds(settled: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
+def _holds(optimum: RelinearisedOptimum, sure: Uncertainty, x: FloatArray) -> BoolArray:
     """Whether each interval (n_x,) holds x, as a fit states it: by profile likelihood where V is not quadratic."""
-    problem, there, variance = settled.fit.problem, settled.end.x, np.diag(sure.covariance)
+    problem, there, variance = optimum.fit.problem, optimum.end.x, np.diag(sure.covariance)
     names, _ = choose_profiles(problem, there, variance)
     low, high = profile_ends(problem, there, variance, names).T
     reach = QUANTILE * np.sqrt(variance)

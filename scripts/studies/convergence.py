@@ -35,8 +35,8 @@ from elastid.base.errors import ElastidError
 from elastid.base.execution import ordered
 from elastid.fit.identify import identify
 from elastid.fit.result import LocalOptimum
-from elastid.fit.setup.assembly import settle
-from elastid.fit.solve.multistart import HIT
+from elastid.fit.setup.assembly import relinearise
+from elastid.fit.solve.multistart import MAX_HIT_EXCESS
 from elastid.robot import Robot
 
 ROBOTS: dict[str, Callable[[], Plant]] = {"three-mass": three_mass, "demo": demo}
@@ -67,7 +67,9 @@ class Runs:
         rig = _rig(self.plant)
         data = rig.drawn(rng)
         x = self.plant.parameters.x
-        best = settle(rig.assembly(data, self.plant.spec), LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex").end
+        best = relinearise(
+            rig.assembly(data, self.plant.spec), LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex"
+        ).end
         robot = wrong_start(self.plant.robot, self.plant.parameters.free_names, rng)
         spec = replace(self.plant.spec, starts=self.starts, profile=())  # no interval is asked for
         begin = time.perf_counter()
@@ -75,7 +77,7 @@ class Runs:
             result = identify(data, robot, replace(spec, seed=number), model=self.plant.model)
         except ElastidError:
             return 0.0, 0.0, time.perf_counter() - begin
-        hit = result.cost <= best.cost + HIT * max(1.0, best.cost / result.dof)
+        hit = result.cost <= best.cost + MAX_HIT_EXCESS * max(1.0, best.cost / result.dof)
         return float(hit), result.hits / len(result.starts) if hit else 0.0, time.perf_counter() - begin
 
 
