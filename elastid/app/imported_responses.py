@@ -36,7 +36,9 @@ def imported_responses(study: Study, base: Path) -> Iterator[FrequencyResponse]:
             response = in_quantity(_of_another_run(path, file, configuration, study), estimator.quantity)
         else:
             if not spec.channels:
-                raise StudyError(f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels")
+                raise StudyError(
+                    f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
+                )
             table = read_table(path, spec, file.response)
             response = link_side_response(table, spec, configuration, study.robot, estimator.quantity)
         if estimator.band_hz is not None:

@@ -151,7 +151,7 @@ def _plan_of_work(study: Study) -> Iterator[str]:
         "responses": "import the responses",
     }[study.experiment.kind]
     left_out = study.validation.left_out
-    judged = f"judge it on {', '.join(left_out)}, which was not fitted" if left_out else "judge it on the fitted configurations"
+    judged = f"judge it on {', '.join(left_out)}, not fitted" if left_out else "judge it on the fitted configurations"
     log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""
     yield (
         f"will {first} in {study.estimator.quantity}, fit from {_plural(study.fit.starts, 'start')} "
