@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from plants.marks import SEEDS, slow
 
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
@@ -118,7 +119,7 @@ OF_ARM = {
 }
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", SEEDS)
 def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
     """Both to a few millimetres, with all stiffnesses, from starts 50 to 100 mm away, within the claimed intervals."""
     truth = bending_arm()
@@ -136,7 +137,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
     assert np.abs(again.G / exact.G - 1).max() < 0.2
 
 
-@pytest.mark.parametrize(("formulation", "seed"), [("constrained", 0), ("minimal", 1)])
+@pytest.mark.parametrize(("formulation", "seed"), [("constrained", 0), slow("minimal", 1)])
 def test_the_ends_of_a_rod_and_its_stiffness(formulation: str, seed: int) -> None:
     """The crank's length to a tenth of a millimetre, with the stiffness of rod, gears and bending, from 30 mm off."""
     truth, spec = linkage(), ModelSpec(formulation)  # type: ignore[arg-type]
@@ -264,6 +265,7 @@ robot:
 """
 
 
+@pytest.mark.slow
 def test_a_study_finds_the_anchor_of_a_balancer(tmp_path: Path) -> None:
     """From YAML to summary, folds and export: the anchor to a millimetre, in m, beside the stiffness of the gear."""
     path, run = tmp_path / "study.yml", tmp_path / "run"

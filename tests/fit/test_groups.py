@@ -200,6 +200,7 @@ def test_a_configuration_of_another_robot_is_named(data):
     assert any(w.startswith("configuration c6: its residuals are") and "same robot" in w for w in said(result.notes))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("foreign", [("c4",), ("c4", "c5")])
 def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, foreign):
     """They draw the fit so far that no residual stands out; without them the others agree."""
@@ -268,6 +269,7 @@ def test_solvers_and_continuation_end_at_the_same_optimum(data, solver, continua
     assert max(off(result, name, truth[name][0]) for name in result.parameters.free_names) < 4
 
 
+@pytest.mark.slow
 def test_a_robust_study_shrugs_off_a_bad_band(data):
     """Between 20 and 24 Hz one output is three times too large; Huber's loss stays near the truth."""
     bad = (FREQ > 20) & (FREQ < 24)
@@ -333,6 +335,7 @@ def test_an_inertia_stays_one_that_a_body_can_have():
     assert any("body arm: the data ask for an inertia that no body can have" in w for w in said(result.notes))
 
 
+@pytest.mark.slow
 def test_a_mass_its_place_and_its_inertia_are_found_together_from_many_starts():
     """M depends on m c^2: far starts, and those that no body could have, end at the truth all the same."""
     free = ("m_arm", "c_arm_x", "I_arm_xx", "I_arm_yy", "I_arm_zz", "k_1", "k_x")
@@ -363,6 +366,7 @@ def test_a_start_that_no_body_can_have_is_named():
         identify([of_body(bodied(), np.random.default_rng(3))], bodied(), spec)
 
 
+@pytest.mark.slow
 def test_an_inertia_of_each_configuration_stays_one_that_a_body_can_have():
     sheet = bodied((0.02, 0.03, 0.0499, 0.0, 0.0, 0.0))
     both = [

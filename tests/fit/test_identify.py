@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.marks import slow
 from plants.notes import said
 
 from elastid.app.stages.fit import TRUSTED
@@ -286,7 +287,7 @@ def fitted(output: str = "", source: str = "", times: float = 1.0) -> FitResult:
     return identify(responses, started_elsewhere(arm(), 2.0), FitSpec(starts=3, seed=3))
 
 
-@pytest.mark.parametrize(("output", "source"), [("joint 2", ""), ("motor 1", ""), ("", "motor 2")])
+@pytest.mark.parametrize(("output", "source"), [slow("joint 2", ""), ("motor 1", ""), slow("", "motor 2")])
 def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
     """Motor, load or torque: the fit far from the truth cannot tell, one that starts again with the other sign can."""
     result = fitted(output, source)
@@ -302,6 +303,7 @@ def test_input_and_output_of_the_only_motor_are_named_together() -> None:
     assert said(result.notes)[0].startswith("y at motor 1 or u at motor 1 fits far better with the other sign")
 
 
+@pytest.mark.slow
 def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
     """Torques in the wrong unit: nothing is explained, and not by a sign but by a factor."""
     result = fitted(times=20.0)
@@ -318,14 +320,14 @@ def read_as(response: FrequencyResponse, conjugate: bool, factor: complex, power
     return replace(response, G=times * (response.G.conj() if conjugate else response.G), total=total)
 
 
-@pytest.mark.parametrize("noise", ["known", "unknown"])
+@pytest.mark.parametrize("noise", ["known", slow("unknown")])
 @pytest.mark.parametrize(
     ("conjugate", "factor", "power", "says"),
     [
         (True, 1, 0, "with all phases negated"),
-        (True, 1j, 0, "with real and imaginary parts exchanged"),
+        slow(True, 1j, 0, "with real and imaginary parts exchanged"),
         (False, 1, -1, "differentiated once more in time"),
-        (False, 1, -2, "differentiated twice more in time"),
+        slow(False, 1, -2, "differentiated twice more in time"),
         (False, 1, 1, "differentiated once less in time"),
     ],
 )
@@ -342,6 +344,7 @@ def test_what_was_written_otherwise_is_named(
     assert "another reading of them far more" in result.message
 
 
+@pytest.mark.slow
 def test_a_robot_that_is_known_only_roughly_is_no_misreading(noisy) -> None:
     """The inertia of a motor 40 % off: told as what the model lacks, not as a mistake of the file."""
     robot = arm().with_parameters({"Jm_1": 1.4 * 2.5e-3})
@@ -360,12 +363,14 @@ def test_frequencies_in_the_wrong_unit_are_suspected_from_the_stiffnesses(factor
     assert f"are the frequencies of the responses in {unit}" in said(result.notes)[0]
 
 
+@pytest.mark.slow
 def test_springs_that_start_far_off_are_no_wrong_unit(noisy) -> None:
     far = arm().with_parameters({"k_1": 3e5 / 40, "k_2": 1.8e5 / 2, "k_1x": 4e5 * 3, "k_2z": 1e5})
     result = identify(noisy, far, FitSpec(starts=6, seed=1))
     assert not any("are the frequencies" in word for word in said(result.notes))
 
 
+@pytest.mark.slow
 def test_one_measurement_under_two_names_is_named(noisy) -> None:
     """A file given for another posture, too; two measurements of one posture differ by their noise."""
     again = replace(noisy[0], configuration=Configuration("again", noisy[1].configuration.angles))
@@ -400,6 +405,7 @@ def test_a_noisy_response_is_no_model_error() -> None:
     assert identify([noisy], pendulum(), FitSpec(starts=2)).status != "model_error"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ipopt", "sqp"])
 def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_off(solver: Method) -> None:
     """Gauss-Newton would step over decades there, to bounds from which nothing leads back."""

@@ -1,0 +1,11 @@
+"""Cases of parametrised tests that are slow, and seeds of which the first alone runs by default."""
+
+import pytest
+
+
+def slow(*values: object):
+    """The case of a parametrised test, marked slow."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+SEEDS = [0, slow(1), slow(2)]
