@@ -209,8 +209,7 @@ class ParameterSet:
     def _natural(self, x: FloatArray) -> FloatArray:
         """The free parameters (n_x,) in SI; infinite, not an error, where a solver tries an absurd step."""
         with np.errstate(over="ignore"):
-            natural: FloatArray = np.where(self._log, np.exp(x), x)
-        return natural
+            return np.where(self._log, np.exp(x), x)
 
     @cached_property
     def _log(self) -> BoolArray:
@@ -278,19 +277,16 @@ class _Chain:
     @cached_property
     def reach(self) -> BoolArray:
         """Which of z (n_x,) move which of theta (n_theta, n_x)."""
-        reach: BoolArray = (self.gain != 0) | (self.by_gain != 0)
-        return reach
+        return np.asarray((self.gain != 0) | (self.by_gain != 0))
 
     def theta(self, z: FloatArray) -> FloatArray:
         """theta (n_theta,) of z (n_x,)."""
-        theta: FloatArray = (self.constant + self.gain @ z) * (self.by_constant + self.by_gain @ z)
-        return theta
+        return np.asarray((self.constant + self.gain @ z) * (self.by_constant + self.by_gain @ z))
 
     def slopes(self, z: FloatArray) -> FloatArray:
         """d theta / d z (n_theta, n_x)."""
         one, other = self.constant + self.gain @ z, self.by_constant + self.by_gain @ z
-        slopes: FloatArray = self.gain * other[:, None] + one[:, None] * self.by_gain
-        return slopes
+        return np.asarray(self.gain * other[:, None] + one[:, None] * self.by_gain)
 
 
 def _chain(model: list[Parameter], parameters: ParameterSet) -> _Chain:

@@ -1,14 +1,14 @@
-"""FitResult: what a fit found, how sure it is, and a status that says why."""
+"""FitResult: estimate, covariance and status of a fit, and the local optima that its starts reached."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray, frozen
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 
@@ -18,12 +18,10 @@ Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_condi
 # 95 % of a normal distribution lie within so many standard deviations.
 QUANTILE = 1.959964
 
-_FURTHER = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
 
-
-@dataclass(frozen=True)
+@frozen_value
 class LocalOptimum:
-    """One start of the multistart: where it began and ended in x, its V, and how its solver ended."""
+    """The end of a solve: its start and its end in x (n_x,), V there, and the message of the solver."""
 
     x_start: FloatArray
     x: FloatArray
@@ -32,13 +30,8 @@ class LocalOptimum:
     converged: bool
     message: str
 
-    def __post_init__(self) -> None:
-        """Freeze the vectors."""
-        object.__setattr__(self, "x_start", frozen(self.x_start))
-        object.__setattr__(self, "x", frozen(self.x))
 
-
-@dataclass(frozen=True)
+@frozen_value
 class FitResult:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
 
@@ -72,11 +65,8 @@ class FitResult:
     weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
-        """Freeze the arrays and check shapes."""
+        """Check shapes."""
         n_x = len(self.parameters.free)
-        for name in ("x", "covariance", "singular_values", *_FURTHER):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-        object.__setattr__(self, "at_bound", frozen(self.at_bound, np.bool_))
         if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
             raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
 
@@ -127,6 +117,6 @@ class FitResult:
         """Correlation matrix (n_x, n_x); rows of unreachable parameters are NaN off the diagonal."""
         std = np.sqrt(np.diag(self.covariance))
         with np.errstate(invalid="ignore", divide="ignore"):
-            correlation: FloatArray = self.covariance / np.outer(std, std)
+            correlation = np.asarray(self.covariance / np.outer(std, std))
         np.fill_diagonal(correlation, 1.0)
         return correlation

@@ -252,8 +252,7 @@ def _part(
 def _mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
     """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
-    product: ComplexArray = (mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape)
-    return product
+    return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))
 
 
 def _with_the_rest_held(model: LinearModel, parameters: ParameterSet) -> LinearModel:

@@ -68,8 +68,7 @@ class BodyInertia:
         for tensor, (i, j) in zip(tensors, self.entries, strict=True):
             tensor[i, j] = tensor[j, i] = 1.0
         traces = np.trace(tensors, axis1=1, axis2=2)
-        sigma: FloatArray = 0.5 * traces[:, None, None] * np.eye(3) - tensors
-        return sigma
+        return np.asarray(0.5 * traces[:, None, None] * np.eye(3) - tensors)
 
 
 def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia, ...]:

@@ -88,8 +88,7 @@ class NormalEquations:
     def _returned(self, block: slice, r: ComplexArray) -> ComplexArray:
         """r^H R (F, n_e)."""
         R = self._compressed.R[block]
-        returned: ComplexArray = R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0]
-        return returned
+        return np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""
@@ -104,14 +103,12 @@ class NormalEquations:
         """mixing gain e (F, n_y n_u) of some lines."""
         gain = self.gain[block]
         r = np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
-        mixed: ComplexArray = r if self.mixing is None else (self.mixing[block] @ r[:, :, None])[:, :, 0]
-        return mixed
+        return r if self.mixing is None else np.asarray((self.mixing[block] @ r[:, :, None])[:, :, 0])
 
     def _projected(self, Q: ComplexArray | FloatArray, whitened: ComplexArray) -> ComplexArray:
         """Q^H of whitened residuals (F, n_y n_u): (F, n_e)."""
         if self.mixing is not None:
-            projected: ComplexArray = (np.swapaxes(Q, 1, 2).conj() @ whitened[:, :, None])[:, :, 0]
-            return projected
+            return np.asarray((np.swapaxes(Q, 1, 2).conj() @ whitened[:, :, None])[:, :, 0])
         first, second = self._places
         return Q[:, :, 0] * whitened[:, first] + Q[:, :, 1] * whitened[:, second]
 
@@ -126,8 +123,7 @@ class NormalEquations:
         """Elements (F, n_e) of which at least one measured number counts."""
         used = (self.gain > 0).reshape(len(self.gain), -1)
         first, second = self._places
-        counts: BoolArray = used[:, first] | used[:, second]
-        return counts
+        return np.asarray(used[:, first] | used[:, second])
 
     @cached_property
     def _compressed(self) -> Compressed:
@@ -187,7 +183,5 @@ def _moments(U: Complex, omega: FloatArray) -> ComplexArray:
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
     """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
     if R.ndim == 2:
-        scaled: Complex = (np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype)
-        return scaled
-    product: Complex = R @ U
-    return product
+        return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
+    return np.asarray(R @ U)

@@ -61,8 +61,7 @@ def correlated_noise(
         return None
     v = np.sqrt(np.swapaxes(variance, 1, 2).reshape(len(variance), -1))
     correction = known.dof / (known.dof - m) if np.isfinite(known.dof) else 1.0
-    noise: ComplexArray = correction * v[:, :, None] * R * v[:, None, :]
-    return noise
+    return np.asarray(correction * v[:, :, None] * R * v[:, None, :])
 
 
 def whitening(
@@ -84,8 +83,7 @@ def whitening(
     relative = np.where(both, C / (s[:, :, None] * s[:, None, :]), 0.0)
     relative[:, diagonal, diagonal] += ~used
     L_inverse = np.linalg.inv(np.linalg.cholesky(relative))
-    mixing: ComplexArray = L_inverse * phase.reshape(F, 1, -1)
-    return mixing
+    return np.asarray(L_inverse * phase.reshape(F, 1, -1))
 
 
 def _correlated_elements(known: Covariance) -> int:

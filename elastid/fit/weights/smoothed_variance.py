@@ -52,8 +52,7 @@ def smooth_variance(
 
 
 def _log(power: FloatArray) -> FloatArray:
-    logarithm: FloatArray = np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300)))
-    return logarithm
+    return np.asarray(np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300))))
 
 
 def _shape(log_v: FloatArray, followed: FloatArray, width: int) -> FloatArray:
@@ -65,8 +64,7 @@ def _shape(log_v: FloatArray, followed: FloatArray, width: int) -> FloatArray:
         # The best on the border of the square: one exponent at an end, the other free between its own.
         sides = [_on_a_side(rough_v, rough, one, end) for one in (0, 1) for end in (0.0, 1.0)]
         exponents = min(sides, key=lambda side: float(np.sum((rough_v - side @ rough) ** 2)))
-    shape: FloatArray = np.clip(exponents, 0.0, 1.0) @ followed
-    return shape
+    return np.asarray(np.clip(exponents, 0.0, 1.0) @ followed)
 
 
 def _on_a_side(rough_v: FloatArray, rough: FloatArray, one: int, end: float) -> FloatArray:
@@ -82,8 +80,7 @@ def _moving_mean(values: FloatArray, width: int) -> FloatArray:
     """Mean over the `width` nearest lines; at the ends the window stays inside."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     first = np.clip(np.arange(len(values)) - width // 2, 0, len(values) - width)
-    mean: FloatArray = (total[first + width] - total[first]) / width
-    return mean
+    return np.asarray((total[first + width] - total[first]) / width)
 
 
 def _moment(power: int, dof: float, width: int) -> float:

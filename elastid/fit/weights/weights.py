@@ -10,12 +10,12 @@ by their full covariance (`full_covariance`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
 from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
@@ -24,7 +24,7 @@ from elastid.fit.weights.smoothed_variance import smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Weights:
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
@@ -43,11 +43,6 @@ class Weights:
     factor: FloatArray
     correlated: ComplexArray | None = None
 
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in ("sigma", "scale", "factor"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
-
     @property
     def used(self) -> BoolArray:
         """Which elements count (F, n_y, n_u)."""
@@ -58,8 +53,7 @@ class Weights:
         if self.noise is None or self.correlated is not None:
             return self.correlated
         t = vec(self.scale)
-        C: ComplexArray = t[:, :, None] * self.noise.full() * t[:, None, :]
-        return C
+        return np.asarray(t[:, :, None] * self.noise.full() * t[:, None, :])
 
 
 def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
@@ -186,13 +180,11 @@ def _matches(response: FrequencyResponse, mask: MaskSpec | FactorSpec) -> BoolAr
     lines = _within(response.freq_hz, mask.band_hz) if mask.band_hz else np.ones(response.n_lines, dtype=np.bool_)
     outputs = np.array([mask.output in ("", name) for name in response.outputs])
     inputs = np.array([mask.input in ("", name) for name in response.inputs])
-    masked: BoolArray = lines[:, None, None] & outputs[:, None] & inputs
-    return masked
+    return np.asarray(lines[:, None, None] & outputs[:, None] & inputs)
 
 
 def _within(freq_hz: FloatArray, band_hz: tuple[float, float]) -> BoolArray:
-    inside: BoolArray = (freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1])
-    return inside
+    return np.asarray((freq_hz >= band_hz[0]) & (freq_hz <= band_hz[1]))
 
 
 def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used: BoolArray) -> BoolArray:
@@ -202,8 +194,7 @@ def _no_more_than_noise(response: FrequencyResponse, variance: FloatArray, used:
     """
     power = np.abs(response.G) ** 2
     ratio = np.divide(power, variance, out=np.where(power > 0, np.inf, 0.0), where=variance > 0)
-    mute: BoolArray = np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0)
-    return mute
+    return np.asarray(np.where(used, ratio, 0.0).sum(axis=0) < 2 * used.sum(axis=0))
 
 
 def _element_names(response: FrequencyResponse, chosen: BoolArray) -> str:
