@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elastid.base.errors import StudyError
-from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
+from elastid.robot import Anchor, Body, Joint, Limits, Loop, Motor, Placement, Robot, Spring
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
 
@@ -85,3 +85,43 @@ def test_places_are_known_by_name() -> None:
         robot.check_location(place)
     with pytest.raises(StudyError, match=r"motor 1, joint 1, body arm x"):
         robot.check_location("motor 2")
+
+
+def test_the_branches_of_a_loop_end_where_both_ends_are_carried() -> None:
+    """From each end towards the base, as far as the joints differ; all of them are joints in loops."""
+    names = ("turret", "lever", "arm", "rod", "tip")
+    parents = ("base", "turret", "turret", "lever", "arm")
+    joints = [replace(JOINT, name=f"j{i}") for i in range(len(names))]
+    bodies = tuple(Body(n, p, joints=(j,)) for n, p, j in zip(names, parents, joints, strict=True))
+    loops = (
+        Loop("l", (Anchor("rod"), Anchor("tip", (1.0, 0.0, 0.0)))),
+        Loop("m", (Anchor("base"), Anchor("lever"))),
+        Loop("n", (Anchor("arm"), Anchor("tip"))),
+    )
+    robot = Robot("r", bodies, loops=loops)
+    assert robot.branches == (((3, 1), (4, 2)), ((), (1, 0)), ((), (4,)))
+    assert robot.joints_in_loops == (0, 1, 2, 3, 4)
+    assert replace(robot, loops=loops[2:]).joints_in_loops == (4,)
+
+
+def test_driven_joints_are_counted_and_found() -> None:
+    """Their indices among all joints; as many numbers as driven joints, or a message with both counts."""
+    elastic = Joint("1x", "x", Spring(1e5))
+    robot = Robot("r", (Body("arm", joints=(elastic, JOINT)), Body("tip", "arm", joints=(replace(JOINT, name="2"),))))
+    assert robot.driven_indices == (1, 2)
+    assert robot.count_refusal(2) == ""
+    assert robot.count_refusal(3, "torques") == "3 torques for 2 driven joints (1, 2) of robot r; give one for each"
+
+
+@pytest.mark.parametrize(
+    ("loop", "says"),
+    [
+        (Loop("arm", (Anchor("base"), Anchor("tip"))), "loop arm: a body, joint or loop has this name"),
+        (Loop("1", (Anchor("base"), Anchor("tip"))), "loop 1: a body, joint or loop has this name"),
+        (Loop("l", (Anchor("base"), Anchor("tipp"))), "loop l: no body is called tipp; did you mean 'tip'"),
+    ],
+)
+def test_a_loop_joins_bodies_and_has_a_name_of_its_own(loop: Loop, says: str) -> None:
+    """Its parameters could not be told from those of a body or joint."""
+    with pytest.raises(ValueError, match=says):
+        Robot("r", (Body("arm", joints=(JOINT,)), Body("tip", "arm")), loops=(loop,))

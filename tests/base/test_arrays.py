@@ -1,0 +1,69 @@
+"""Values that cannot be edited."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pytest
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray, frozen, frozen_value
+
+
+@frozen_value(eq=False)
+class Sample:
+    """One field of every kind."""
+
+    x: FloatArray
+    G: ComplexArray
+    lines: IntArray
+    kept: BoolArray | None = None
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        """Checks run on the copies."""
+        assert not self.x.flags.writeable
+        if self.x.shape != self.G.shape:
+            raise ValueError(f"x has shape {self.x.shape}, G {self.G.shape}")
+
+
+def test_arrays_of_a_value_are_read_only_copies_of_their_type() -> None:
+    """Whatever was given stays as it was, and so does the value."""
+    x = np.arange(3)
+    value = Sample(x, x, x.tolist(), name="a")  # type: ignore[arg-type]
+    assert [array.dtype for array in (value.x, value.G, value.lines)] == [np.float64, np.complex128, np.int64]
+    assert value.kept is None
+    x[0] = 5
+    assert value.x[0] == 0
+    for array in (value.x, value.G, value.lines, replace(value, kept=np.ones(3)).kept):
+        assert array is not None
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+    with pytest.raises(FrozenInstanceError):
+        value.name = "b"  # type: ignore[misc]
+
+
+def test_a_value_checks_itself_once_it_is_frozen() -> None:
+    """Its own `__post_init__` is called, on a changed copy too."""
+    with pytest.raises(ValueError, match=r"x has shape \(3,\), G \(2,\)"):
+        replace(Sample(np.zeros(2), np.zeros(2), np.zeros(2, int)), x=np.zeros(3))
+
+
+def test_values_compare_by_identity_only_where_that_is_asked_for() -> None:
+    """eq=False: arrays have no truth value; without it, fields are compared."""
+
+    @frozen_value
+    class Named:
+        name: str
+        x: FloatArray | None = None
+
+    sample = Sample(np.zeros(2), np.zeros(2), np.zeros(2, int))
+    assert sample != replace(sample)
+    assert Named("a") == Named("a") != Named("b")
+
+
+def test_a_frozen_array_is_a_copy() -> None:
+    """Of the type asked for."""
+    x = [1.5, 2.5]
+    assert frozen(x).tolist() == x
+    assert frozen(x, np.int64).tolist() == [1, 2]

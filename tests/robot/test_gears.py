@@ -1,0 +1,81 @@
+"""Gear boxes: the springs that couplings join, the deflections that they allow, and the ratios of all motors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from elastid.robot import Body, GearCoupling, Joint, Motor, Robot, Spring
+from elastid.robot.gears import spring_directions
+
+RATIOS = (100.0, -80.0, 50.0)
+
+
+def wrist(coupling: GearCoupling | None, rigid: str = "", shaft: str = "") -> Robot:
+    """Three joints in a row, the last two coupled; without the springs of `rigid`, with a shaft spring at `shaft`."""
+    joints = [
+        Joint(
+            name,
+            "z",
+            None if name in rigid else Spring(1e4),
+            Motor(1e-3, ratio, spring=Spring(2.0) if name in shaft else None),
+        )
+        for name, ratio in zip("456", RATIOS, strict=True)
+    ]
+    bodies = tuple(
+        Body(f"b{joint.name}", f"b{before.name}" if before else "base", joints=(joint,), inertia=1.0)
+        for before, joint in zip((None, *joints), joints, strict=False)
+    )
+    return Robot("wrist", bodies, gears=() if coupling is None else (coupling,))
+
+
+def test_without_couplings_every_spring_has_a_box_of_its_own() -> None:
+    """X = 1, eta diagonal."""
+    robot = wrist(None)
+    assert [(box.gears, box.springs) for box in robot.gearboxes] == [((i,), (f"k_{i + 4}",)) for i in range(3)]
+    assert all(box.X.tolist() == [[1.0]] for box in robot.gearboxes)
+    np.testing.assert_array_equal(robot.eta, np.diag(RATIOS))
+
+
+def test_a_coupling_behind_the_springs_joins_two_of_them() -> None:
+    """Before the coupling E: the joints turn by E^-1 where a spring deflects by 1; eta_ij = the ratio given."""
+    robot = wrist(GearCoupling("5", "6", 40.0, "before"))
+    first, second = robot.gearboxes
+    assert (first.gears, second.gears, second.springs) == ((0,), (1, 2), ("k_5", "k_6"))
+    E = np.array([[1.0, 40.0 / -80.0], [0.0, 1.0]])
+    np.testing.assert_allclose(robot.mixing[1:, 1:], E)
+    np.testing.assert_allclose(robot.eta[1, 2], 40.0)
+    np.testing.assert_allclose(second.X, np.linalg.inv(E))
+    np.testing.assert_allclose(second.deflections, E)
+    assert second.range.tolist() == [[1.0, 0.0], [0.0, 1.0]]
+    assert second.rigid.shape == (0, 2)
+    assert not second.is_in_series
+
+
+def test_a_gear_without_a_spring_is_moved_by_the_one_before_its_coupling() -> None:
+    """X has one column: the range is its direction, and the row of `rigid` is across it."""
+    robot = wrist(GearCoupling("6", "5", 40.0, "before"), rigid="6", shaft="")
+    box = robot.gearboxes[1]
+    assert (box.gears, box.springs) == ((1, 2), ("k_5",))
+    np.testing.assert_allclose(box.X.ravel(), [1.0, -40.0 / 50.0])
+    np.testing.assert_allclose(box.rigid @ box.X, 0, atol=1e-15)
+    np.testing.assert_allclose(np.abs(box.range.T @ box.X), np.linalg.norm(box.X))
+    np.testing.assert_allclose(box.deflections @ box.X, 1.0)
+    assert [joint.name for joint in robot.flexible] == ["4", "5", "6"]
+
+
+def test_springs_of_joint_and_shaft_are_in_series() -> None:
+    """A shaft's spring turns its joint by 1 / ratio per rad; more springs than deflections share one torque."""
+    robot = wrist(None, shaft="4")
+    assert robot.gearboxes[0].is_in_series
+    assert robot.gearboxes[0].springs == ("k_4", "km_4")
+    np.testing.assert_allclose(spring_directions(robot.driven, robot.gears)["km_4"], [1 / RATIOS[0], 0, 0])
+
+
+def test_what_is_computed_once_cannot_be_edited() -> None:
+    """The arrays of a robot and of its gear boxes are read-only, and the same object every time."""
+    robot = wrist(GearCoupling("5", "6", 40.0))
+    assert robot.gearboxes is robot.gearboxes
+    for array in (robot.mixing, robot.eta, robot.gearboxes[1].X, robot.gearboxes[1].range):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
