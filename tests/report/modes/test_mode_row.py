@@ -14,7 +14,7 @@ from elastid.fit.fitted_model import FittedModel
 from elastid.model.formulation import formulate
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
-from elastid.report.modes.mode_row import load_name, shares_in_words, spring_names
+from elastid.report.modes.mode_row import ModeRow, load_name, shares_in_words, spring_names
 from elastid.response import FrequencyResponse
 from elastid.robot import Anchor, Body, CoilSpring, Compensator, Joint, Loop, Robot, Rod, Spring
 
@@ -67,3 +67,18 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
     np.testing.assert_allclose(warm.frequency_hz, all_soft, rtol=1e-9)
     gear = cold.stores.index("gear 2")
     assert warm.energy[gear, 1] != pytest.approx(cold.energy[gear, 1], rel=0.05)
+
+
+def test_coordinates_and_springs_are_written_from_the_largest_and_at_most_four():
+    """Coordinates from half of the largest motion, with their direction; springs from 5 % of the energy."""
+    shape = np.array([[0.49], [-0.6], [1.0], [0.9], [0.8], [0.7]])
+    energy = np.array([[0.04], [0.3], [0.36], [0.3]])
+    row = ModeRow(
+        "c", np.ones(1), np.ones(1), coordinates=tuple("abcdef"), shapes=shape, stores=tuple("wxyz"), energy=energy
+    )
+    assert row.modes[0][4:] == ("36 % y, 30 % x, 30 % z", "c +1.00, d +0.90, e +0.80, f +0.70")
+    two = replace(row, coordinates=("a", "b"), shapes=np.array([[0.5], [-1.0]]))
+    assert two.modes[0][5] == "b -1.00, a +0.50"
+    assert np.isnan(row.modes[0][1])
+    with pytest.raises(ValueError, match="of 3 names"):
+        replace(row, stores=tuple("xyz"))
