@@ -20,7 +20,7 @@ from elastid.design.optimal_powers import best_powers, even_powers
 from elastid.design.problem import DesignProblem
 from elastid.design.prospect import Prospect
 from elastid.excitation.spec import AskedTorque
-from elastid.experiment.plan.plan import Chosen, Plan
+from elastid.experiment.plan.plan import ChosenConfiguration, Plan
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.record import Configuration
 
@@ -60,7 +60,7 @@ def with_typical_spectrum(problem: DesignProblem, torque_rms: AskedTorque) -> De
 
 
 def best_spectra_of(
-    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[Chosen], torque_rms: AskedTorque
+    problem: DesignProblem, experiment: ExperimentSpec, chosen: Sequence[ChosenConfiguration], torque_rms: AskedTorque
 ) -> dict[str, FloatArray]:
     """The best spectrum (F, n_u) of each configuration, the typical one of those that the fit does not see.
 

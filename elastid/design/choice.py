@@ -22,7 +22,7 @@ from elastid.design.candidates import Candidates
 from elastid.design.optimal import DesignCriterion, relaxed_design, whole
 from elastid.design.prospect import Prospect
 from elastid.design.spec import DesignSpec, GuessSpec, interest
-from elastid.experiment.plan.plan import Chosen
+from elastid.experiment.plan.plan import ChosenConfiguration
 from elastid.parameters import ParameterSet
 from elastid.record import Configuration
 
@@ -43,7 +43,7 @@ class Choice:
     deviation of the median random choice, relative to that of this one.  of: number of candidates.
     """
 
-    chosen: tuple[Chosen, ...]
+    chosen: tuple[ChosenConfiguration, ...]
     periods: int
     efficiency: float
     than_random: float
@@ -196,13 +196,13 @@ def _random_value(H: FloatArray, count: int, criterion: DesignCriterion, known: 
 
 def _named(
     configurations: Sequence[Configuration], numbers: IntArray, realisations: int, taken: Sequence[str]
-) -> tuple[Chosen, ...]:
+) -> tuple[ChosenConfiguration, ...]:
     """The chosen ones, in the order of the candidates; those without a name of the user's are c1, c2 ..."""
-    chosen: list[Chosen] = []
+    chosen: list[ChosenConfiguration] = []
     used = {*taken, *(c.name for c in configurations if not c.name.startswith("candidate"))}
     free = (name for name in (f"c{i}" for i in range(1, len(used) + len(configurations) + 2)) if name not in used)
     for configuration, number in zip(configurations, numbers.tolist(), strict=True):
         if number:
             name = next(free) if configuration.name.startswith("candidate") else configuration.name
-            chosen.append(Chosen(replace(configuration, name=name), number * realisations))
+            chosen.append(ChosenConfiguration(replace(configuration, name=name), number * realisations))
     return tuple(chosen)

@@ -59,16 +59,16 @@ def design(problem: DesignProblem, execution: Execution | None = None) -> Design
     check_line_count(plan.freq_hz, settled.parameters)
     plan, limit_use = within_limits(plan, excitation, experiment, robot, problem.seed, execution)
     x, fitted = settled.parameters.x, settled.fitted(plan)
-    told = forecast([prospect.expected(c, x, realisations) for prospect, c, realisations in fitted], x)
+    expected = forecast([prospect.expected(c, x, realisations) for prospect, c, realisations in fitted], x)
     notes = (
         *sticking(plan, true_robot(robot, problem.simulated.truth), problem.simulated.carrier),
-        *told.notes,
+        *expected.notes,
         *_shared_lines(plan),
         *stiffening_notes([prospect for prospect, _, _ in fitted], [c for _, c, _ in fitted], x),
     )
-    told = replace(told, notes=notes, choice="" if choice is None else choice.sentence)
+    expected = replace(expected, notes=notes, choice="" if choice is None else choice.sentence)
     nearest = nearest_run(plan, limit_use.nearest, experiment, robot, problem.seed)
-    return Design(plan, told, limit_use, nearest)
+    return Design(plan, expected, limit_use, nearest)
 
 
 def with_friction_damping(problem: DesignProblem) -> DesignProblem:

@@ -9,11 +9,10 @@ c^T A_qk c / c^T A c, c = A^-1 e_p, of the information about parameter p comes f
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, frozen
+from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.design.expected_response import ExpectedResponse, expected_fit
@@ -30,7 +29,7 @@ MIN_NAMED_COMPONENT = 0.2
 MIN_REPORTED_CORRELATION = 0.95
 
 
-@dataclass(frozen=True)
+@frozen_value
 class Forecast:
     """Expected uncertainty of the free parameters (n,), at their nominal values.
 
@@ -51,11 +50,6 @@ class Forecast:
     blind: FloatArray
     notes: tuple[Note, ...]
     choice: str = ""
-
-    def __post_init__(self) -> None:
-        """Freeze the arrays."""
-        for name in ("nominal", "covariance", "freq_hz", "share", "blind"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
     def std(self) -> FloatArray:

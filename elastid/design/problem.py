@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from elastid.design.prospect import NoiseLevel, Prospect
 from elastid.design.spec import DesignSpec, LevelSpec, interest
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.movement import one_period, reach
-from elastid.experiment.plan.plan import Chosen, Plan, make_plan
+from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.closed_loop import closed_loop_of
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -100,7 +100,10 @@ class DesignProblem:
         return draw_candidates(design.candidates, self.robot, self.seed, swing)
 
     def plan(
-        self, experiment: ExperimentSpec, chosen: Sequence[Chosen] = (), spectra: dict[str, FloatArray] | None = None
+        self,
+        experiment: ExperimentSpec,
+        chosen: Sequence[ChosenConfiguration] = (),
+        spectra: dict[str, FloatArray] | None = None,
     ) -> Plan:
         """A plan in which all configurations without a spectrum of their own have the typical one, if there is one."""
         own = dict(spectra or {})
@@ -115,7 +118,9 @@ class DesignProblem:
         if self.design is None:
             return self.plan(experiment)
         some = self.candidates(self.design).configurations[:N_PROBES]
-        return self.plan(experiment, [Chosen(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)])
+        return self.plan(
+            experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
+        )
 
     def prospect(self, plan: Plan, q: int) -> Prospect:
         """The measurement of configurations like the q-th of a plan."""

@@ -40,7 +40,7 @@ from elastid.design.design import Design, design
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
-from elastid.experiment.plan.plan import Chosen, Plan, make_plan
+from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
@@ -63,14 +63,16 @@ class Programme:
     """
 
     problem: DesignProblem
-    configurations: tuple[Chosen, ...]
+    configurations: tuple[ChosenConfiguration, ...]
     amplitude: FloatArray
 
     @classmethod
     def of(cls, problem: DesignProblem, design: Design) -> Programme:
         """The plan of a design."""
         experiment = replace(problem.experiment, periods=design.plan.periods, configurations={})
-        chosen = tuple(Chosen(c, M) for c, M in zip(design.plan.configurations, design.plan.realisations, strict=True))
+        chosen = tuple(
+            ChosenConfiguration(c, M) for c, M in zip(design.plan.configurations, design.plan.realisations, strict=True)
+        )
         amplitude = np.sqrt(np.mean(np.abs(design.plan.R[:, 0]) ** 2, axis=1))
         return cls(replace(problem, experiment=experiment), chosen, amplitude)
 

@@ -35,7 +35,7 @@ class Experiment:
 
 
 @dataclass(frozen=True)
-class Chosen:
+class ChosenConfiguration:
     """A configuration that a design has chosen, and in how many realisations it is measured."""
 
     configuration: Configuration
@@ -131,7 +131,7 @@ def make_plan(
     experiment: ExperimentSpec,
     robot: Robot,
     seed: int,
-    chosen: Sequence[Chosen] = (),
+    chosen: Sequence[ChosenConfiguration] = (),
     spectra: Mapping[str, FloatArray] | None = None,
     closed_loop: PredictClosedLoop | None = None,
 ) -> Plan:
@@ -143,7 +143,7 @@ def make_plan(
     further configuration or realisation leaves the others as they were.  Raises StudyError where the robot cannot do
     it.
     """
-    given = [Chosen(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
+    given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = (*given, *chosen)
     lines, n_u = planned_lines(excitation, seed), len(robot.driven)
     M, E = max(one.realisations for one in everyone), experiment.runs(n_u)

@@ -46,7 +46,7 @@ def draw_noise(spec: NoiseSpec, plan: Plan, outputs: Sequence[str], seed: tuple[
         "disturbance": spec.disturbance_std * random.standard_normal((n, n_u)),
         "outputs": output_stds(spec, outputs) * random.standard_normal((n, len(outputs))),
     }
-    frequencies: FloatArray = np.fft.rfftfreq(n, 1 / plan.rate_hz).astype(np.float64)
+    frequencies = np.fft.rfftfreq(n, 1 / plan.rate_hz).astype(np.float64)
     for color in spec.colored:
         shape = color.amplitude(frequencies)
         shape[0] = 0.0

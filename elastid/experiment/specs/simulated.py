@@ -1,4 +1,4 @@
-"""The `simulated` section of an experiment: controller, carrier, noise and drives of the rig that is a model."""
+"""The `simulated` section of an experiment: controller, carrier, noise and drives of the simulated rig."""
 
 from __future__ import annotations
 
@@ -139,11 +139,9 @@ class ColoredNoiseSpec:
 
     def amplitude(self, freq_hz: FloatArray) -> FloatArray:
         """Relative amplitude density (F,) at freq_hz (F,)."""
-        if self.table:
+        if self.corner_hz is None:
             f, a = np.log(np.array(self.table)).T
-            shaped: FloatArray = np.exp(np.interp(np.log(np.maximum(freq_hz, 1e-300)), f, a))
-            return shaped
-        assert self.corner_hz is not None
+            return np.asarray(np.exp(np.interp(np.log(np.maximum(freq_hz, 1e-300)), f, a)))
         return np.asarray((1 + (freq_hz / self.corner_hz) ** 2) ** (self.slope / 40))
 
 
@@ -254,7 +252,7 @@ class SimulatedSpec:
     truth: parameter name to value.  outputs: places that are logged (default: every motor): `motor 1`, `joint 1`,
     `body arm z` and `frame tool rz` as angles, `frame tool z` and `accelerometer tool z` as accelerations.
     controller: of the joints.  carrier: a slow movement beside the excitation (default: none).  noise: of the sensors.
-    substeps: integration steps per sample of the controller.  model: the rig's equations, whatever the fit's are.
+    substeps: integration steps per sample of the controller.  model: the rig's equations, independent of the fit's.
     loops: how those of a linkage are kept closed.
     saturation: motor torques are clipped at the joints' limits.torque; without it, exceeding them is reported.
     encoder_ripple, torque_ripple: errors that repeat with the motors' turns.  warming: how friction drifts.
