@@ -5,7 +5,7 @@ r"""LinearModel: the elastic robot about one operating point, constraints elimin
 Of an accelerometer, which sees gravity turn as it tilts, the reading is C q'' + T q.
 
 M, D, K are affine in theta about theta_ref: exact for stiffness, damping, friction, inertia and mass, first order for
-centres of mass, geometry and springs in series; so are C and T, where the geometry moves what is measured. The
+centres of mass, geometry and springs in series; so are C and T, where the geometry moves an output. The
 operating point is frozen, or followed to first order where springs are nonlinear or the geometry is identified; the fit
 linearises again at its result until nothing moves.
 """
@@ -28,7 +28,7 @@ DELAY = "delay"
 class Slope:
     """d(M, D, K) / d theta_p of one parameter, each symmetric (n, n) or None where the parameter does not enter.
 
-    C, T (n_y, n): of what is measured.
+    C, T (n_y, n): of the outputs.
     """
 
     M: FloatArray | None = None

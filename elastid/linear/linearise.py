@@ -137,7 +137,7 @@ def linearise(
     """The LinearModel of one configuration; for several, build `Linearisation.of(model)` once.
 
     theta (n_theta,): model.parameters in SI, without the delay, which LinearModel adds at the end.
-    outputs: places such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: what is measured there.
+    outputs: places such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: measured there.
     StudyError where the configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
     """
     return Linearisation.of(model).at(configuration, theta, outputs, quantity)

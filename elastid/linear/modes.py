@@ -22,7 +22,7 @@ MAX_ZERO_RATIO = 10.0
 class Modes:
     """Oscillating modes by rising frequency: freq_hz (n_m,), damping ratio zeta (n_m,), shapes (n, n_m).
 
-    A shape's largest entry is 1.  real_poles: lambda in 1/s of what does not oscillate (rigid-body modes with 0,
+    A shape's largest entry is 1.  real_poles: lambda in 1/s of motion that does not oscillate (rigid-body modes with 0,
     overdamped ones), by magnitude; positive where gravity makes the configuration unstable with the motors free.
     """
 

@@ -36,7 +36,7 @@ MAX_OPENING = 1e-6
 class PointSlopes:
     """triangles (3 n (n + 1) / 2, n_theta): added to the slopes of M, D, K by the point's motion.
 
-    By name, for parameters that have any: Z (n_q, n) of the motions allowed, C and T (n_y, n_q) of what is measured.
+    By name, for parameters that have any: Z (n_q, n) of the motions allowed, C and T (n_y, n_q) of the outputs.
     """
 
     triangles: FloatArray
@@ -119,7 +119,7 @@ def differentiate_point(
 def total(
     slopes: Mapping[str, Slope], moved: PointSlopes, matrices: Mapping[str, FloatArray], Z: FloatArray
 ) -> dict[str, Slope]:
-    """Slopes of Z^T (M, D, K) Z, of C Z and T Z: those with Z, C and T held, and what their own motion adds.
+    """Slopes of Z^T (M, D, K) Z, of C Z and T Z: those with Z, C and T held, plus those of their own motion.
 
     matrices: M, D, K (n_q, n_q) and C, T (n_y, n_q) in all coordinates.
     """

@@ -36,18 +36,18 @@ def preloads(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingP
     return tuple(Preload(tuple(deflection), x.full().ravel(), k.full().ravel()) for x, k in at_points)
 
 
-def spring_words(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Note, ...]:
-    """A sentence for each joint that rests inside its backlash, or where its spring pulls, with the configurations."""
+def spring_notes(model: ElasticModel, theta: FloatArray, points: Sequence[OperatingPoint]) -> tuple[Note, ...]:
+    """A note for each joint that rests inside its backlash or whose spring is unstable, with the configurations."""
     if all(joint.spring is None or joint.spring.is_linear for joint in model.robot.joints):
         return ()
     values = dict(zip(model.parameters, np.asarray(theta, dtype=float).tolist(), strict=True))
     names = [point.configuration.name for point in points]
     loads = preloads(model, theta, points)
-    words: list[Note] = []
+    notes: list[Note] = []
     for i, joint in enumerate(loads[0].joints if loads else ()):
         x, k = (np.array([getattr(load, what)[i] for load in loads]) for what in ("deflection", "tangent"))
-        words += [*_in_the_gap(model, joint, values, names, x, k), *_pulling(model, joint, names, x, k)]
-    return tuple(words)
+        notes += [*_in_the_gap(model, joint, values, names, x, k), *_unstable(model, joint, names, x, k)]
+    return tuple(notes)
 
 
 def _in_the_gap(
@@ -71,7 +71,7 @@ def _in_the_gap(
         )
 
 
-def _pulling(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[Note]:
+def _unstable(model: ElasticModel, joint: str, names: list[str], x: FloatArray, k: FloatArray) -> Iterator[Note]:
     unit = model.robot.parameters()[f"k_{joint}"][1]
     for i in np.flatnonzero(k < 0):
         yield (

@@ -6,7 +6,7 @@ r"""LinearModel -> state space, the form that control engineers' tools read.
           B = \begin{bmatrix} 0 \\ M^{-1} B_q \end{bmatrix}
 
 y is position (C = [C_q, 0]), velocity (C = [0, C_q]) or acceleration (C = C_q [-M^-1 K, -M^-1 D_q], D = C_q M^-1 B_q);
-what gravity adds to accelerometers, [T, 0], is in the last alone.
+gravity in accelerometers, [T, 0], adds to the last alone.
 The lags of the measurement chain, the same for every motor, are states of their own in front of B.
 """
 

@@ -4,7 +4,7 @@ r"""Equations: the terms of a robot whose loops are cut open, as CasADi expressi
           \qquad q = [q_l;\, q_m]
 
 Niglis & Oberg (2015), eq. (2.22), and eq. (2.10) where no motor rides on a body (S = 0). Every formulation starts from
-`open_chain`; what a formulation adds (constraints, fewer coordinates) is a change of these values. Conventions of sign
+`open_chain`; a formulation changes these values (constraints, fewer coordinates). Conventions of sign
 and side: `elastic`.
 """
 
@@ -68,7 +68,7 @@ def open_chain(robot: Robot, geometry: Collection[str] = ()) -> Equations:
     """The equations of the tree of bodies: all joints, then the motors of flexible joints.
 
     Constraints are those of rigid gears that are coupled with elastic ones alone.  geometry: names of robot.geometry
-    that are symbols in them; what else it names has no effect.
+    that are symbols in them; other names have no effect.
     """
     table = robot.parameters(geometry)
     coordinates = coordinates_of(robot)

@@ -19,7 +19,7 @@ class Rates:
     linear: ca.SX
 
     def at(self, seat: Attachment) -> Rates:
-        """The same of what is fixed in the frame at a seat."""
+        """Those of axes fixed in the frame at a seat."""
         R = ca.DM(seat.R.T)
         across = ca.DM(_skew(seat.p)) if isinstance(seat.p, np.ndarray) else ca.skew(seat.p)
         return Rates(R @ self.angular, R @ (self.linear - across @ self.angular))

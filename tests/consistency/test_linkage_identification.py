@@ -187,6 +187,7 @@ def compared(folder: Path, formulation: str) -> dict[str, Any]:
     return content
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_comparing_a_linkage_ranks_the_approximations_behind_the_exact_model(tmp_path: Path):
     """Both exact forms predict alike and best, then what lets the loop bend or the rod keep its mass, then the rest."""
@@ -221,7 +222,7 @@ def run(study: str, folder: Path, *options: str) -> tuple[int, dict[str, Any]]:
     [
         ("linkage_arm.yml", 2),
         pytest.param("linkage_arm.yml", 3, marks=pytest.mark.slow),
-        ("irb4400_linkage.yml", 1),
+        pytest.param("irb4400_linkage.yml", 1, marks=pytest.mark.slow),
     ],
 )
 def test_shipped_linkages_are_identified_from_the_simulated_rig(study: str, seed: int, tmp_path: Path):

@@ -22,7 +22,7 @@ from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import modes
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.transfer import frequency_response
-from elastid.linear.spring_preload import preloads, spring_words
+from elastid.linear.spring_preload import preloads, spring_notes
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.record import Configuration
@@ -266,12 +266,12 @@ def test_a_spring_inside_its_gap_is_named() -> None:
         equilibrium(model, model.theta, Configuration(name, (angle,)))
         for name, angle in (("level", 0.0), ("hanging", math.pi / 2), ("nearly", math.pi / 2 + 1e-2))
     ]
-    (word,) = said(spring_words(model, model.theta, points))
+    (word,) = said(spring_notes(model, model.theta, points))
     assert word.startswith("joint 1 rests inside its backlash of +-0.0002 rad in hanging (deflected by")
     assert "nearly" in word
     assert "level" not in word
     assert "amplitude" in word
-    assert said(spring_words(model, model.theta, points[:1])) == ()
+    assert said(spring_notes(model, model.theta, points[:1])) == ()
 
 
 def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
@@ -285,7 +285,7 @@ def test_a_spring_that_pulls_where_it_rests_is_named() -> None:
     load = preloads(model, theta, [point])[0]
     assert load.deflection == pytest.approx(x)
     assert load.tangent == pytest.approx(-1000)
-    (word,) = said(spring_words(model, theta, [point]))
+    (word,) = said(spring_notes(model, theta, [point]))
     assert word.startswith("the spring of joint 1 is unstable in hanging: deflected by -0.0018 it pulls further, with")
 
 

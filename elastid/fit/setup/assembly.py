@@ -24,7 +24,7 @@ from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.weights.weights import Weights, normalised, weigh
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation
-from elastid.linear.spring_preload import spring_words
+from elastid.linear.spring_preload import spring_notes
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -104,7 +104,7 @@ class Assembly:
         words: list[Note] = []
         for numbers, configurations in alike.items():
             theta = np.array(numbers)
-            words += spring_words(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
+            words += spring_notes(model, theta, [equilibrium(model, theta, one) for one in configurations.values()])
         return tuple(words)
 
     def reweighted(self, x: FloatArray) -> Assembly:

@@ -4,7 +4,7 @@ r"""The derivatives of one response as few columns: parameters that change Z alo
 
 A spring and its damper share E, and so do a rotor and its friction, so that P parameters have fewer columns
 W^T E_b X than pieces t. Where inputs and outputs are the same directions G is symmetric, and only the elements on and
-above its diagonal are worked out.
+above its diagonal are computed.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ EQUAL_TOLERANCE = 1e-12
 class Pieces:
     """dZ of the wanted parameters: E (n_b, n, n) of length one; base, power (n_t,) of each piece, sigma (n_t, P).
 
-    What multiplies the response (delay, chain) or moves what is measured (geometry) has a column -dG / dp of its own
-    each, behind the bases.
+    A factor of the response (delay, chain) or a parameter that moves C or T (geometry) has a column -dG / dp of its
+    own, behind the bases.
     """
 
     E: FloatArray
@@ -95,7 +95,7 @@ class Columns:
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
-        """Rows and columns (n_e,) of the elements of G that are worked out."""
+        """Rows and columns (n_e,) of the elements of G that are computed."""
         n_y, n_u = self.kernel.model.C.shape[0], self.kernel.model.B.shape[1]
         rows, columns = np.triu_indices(n_u) if self.is_symmetric else np.indices((n_y, n_u)).reshape(2, -1)
         return np.asarray(rows, np.int64), np.asarray(columns, np.int64)

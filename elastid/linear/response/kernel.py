@@ -6,8 +6,8 @@ another solve (plain transposes):
 .. math:: dG = -c\, W^T dZ\, X = -c \sum_t (j\omega)^{k_t} \sigma_t\, (W^T y_t)(y_t^T X), \qquad
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
-Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves what
-is measured adds c dC X. Letters as in `transfer`.
+Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves
+an output adds c dC X. Letters as in `transfer`.
 """
 
 from __future__ import annotations
