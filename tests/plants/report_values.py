@@ -72,7 +72,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
     x = np.array([math.log(3.02e5), math.log(3e5), math.log(250.0), -0.015])[:n]
     std = np.array([0.01, 0.02, 0.2, 0.004])[:n]
     r = np.eye(n)
-    r[0, 1] = r[1, 0] = -0.97
+    r[:2, :2][~np.eye(min(n, 2), dtype=bool)] = -0.97
     costs = (210.0, 210.0, 210.1, 900.0, 2000.0)
     return FitResult(
         parameters=parameters,
