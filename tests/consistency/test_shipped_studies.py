@@ -17,6 +17,7 @@ from elastid.validation.resonances import antiresonances, resonances
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
+SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
 BENCH = ROOT.parent / "shared" / "data" / "motorbench_two_inertia" / "MultisineTypeA.mat"
 ARM = ROOT.parent / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
 
@@ -68,7 +69,7 @@ def test_the_demo_finds_every_spring(tmp_path: Path) -> None:
 def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and is told."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
-    assert cli.run_command(["run", str(CONFIGS / "motor_bench.yml"), "--run", str(tmp_path), "-q", *options]) == 1
+    assert cli.run_command(["run", str(CONFIGS / "real" / "motor_bench.yml"), "--run", str(tmp_path), "-q", *options]) == 1
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "model_error"
     assert any(word.startswith("y at joint 1 fits far better with the other sign") for word in summary["warnings"])
@@ -77,7 +78,7 @@ def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(
 @needs_bench
 def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     """Antiresonance and resonance within 1 %, bad periods named, inertias, shaft and delay as expected."""
-    study = CONFIGS / "motor_bench.yml"
+    study = CONFIGS / "real" / "motor_bench.yml"
     summary = run(study, tmp_path)
     value = {name: p["value"] for name, p in summary["parameters"].items()}
     assert value["Jm_1"] == pytest.approx(8e-4, rel=0.1)
@@ -100,7 +101,7 @@ def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Pat
     halves = []
     for name, samples in (("first", "[0, 25000]"), ("last", "[25000, 50000]")):
         files = f"[{{path: {BENCH}, configuration: bench, samples: {samples}}}]"
-        halves.append(run(CONFIGS / "motor_bench.yml", tmp_path / name, "--set", f"experiment.recorded.files={files}"))
+        halves.append(run(CONFIGS / "real" / "motor_bench.yml", tmp_path / name, "--set", f"experiment.recorded.files={files}"))
     first, last = (half["parameters"] for half in halves)
     z = [(first[p]["value"] - last[p]["value"]) / math.hypot(first[p]["std"], last[p]["std"]) for p in first]
     assert np.sqrt(np.mean(np.square(z))) < 1.5
@@ -110,7 +111,7 @@ def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Pat
 @needs_arm
 def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> None:
     """In units of a sampling rate that nobody wrote down: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
-    study = CONFIGS / "daisy_robot_arm.yml"
+    study = CONFIGS / "real" / "daisy_robot_arm.yml"
     run(study, tmp_path)
     measured, model = measured_and_fitted(study, tmp_path)
     assert not measured.rate_is_known
@@ -119,7 +120,7 @@ def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> No
             assert nearest(extremes(model.freq_hz, model.G[:, 0, 0]), wanted) == pytest.approx(1.0, rel=0.01)
 
 
-@pytest.mark.parametrize("study", sorted(CONFIGS.glob("*.yml")), ids=lambda path: path.stem)
+@pytest.mark.parametrize("study", SHIPPED, ids=lambda path: path.stem)
 def test_every_shipped_study_is_free_of_errors(study: Path) -> None:
     """check finds nothing but, where ../shared is absent, the missing data."""
     if not BENCH.exists():
