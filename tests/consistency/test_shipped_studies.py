@@ -17,6 +17,7 @@ from elastid.validation.resonances import antiresonances, resonances
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
+BENCH_STUDY, ARM_STUDY = CONFIGS / "real" / "motor_bench.yml", CONFIGS / "real" / "daisy_robot_arm.yml"
 SHIPPED = sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml")])
 BENCH = ROOT.parent / "shared" / "data" / "motorbench_two_inertia" / "MultisineTypeA.mat"
 ARM = ROOT.parent / "shared" / "data" / "daisy_robot_arm" / "robot_arm_dat.mat"
@@ -44,6 +45,7 @@ def nearest(found: Sequence[float], wanted: float) -> float:
     return float(min(found, key=lambda f: abs(math.log(f / wanted))) / wanted)
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(300)
 def test_the_demo_finds_every_spring(tmp_path: Path) -> None:
     """Each stiffness within 3 standard deviations and 3 % of the truth, in a run with friction, noise and gravity."""
@@ -65,20 +67,22 @@ def test_the_demo_finds_every_spring(tmp_path: Path) -> None:
     assert (tmp_path / "demo" / "report.html").stat().st_size > 100_000
 
 
+@pytest.mark.slow
 @needs_bench
 def test_the_bench_with_its_load_turned_round_ends_with_the_name_of_the_channel(tmp_path: Path) -> None:
     """The load's encoder is mounted mirrored; a study that forgets it ends with exit code 1 and is told."""
     options = ("--set", "experiment.recorded.channels.2.sign=1", "--set", "fit.starts=4")
-    assert cli.run_command(["run", str(CONFIGS / "real" / "motor_bench.yml"), "--run", str(tmp_path), "-q", *options]) == 1
+    assert cli.run_command(["run", str(BENCH_STUDY), "--run", str(tmp_path), "-q", *options]) == 1
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["status"] == "model_error"
     assert any(word.startswith("y at joint 1 fits far better with the other sign") for word in summary["warnings"])
 
 
+@pytest.mark.slow
 @needs_bench
 def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
     """Antiresonance and resonance within 1 %, bad periods named, inertias, shaft and delay as expected."""
-    study = CONFIGS / "real" / "motor_bench.yml"
+    study = BENCH_STUDY
     summary = run(study, tmp_path)
     value = {name: p["value"] for name, p in summary["parameters"].items()}
     assert value["Jm_1"] == pytest.approx(8e-4, rel=0.1)
@@ -95,23 +99,25 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
         assert pair[1] == pytest.approx(1.0, rel=0.03)
 
 
+@pytest.mark.slow
 @needs_bench
 def test_disjoint_halves_of_the_bench_agree_within_their_intervals(tmp_path: Path) -> None:
     """Fits on the first and on the last ten periods differ by no more than chance allows."""
     halves = []
     for name, samples in (("first", "[0, 25000]"), ("last", "[25000, 50000]")):
         files = f"[{{path: {BENCH}, configuration: bench, samples: {samples}}}]"
-        halves.append(run(CONFIGS / "real" / "motor_bench.yml", tmp_path / name, "--set", f"experiment.recorded.files={files}"))
+        halves.append(run(BENCH_STUDY, tmp_path / name, "--set", f"experiment.recorded.files={files}"))
     first, last = (half["parameters"] for half in halves)
     z = [(first[p]["value"] - last[p]["value"]) / math.hypot(first[p]["std"], last[p]["std"]) for p in first]
     assert np.sqrt(np.mean(np.square(z))) < 1.5
     assert max(map(abs, z)) < 3
 
 
+@pytest.mark.slow
 @needs_arm
 def test_the_flexible_arm_has_the_resonances_of_its_record(tmp_path: Path) -> None:
     """In units of a sampling rate that nobody wrote down: 0.0322, 0.1798 (dips) and 0.0583, 0.1269 (peaks)."""
-    study = CONFIGS / "real" / "daisy_robot_arm.yml"
+    study = ARM_STUDY
     run(study, tmp_path)
     measured, model = measured_and_fitted(study, tmp_path)
     assert not measured.rate_is_known

@@ -42,7 +42,13 @@ def test_a_good_study_is_read_in_si(tiny: Path) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    sorted([*CONFIGS.glob("*.yml"), *CONFIGS.glob("real/*.yml"), *(TEMPLATES / name / "study.yml" for name in ("serial", "parallel-linkage"))]),
+    sorted(
+        [
+            *CONFIGS.glob("*.yml"),
+            *CONFIGS.glob("real/*.yml"),
+            *(TEMPLATES / name / "study.yml" for name in ("serial", "parallel-linkage")),
+        ]
+    ),
     ids=str,
 )
 def test_every_shipped_study_loads(path: Path) -> None:
