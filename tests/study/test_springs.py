@@ -60,7 +60,11 @@ def test_springs_are_read_in_si_and_shown(tmp_path: Path) -> None:
         ),
         ({"cylinder": CYLINDER.replace("turret", "upper_arm")}, "compensators[0]", "both ends are on upper_arm"),
         ({"cylinder": CYLINDER.replace("kappa: 1.2", "kappa: 5")}, "compensators[0].gas", "kappa is 5; it is 1"),
-        ({"cylinder": CYLINDER.replace("gas: ", "coil: {stiffness: 1}\n    gas: ")}, "compensators[0]", "either coil"),
+        (
+            {"cylinder": CYLINDER.replace("gas: ", "coil: {stiffness: 1}\n    gas: ")},
+            "compensators[0]",
+            "one of coil and gas",
+        ),
     ],
 )
 def test_mistakes_have_their_place(tmp_path: Path, changes: dict[str, str], where: str, message: str) -> None:
