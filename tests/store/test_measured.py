@@ -99,7 +99,7 @@ def qualities(freq_hz, n_y, n_u):
 @given(record=records())
 @QUICK
 def test_a_record_comes_back_to_the_last_bit(tmp_path_factory, record):
-    """Whatever its names, channels, notes: what is read equals what was written."""
+    """Whatever its names, channels, notes: the same is read as was written."""
     path = tmp_path_factory.mktemp("store") / "records.h5"
     write_records(path, [record], STAMP)
     assert same(next(read_records(path)), record)
@@ -130,7 +130,7 @@ def test_records_are_read_one_configuration_at_a_time_in_the_order_measured(tmp_
 
 
 def test_axes_are_dimension_scales_with_units_and_names(tmp_path):
-    """G hangs on its frequencies, outputs and inputs, as other programs expect of HDF5."""
+    """G has frequencies, outputs and inputs as its axes, as other programs expect of HDF5."""
     response = FrequencyResponse(
         [1.0, 2.0], np.ones((2, 1, 1)), ("motor 1",), ("joint 1",), "acceleration", Configuration("c", [0.0])
     )

@@ -68,7 +68,7 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
         )
 
     peaks = (Peak("y1", "u", "resonance", 10.0, math.nan),)
-    validation = Validation((agreement("b", peaks), agreement("a", ())), "carries over")
+    validation = Validation((agreement("b", peaks), agreement("a", ())), "generalises")
     write_validation(tmp_path / "validation.h5", validation, STAMP)
     assert same(read_validation(tmp_path / "validation.h5"), validation)
     fits, signals = np.array([[90.0], [np.nan]]), np.arange(3.0)[:, None]
@@ -90,7 +90,7 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
     )
     folds = (Fold("b", 1.5, 0.2, 3.0), Fold("a", math.nan, math.nan, math.nan, "no start led anywhere"))
     more = dataclasses.replace(
-        validation, cost="is high", replays=(replay,), replayed="90 %", folds=folds, folded="does not hang on any"
+        validation, cost="is high", replays=(replay,), replayed="90 %", folds=folds, folded="depends on none"
     )
     write_validation(tmp_path / "more.h5", more, STAMP)
     assert same(read_validation(tmp_path / "more.h5"), more)

@@ -65,7 +65,7 @@ def test_the_share_inside_two_sigma_is_counted_over_all_lines():
 
 
 def test_a_true_model_is_inside_two_sigma_as_often_as_expected_when_two_realisations_gave_sigma():
-    """Variances of one degree of freedom are smoothed enough for the share to be within 2 % of what is said."""
+    """Variances of one degree of freedom are smoothed enough for the share to be within 2 % of the expected one."""
     rng = np.random.default_rng(2)
     G = np.repeat(two_mass(FREQ_HZ, damping=0.05)[0], 3, axis=2)
     std = 0.05 * np.abs(G)
@@ -154,7 +154,7 @@ def measured_and_modelled(errors_db):
     )
 
 
-def test_the_verdict_tells_a_model_that_generalises_from_one_that_does_not():
+def test_the_verdict_distinguishes_a_model_that_generalises_from_one_that_does_not():
     """0.5 dB where fitted: 0.6 dB on the left-out configuration generalises, 3 dB does not."""
     good = validate(*measured_and_modelled([0.5, 0.5, 0.6]), left_out=["c3"])
     bad = validate(*measured_and_modelled([0.5, 0.5, 3.0]), left_out=["c3"])

@@ -68,7 +68,7 @@ def test_a_missing_mode_is_found_with_its_place(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_more_noise_than_measured_is_told_from_a_model_error(seed):
+def test_more_noise_than_measured_is_distinguished_from_a_model_error(seed):
     """White residuals of twice their standard deviation."""
     rng = np.random.default_rng(seed)
     pairs = [moved(p, m[0].G - m[1].G) for p, m in zip(*[responses(rng)] * 2, strict=True)]

@@ -15,7 +15,7 @@ ADDED = np.array([0.8, 1.0, 1.1, 1.3])
 
 
 def world(error):
-    """What the search is told where the misfit of a model is error(elastic): rows of all models so far."""
+    """The rows of all models so far where the misfit of a model is error(elastic)."""
     known = {}
 
     def fitted(models):
@@ -45,7 +45,7 @@ def test_what_helps_by_itself_is_found_whatever_the_rest(useful: set[str], gains
 
 
 def test_two_springs_that_show_only_together_are_found() -> None:
-    """No single one helps: all are freed at once, and what is not needed becomes rigid again, step by step."""
+    """No single one helps: all are freed at once, and those not needed become rigid again, step by step."""
     fitted = world(lambda model: (1 if {"b", "d"} <= set(model) else 5) * ADDED + 1e-3 * len(model))
     trials = list(search(NAMES, fitted))
     assert final_model(trials) == ("b", "d")

@@ -112,7 +112,7 @@ def test_one_period_that_does_not_go_round_is_replayed_with_its_ends(seed):
 
 
 def test_the_noise_alone_is_what_a_true_model_leaves():
-    """Fit and what is reachable agree within 0.3 % for the true model; 30 % of stiffness more fits far worse."""
+    """Fit and reachable fit agree within 0.3 % for the true model; 30 % of stiffness more fits far worse."""
     model = two_axes()
     rec = record(model, torque(2, 8), noise=1e-5, seed=3)
     true = replay([rec], model, np.zeros(1), BAND_HZ, AUTO)

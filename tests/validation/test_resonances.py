@@ -45,7 +45,7 @@ def test_resonances_stay_where_they_are_under_noise():
 
 
 def test_peaks_are_matched_with_their_mutual_nearest_only():
-    """A modelled peak serves one measured peak; what is more than a quarter away is no partner."""
+    """A modelled peak serves one measured peak; one more than a quarter away is no partner."""
     partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
     np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
     assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
