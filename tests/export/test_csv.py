@@ -1,11 +1,12 @@
 """CSV tables: a study reads the responses, and the parameters are those of the fit."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from plants.fitted_models import close, responses_of
+from plants.fitted_models import close, fitted_model, responses_of
 
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
@@ -13,6 +14,7 @@ from elastid.export.csv import write_csv
 from elastid.fit.fitted_model import FittedModel
 from elastid.linear.modes import modes
 from elastid.recorded.responses.reading import link_side_response, read_table
+from elastid.response import Covariance
 
 
 def rows(path: Path) -> list[dict[str, str]]:
@@ -52,3 +54,16 @@ def test_csv_modes_are_those_of_every_configuration(serial_model: FittedModel, t
         assert [int(row["mode"]) for row in its] == list(range(1, len(found.freq_hz) + 1))
         assert [float(row["frequency_hz"]) for row in its] == pytest.approx(np.asarray(found.freq_hz).tolist())
         assert [float(row["damping_ratio"]) for row in its] == pytest.approx(np.asarray(found.zeta).tolist())
+
+
+def test_csv_responses_have_their_standard_deviations(tmp_path: Path) -> None:
+    """A column for each element, the root of its variance."""
+    model = fitted_model("bench")
+    variance = np.random.default_rng(0).uniform(1, 2, model.measured[0].G.shape)
+    first = replace(model.measured[0], total=Covariance(variance, np.inf))
+    write_csv(tmp_path, replace(model, measured=(first, model.measured[1])))
+    table = rows(tmp_path / "one-measured.csv")
+    for i, y in enumerate(first.outputs):
+        for j, u in enumerate(first.inputs):
+            std = [float(row[f"std_{y}_{u}"]) for row in table]
+            assert std == pytest.approx(np.sqrt(variance[:, i, j]).tolist())

@@ -11,6 +11,7 @@ from plants.two_mass import FREQ_HZ, STIFFNESS, circular, response, two_mass
 from elastid.base.errors import StudyError
 from elastid.validation.agreement import agreement, validate
 from elastid.validation.residual_tests import above_2sigma
+from elastid.validation.resonances import antiresonances
 from elastid.validation.results import are_white
 
 
@@ -204,3 +205,29 @@ def test_normal_residuals_over_a_sigma_of_two_realisations_pass_for_normal():
     judged = agreement(measured, response(G))
     assert judged.not_normal < 0.08
     assert np.median(judged.rms_sigma) == pytest.approx(1, abs=0.1)
+
+
+def test_the_rms_of_the_residual_is_over_its_standard_deviation():
+    """3 and 4 sigma on the lines of two elements: sqrt(12.5) overall."""
+    G = np.full((240, 2, 1), 10.0 + 0j)
+    judged = agreement(response(G, std=0.1), response(G + 0.1 * np.array([[3.0], [4.0]])))
+    np.testing.assert_allclose(judged.rms_sigma[:, 0], [3, 4])
+    assert judged.overall_rms_sigma == pytest.approx(math.sqrt(12.5))
+
+
+@pytest.mark.parametrize(("sigmas", "says"), [(1.0, "no more than the noise"), (2.0, "more than the noise")])
+def test_the_verdict_compares_white_residuals_with_the_noise(sigmas, says):
+    """Twice the noise is white, and yet more than it."""
+    G = two_mass(FREQ_HZ, damping=0.05)[0]
+    std = 0.02 * np.abs(G)
+    measured = response(G + sigmas * std * circular(np.random.default_rng(9), G.shape), std)
+    assert f", {says}" in validate([measured], [response(G)], []).verdict
+
+
+def test_a_modelled_peak_may_be_flatter_than_a_measured_one():
+    """A model with too much damping, whose dip is not one of 3 dB any more, has it nearby."""
+    measured, flat = two_mass(FREQ_HZ, damping=0.05)[0], two_mass(FREQ_HZ, damping=0.16)[0]
+    assert antiresonances(FREQ_HZ, flat[:, 0, 0]).size == 0
+    assert agreement(response(measured), response(flat)).worst("antiresonance").error_percent == pytest.approx(
+        0, abs=20
+    )

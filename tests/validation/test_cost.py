@@ -105,3 +105,20 @@ def test_the_excess_is_counted_once_for_every_line_that_counts():
     assert np.mean(excess.power) == pytest.approx(1, abs=0.1)
     assert excess.largest(excess.configuration) is None
     assert excess.band_hz() is None
+
+
+def test_shares_are_of_the_excess_and_not_of_the_cost():
+    """|E|^2 / sigma^2 beyond 1: all of it in a, between 4 and 6 Hz, where b has as many lines."""
+    power = np.array([1.0, 1.0, 1.0, 5.0, 5.0, 5.0, *[1.0] * 14])
+    f = np.arange(1.0, 21.0)
+    excess = Excess(power, ("a",) * 6 + ("b",) * 14, ("x", "y") * 10, f)
+    assert excess.largest(excess.configuration) == ("a", 1.0)
+    assert excess.largest(excess.element) is None
+    assert excess.band_hz() == (4.0, 5.0)
+    assert excess.outlying == pytest.approx(5 / 32)
+
+
+def test_a_band_of_many_lines_is_not_named():
+    """The excess spread over half of the lines."""
+    power, f = np.where(np.arange(20) < 10, 3.0, 1.0), np.arange(1.0, 21.0)
+    assert Excess(power, ("a",) * 20, ("x",) * 20, f).band_hz() is None

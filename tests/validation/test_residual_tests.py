@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 from plants.two_mass import circular
+from scipy.stats import norm
 
-from elastid.validation.residual_tests import NORMALITY_95, autocorrelation, inside_expected, normality
+from elastid.validation.residual_tests import LAGS, NORMALITY_95, autocorrelation, inside_expected, normality
 
 
 @pytest.mark.parametrize("dof", [1, 5, math.inf])
@@ -45,3 +46,34 @@ def test_a_few_lines_far_off_are_not_normal():
     e[::20] *= 10
     assert np.all(normality(e) > NORMALITY_95)
     assert np.isnan(normality(e[:7])).all()
+
+
+def test_autocorrelations_and_their_bounds_are_those_of_the_equations():
+    """Sums over lines, written out; a line with e = 0 is not counted."""
+    e = circular(np.random.default_rng(1), (12, 1, 1))
+    e[4] = 0
+    r, bound = autocorrelation(e)
+    x, total = e[:, 0, 0], np.sum(np.abs(e) ** 2)
+    for i, lag in enumerate(LAGS):
+        pairs = [(x[k], x[k + lag]) for k in range(12 - lag)]
+        assert r[i, 0, 0] == pytest.approx(abs(sum(np.conj(a) * b for a, b in pairs)) / total)
+        variance = sum(abs(a) ** 2 * abs(b) ** 2 for a, b in pairs) / total**2
+        assert bound[i, 0, 0] == pytest.approx(math.sqrt(-math.log(0.05) * variance))
+
+
+def test_the_statistic_of_normality_is_that_of_scipy():
+    """With the factor for an estimated mean and variance (Stephens 1974)."""
+    e = circular(np.random.default_rng(2), (40, 3, 1))
+    for i in range(3):
+        x = np.concatenate([e[:, i, 0].real, e[:, i, 0].imag])
+        z = np.sort((x - x.mean()) / x.std(ddof=1))
+        A2 = sum((2 * k - 1) * (norm.logcdf(z[k - 1]) + norm.logsf(z[80 - k])) for k in range(1, 81)) / -80 - 80
+        assert normality(e)[i, 0] == pytest.approx(A2 * (1 + 0.75 / 80 + 2.25 / 80**2))
+
+
+def test_a_sigma_of_few_degrees_of_freedom_is_allowed_for():
+    """Noise over a sigma of five degrees of freedom is rarely called not normal, unless they are taken for infinite."""
+    rng = np.random.default_rng(3)
+    e = circular(rng, (300, 300, 1)) / np.sqrt(rng.gamma(5, 1 / 5, (300, 300, 1)))
+    assert np.mean(normality(e, 5) > NORMALITY_95) < 0.08
+    assert np.mean(normality(e) > NORMALITY_95) > 0.5

@@ -1,6 +1,7 @@
 """Resonances are found between the lines, where the closed form has them, and not in noise."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plants.two_mass import FREQ_HZ, circular, two_mass
@@ -49,3 +50,27 @@ def test_peaks_are_matched_with_their_mutual_nearest_only():
     partner = paired_resonances(np.array([10.0, 20.0, 21.0, 80.0]), np.array([10.1, 20.9, 40.0]))
     np.testing.assert_array_equal(partner, [10.1, np.nan, 20.9, np.nan])
     assert np.isnan(paired_resonances(np.array([5.0]), np.array([]))).all()
+
+
+def test_the_resonance_of_a_single_mode_is_exact():
+    """1/G is a quadratic in f: the minimum of its magnitude to the last digits, between two lines."""
+    f = np.arange(10.0, 60.0)
+    G = 1 / (1 - (f / 33.3) ** 2 + 0.1j * f / 33.3)
+    # |1/G|^2 = (1 - x)^2 + 0.01 x with x = (f / 33.3)^2 is least at x = 1 - 0.005.
+    assert resonances(f, G)[0] == pytest.approx(33.3 * np.sqrt(1 - 0.005), rel=1e-9)
+
+
+def test_a_peak_above_the_noise_counts_though_its_base_is_below():
+    """1/|G| of the base is noise, |G| of the peak is not."""
+    f, rng = np.arange(10.0, 60.0, 0.5), np.random.default_rng(5)
+    G = 0.05 / (1 - (f / 33.3) ** 2 + 0.02j * f / 33.3) + 0.1 * circular(rng, len(f))
+    (found,) = resonances(f, G, np.full(len(f), 0.1))
+    assert found == pytest.approx(33.3, rel=0.01)
+
+
+def test_a_peak_whose_frequency_is_uncertain_does_not_count():
+    """Flat within its noise over a tenth of its frequency: its location would scatter by more than 1 %."""
+    f = np.arange(10.0, 60.0, 2.0)
+    G = 1 / (1 - (f / 33.3) ** 2 + 0.5j * f / 33.3)
+    assert resonances(f, G, np.full(len(f), 0.005)).size == 1
+    assert resonances(f, G, np.full(len(f), 0.15)).size == 0
