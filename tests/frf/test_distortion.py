@@ -84,4 +84,4 @@ def test_detection_lines_are_those_between_odd_lines() -> None:
     assert detection_lines(np.array([3, 4, 9]), False).size == 0
     assert detection_lines(np.array([3, 5, 9]), True).size == 0
     G = np.array([1.0, 3.0, 5.0])[:, None, None] + 0j
-    np.testing.assert_allclose(interpolated(np.array([4, 7]), np.array([3, 5, 9]), G)[:, 0, 0], [2, 4])
+    np.testing.assert_allclose(interpolated(np.array([4, 6]), np.array([3, 5, 9]), G)[:, 0, 0], [2, 3.5])

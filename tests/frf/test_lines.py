@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.steady_record import AUTO, RATE, N, steady_record, unit_phases
+from plants.steady_record import AUTO, LINES, RATE, N, steady_record, unit_phases
 
 from elastid.base.errors import DataError
 from elastid.excitation.multisine import synthesise
@@ -74,3 +74,11 @@ def test_inputs_of_noise_have_no_excited_line() -> None:
     rng = np.random.default_rng(0)
     with pytest.raises(DataError, match="no excited line between 0 and 100 Hz; check period"):
         analysed_lines([RecordSpectra(replace(record, u=rng.normal(size=record.u.shape)))], AUTO, None)
+
+
+def test_a_transient_in_the_first_period_hides_no_line() -> None:
+    """An offset of the torque that decays, a hundred times the excitation: all lines of the other periods are found."""
+    record = steady_record(6)
+    decaying = 100 * record.u.std() * np.exp(-np.arange(record.n_samples) / 20)[:, None]
+    found = analysed_lines([RecordSpectra(replace(record, u=record.u + decaying))], AUTO, None)
+    np.testing.assert_array_equal(found, LINES)
