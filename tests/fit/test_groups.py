@@ -217,6 +217,7 @@ def test_one_or_two_of_a_few_configurations_of_another_robot_are_named(data, for
     assert not any("far better" in word or "disagree" in word for word in alone)
 
 
+@pytest.mark.slow
 def test_a_bound_that_holds_most_starts_is_named(data):
     """The friction starts beside a bound that the optimum is far from; starts that end elsewhere tell."""
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(bounds=(0.09, 10.0))}, starts=6)

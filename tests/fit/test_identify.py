@@ -287,7 +287,8 @@ def fitted(output: str = "", source: str = "", times: float = 1.0) -> FitResult:
     return identify(responses, started_elsewhere(arm(), 2.0), FitSpec(starts=3, seed=3))
 
 
-@pytest.mark.parametrize(("output", "source"), [slow("joint 2", ""), ("motor 1", ""), slow("", "motor 2")])
+@pytest.mark.slow
+@pytest.mark.parametrize(("output", "source"), [("joint 2", ""), ("motor 1", ""), ("", "motor 2")])
 def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
     """Motor, load or torque: the fit far from the truth cannot tell, one that starts again with the other sign can."""
     result = fitted(output, source)

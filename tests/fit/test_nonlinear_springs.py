@@ -81,6 +81,7 @@ def test_cubic_stiffness_is_found_from_postures_with_different_preload(seed: int
     assert result.model_error < 1.1
 
 
+@pytest.mark.slow
 def test_linear_springs_do_not_describe_a_cubic_gear() -> None:
     """The same responses with one stiffness for all postures: found wanting by the residuals."""
     linear = arm(Spring(6e5, 500), Spring(3e5, 250))
@@ -106,7 +107,7 @@ def test_starts_are_solved_in_processes_alike() -> None:
     responses, start = measure(CUBIC, POSTURES[:2], 0), started_elsewhere(CUBIC, 1.5, 0)
     parameters = choose(WANTED, start)
     assembly = Assembly.of(responses, start, WANTED, parameters)
-    problem = assembly.searched(assembly.at(parameters.x, "complex"), "complex")
+    problem = assembly.search_problem(assembly.at(parameters.x, "complex"), "complex")
     sent = pickle.loads(pickle.dumps(problem))
     x = parameters.x + 0.01
     here, there = problem.evaluate(x), sent.evaluate(x)

@@ -178,7 +178,8 @@ def test_two_robots_that_are_not_told_apart_are_told_by_their_configurations(k_1
     assert word.endswith("these are the robots A and B: give what differs `per: robot`")
 
 
-@pytest.mark.parametrize("seed", [0, slow(1)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_one_robot_with_wrong_masses_is_not_taken_for_two(seed: int) -> None:
     """A model error that all configurations have is not removed by two sets of parameters."""
     data = measure(arm(mass=30.0), "a", seed, (*POSTURES, (0.0, 0.5), (0.6, 0.7), (-0.9, -0.4)))
