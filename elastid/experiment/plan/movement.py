@@ -15,7 +15,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Plan
-from elastid.experiment.specs.simulated import CarrierSpec, carrier_refusal
+from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.experiment.specs.simulated_checks import carrier_refusal
 from elastid.robot import Robot
 
 # Amplitude, relative to the first, below which filtered harmonics of a square wave are left out.

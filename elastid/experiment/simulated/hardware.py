@@ -12,13 +12,8 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.sensors import logged_quantity, output_stds
-from elastid.experiment.specs.simulated import (
-    EncoderRippleSpec,
-    NoiseSpec,
-    TorqueRippleSpec,
-    WarmingSpec,
-    saturation_refusal,
-)
+from elastid.experiment.specs.simulated import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
+from elastid.experiment.specs.simulated_checks import saturation_refusal
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.measurement_chain import LagElement, sensor_elements, torque_elements
 from elastid.robot import Robot

@@ -21,7 +21,8 @@ from elastid.experiment.simulated.plant import Plant, check_steps, plant_of, tru
 from elastid.experiment.simulated.run_notes import clipped, exceeded, opened
 from elastid.experiment.simulated.sensors import logged_quantity, sense, sense_movement
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec, chain_refusal
+from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.experiment.specs.simulated_checks import chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.record import Record
 from elastid.robot import Robot

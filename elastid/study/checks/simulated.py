@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from elastid.experiment.specs.simulated import SimulatedSpec, WarmingSpec, chain_refusal, saturation_refusal
+from elastid.experiment.specs.simulated import SimulatedSpec, WarmingSpec
+from elastid.experiment.specs.simulated_checks import chain_refusal, saturation_refusal
 from elastid.robot import Robot
 from elastid.study.checks.model import check_model
 from elastid.study.checks.names import check_place, check_units
