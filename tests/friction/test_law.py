@@ -5,7 +5,13 @@ from __future__ import annotations
 import casadi as ca
 import numpy as np
 
-from elastid.friction.law import phi_1
+from elastid.friction.law import Curve, phi_1
+
+
+def test_the_growing_part_is_quadratic_and_viscous() -> None:
+    """alpha_3 v |v| + alpha_T v, odd in v."""
+    curve = Curve(1.0, 1.0, 0.0, 0.3, 0.2)
+    np.testing.assert_allclose([float(ca.DM(curve.growing(v))) for v in (2.0, -2.0)], [1.6, -1.6])
 
 
 def test_phi_1_has_the_derivatives_of_its_series() -> None:

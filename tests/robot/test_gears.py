@@ -70,6 +70,10 @@ def test_springs_of_joint_and_shaft_are_in_series() -> None:
     assert robot.gearboxes[0].is_in_series
     assert robot.gearboxes[0].springs == ("k_4", "km_4")
     np.testing.assert_allclose(spring_directions(robot.driven, robot.gears)["km_4"], [1 / RATIOS[0], 0, 0])
+    coupled = wrist(GearCoupling("5", "6", 40.0), rigid="6", shaft="6")
+    directions = spring_directions(coupled.driven, coupled.gears)
+    np.testing.assert_allclose(directions["km_6"], np.array([0, 40.0 / 80.0, 1.0]) / RATIOS[2])
+    np.testing.assert_allclose(directions["k_5"], [0, 1, 0])
 
 
 def test_what_is_computed_once_cannot_be_edited() -> None:

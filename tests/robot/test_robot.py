@@ -8,7 +8,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from elastid.base.errors import StudyError
-from elastid.robot import Anchor, Body, Joint, Limits, Loop, Motor, Placement, Robot, Spring
+from elastid.robot import (
+    Anchor,
+    Body,
+    Chain,
+    CoilSpring,
+    Compensator,
+    Joint,
+    Limits,
+    Loop,
+    Motor,
+    Placement,
+    Robot,
+    Spring,
+)
+from elastid.robot.simplified import elastic_coordinates, stiffened
 
 JOINT = Joint("1", "z", Spring(1e4, 10.0), Motor(1e-3, 100.0, 1e-3))
 
@@ -44,6 +58,10 @@ def test_the_inertia_of_any_cloud_of_points_is_accepted(points: list[tuple[float
         (lambda: Motor(1e-3, viscous=-1.0), "viscous friction is -1; it must not be negative"),
         (lambda: Spring(0.0), "must be positive"),
         (lambda: Spring(1.0, -1.0), "must not be negative"),
+        (lambda: Spring(1.0, quadratic=1.8, cubic=1.0), "loses its stiffness at a negative deflection"),
+        (lambda: Loop("l", (Anchor("arm"), Anchor("arm"))), "both ends are on arm"),
+        (lambda: Compensator("c", (Anchor("arm"), Anchor("arm")), CoilSpring(1.0)), "both ends are on arm"),
+        (lambda: Chain(torque_damping=0.0), "torque_damping is 0; it must be positive"),
         (lambda: Joint("1", (0.0, 0.0, 0.0)), "zero vector"),
         (lambda: Limits(angle=(1.0, -1.0)), r"limits leave no motion: angle \[1, -1\]"),
         (lambda: Body("arm", mass=-1.0), "must not be negative"),
@@ -76,6 +94,28 @@ def test_a_placement_is_a_rotation(rpy: tuple[float, float, float]) -> None:
     assert np.linalg.det(R) == pytest.approx(1.0)
     yaw_only = Placement(rpy=(0.0, 0.0, rpy[2])).rotation
     np.testing.assert_allclose(yaw_only @ [1, 0, 0], [np.cos(rpy[2]), np.sin(rpy[2]), 0], atol=1e-12)
+
+
+@pytest.mark.parametrize("pitch", [0.3, np.pi / 2, -np.pi / 2])
+def test_a_placement_is_found_from_its_rotation(pitch: float) -> None:
+    """Roll and yaw turn about one axis at a pitch of +-90 deg; the rotation is the same."""
+    placement = Placement((1.0, 2.0, 3.0), (0.7, pitch, -0.4))
+    found = Placement.of(placement.rotation, np.array(placement.xyz))
+    np.testing.assert_allclose(found.rotation, placement.rotation, atol=1e-12)
+    assert found.xyz == placement.xyz
+
+
+def test_a_spring_may_soften_as_long_as_its_tangent_stays_positive() -> None:
+    """quadratic^2 < 3 k cubic."""
+    assert Spring(1.0, quadratic=1.7, cubic=1.0).quadratic == 1.7
+
+
+def test_a_shaft_spring_alone_makes_a_gear_elastic() -> None:
+    """It counts among the elastic coordinates, and goes with them."""
+    shaft = replace(JOINT, spring=None, motor=replace(JOINT.motor, spring=Spring(5.0)))
+    robot = Robot("r", (Body("arm", joints=(shaft, Joint("1x", "x", Spring(1e5)))),))
+    assert [each.label for each in elastic_coordinates(robot)] == ["gear 1", "1x"]
+    assert elastic_coordinates(stiffened(robot, ["1", "1x"])) == ()
 
 
 def test_places_are_known_by_name() -> None:

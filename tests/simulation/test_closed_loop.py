@@ -7,18 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from plants.integration import acceleration, runge_kutta
-from plants.two_links import (
-    arm,
-    loop,
-    quiet,
-)
+from plants.two_links import FREE, arm, loop, motor, quiet, rough
 
 from elastid.base.errors import DataError
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.serial import serial
 from elastid.record import Configuration
-from elastid.simulation.closed_loop import CHUNK_SAMPLES, simulate
+from elastid.simulation.closed_loop import CHUNK_SAMPLES, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains, tune
+from elastid.simulation.drives import Drives
 
 
 def test_gravity_is_held_from_the_start() -> None:
@@ -50,6 +47,26 @@ def test_the_loop_is_that_of_a_plain_python_loop() -> None:
         np.testing.assert_allclose(run.u[k], u, atol=1e-3)
         q, v = (part.full()[:, 0] for part in advance(q, v, u + disturbance[k]))
         last = reading
+
+
+def test_the_integral_acts_and_stops_where_a_drive_clips() -> None:
+    """A motor against a constant load: u = clip(e + k_i I), and I grows by e / rate where u is not clipped."""
+    model, limit, n = serial(motor()), 15.0, 400
+    gains, z = tune(model, np.zeros(1), 3.0, 0.8, integral_time=0.1), np.zeros((n, 1))
+    drives = Drives(np.zeros(1), np.array([limit]))
+    clipped = closed_loop(model, rough(model, 0.0), FREE[:1], 1000.0, 1, drives)
+    run = simulate(clipped, gains, Commands(z + 3e-3, z, z, z - 8.0, z), np.zeros(1))
+    q = v = last = integral = 0.0
+    for k in range(n):
+        e = gains.kp[0] * (3e-3 - q) - gains.kd[0] * (q - last) * 1000
+        asked = e + gains.ki[0] * integral
+        u = float(np.clip(asked, -limit, limit))
+        np.testing.assert_allclose([run.q[k, 0], run.u[k, 0]], [q, u], rtol=1e-8, atol=1e-10)
+        integral += e / 1000 if u == asked else 0.0
+        last, a = q, (u - 8.0) / 20.0
+        q, v = q + v / 1000 + a / 2e6, v + a / 1000
+    assert run.u.max() == limit
+    assert run.u[-1, 0] == pytest.approx(8.0, rel=0.1)
 
 
 def test_a_lost_motor_is_named_with_the_time() -> None:
