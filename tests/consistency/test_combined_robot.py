@@ -237,7 +237,11 @@ def test_a_design_tells_where_its_amplitude_stiffens_a_spring(tmp_path: Path) ->
     """3 k3 sigma^2 of several per cent gets a word with its size; a tenth of the torque gets none."""
     hard = {"cubic: 1e12 N/m^3": "cubic: 2e14 N/m^3", "[400 N, 60 N*m, 15]": "[2 kN, 60, 15]"}
     run, _ = stage(written(tmp_path, rough=False, **hard), "design")
-    (word,) = [note for note in said(read_forecast(run.path("design")).notes) if "spring of joint z" in note]
+    (word,) = [
+        note
+        for note in said(read_forecast(run.path("design")).notes)
+        if note.startswith("joint z: the multisine deflects its spring")
+    ]
     assert "m rms in" in word
     assert "stiffer than the tangent at rest" in word
     soft, _ = stage(written(tmp_path, rough=False), "design")
