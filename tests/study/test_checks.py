@@ -1,0 +1,127 @@
+"""Contradictions between sections, each at its key: one row a rule."""
+
+from pathlib import Path
+
+import pytest
+from plants.two_axes import ROBOT, STUDY
+
+from elastid.base.errors import StudyError
+from elastid.study import load
+
+SIMULATED = "experiment.simulated"
+DESIGN = "design={count: 1, candidates: {%s}}"
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    """Two axes, four configurations, simulated."""
+    (tmp_path / "robot.yml").write_text(ROBOT)
+    (tmp_path / "study.yml").write_text(STUDY)
+    (tmp_path / "a.csv").write_text("u,y\n1,2\n")
+    return tmp_path / "study.yml"
+
+
+def refusals(study: Path, *overrides: str) -> list[str]:
+    """The lines of the refusal; none where the study is good."""
+    try:
+        load(study, overrides)
+    except StudyError as error:
+        return str(error).splitlines()
+    return []
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "message"),
+    [
+        (["experiment.experiments=3"], "experiment.experiments", "an orthogonal set for 2 motors has 2"),
+        (["experiment.experiments=1"], "experiment.experiments", "estimator.method arithmetic needs at least 2"),
+        (
+            [
+                "experiment.experiments=1",
+                "experiment.realisations=1",
+                "excitation.phases=schroeder",
+                "estimator.method=auto",
+            ],
+            "experiment.experiments",
+            "neighbouring lines do not separate 2 motors",
+        ),
+        (
+            ["robot.bodies.0.joints.0.limits={angle: [-0.45, 2]}", f"{SIMULATED}.carrier={{amplitude: 0.1}}"],
+            "experiment.configurations.c[0]",
+            "with the carrier's 0.1 rad to either side is outside its limits [-0.45, 2] rad",
+        ),
+        (["fit.robots={A: [a, b], B: [c]}"], "fit.robots", "configuration d is assigned to no robot"),
+        (["fit.robots={A: [a, b, e], B: [c, d]}"], "fit.robots.A[2]", "no configuration is called 'e'"),
+        (
+            ["fit.parameters={k_*: {}, fm_1: {per: configuration}, fm_1@e: {start: 1}}"],
+            "fit.parameters.fm_1@e",
+            "no configuration is called 'e'",
+        ),
+        (["fit.profile=[k_7]"], "fit.profile[0]", "did you mean"),
+        ([DESIGN % "given: {a: [0, 0]}"], "design.candidates.given.a", "is a configuration of experiment.config"),
+        ([DESIGN % "given: {e: [0]}"], "design.candidates.given.e", "1 angles for 2 driven joints"),
+        ([DESIGN % "given: {e: [0, 1 mm]}"], "design.candidates.given.e[1]", "joint 2 is a rotation"),
+        ([DESIGN % "margin: 1 mm"], "design.candidates.margin", "or one number for each motor"),
+        ([DESIGN % "points: {hand: [[0, 0, 1]]}"], "design.candidates.points.hand", "no body is called 'hand'"),
+        ([DESIGN % "grid: [3]"], "design.candidates.grid", "1 numbers for 2 driven joints"),
+        (["design={robot_time: 1 s}"], "design.robot_time", "leave no room"),
+        ([f"{SIMULATED}.carrier={{amplitude: 1 mm}}"], f"{SIMULATED}.carrier.amplitude", "is a rotation"),
+        ([f"{SIMULATED}.carrier={{kind: square, velocity: 1 mm/s}}"], f"{SIMULATED}.carrier.velocity", "a rotation"),
+        (["robot.chain={differentiator: 1 ms}"], SIMULATED, "differentiates nothing"),
+        (["model={formulation: minimal, independent: [joint 9]}"], "model.independent[0]", "is no coordinate"),
+        (
+            [f"{SIMULATED}.model={{formulation: minimal, independent: [joint 9]}}"],
+            f"{SIMULATED}.model.independent[0]",
+            "is no coordinate",
+        ),
+        (["validation.left_out=[a, b, c, d]"], "validation.left_out", "leave at least one to the fit"),
+    ],
+    ids=lambda value: value if isinstance(value, str) and " " not in value else "",
+)
+def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: list[str], key: str, message: str) -> None:
+    """And no other key is."""
+    assert refusals(study) == []
+    (line,) = refusals(study, *overrides)
+    assert f": {key}: " in line
+    assert message in line
+
+
+CHANNELS = (
+    "{role: u, at: motor 1, channel: u}, {role: u, at: motor 2, channel: u}, "
+    "{role: y, at: motor 1, channel: y, quantity: position}"
+)
+FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
+
+
+@pytest.mark.parametrize(
+    ("kind", "channels", "files", "key", "message"),
+    [
+        ("recorded", CHANNELS, FILES, "", ""),
+        ("responses", CHANNELS, FILES, "", ""),
+        (
+            "recorded",
+            f"{CHANNELS}, {{role: u, at: motor 2, channel: u}}",
+            FILES,
+            "channels[3].at",
+            "two channels of role u",
+        ),
+        (
+            "responses",
+            CHANNELS,
+            f"{FILES}, {{path: a.csv, configuration: a}}",
+            "files[4]",
+            "both claim configuration a",
+        ),
+        ("recorded", CHANNELS, FILES.replace(": d", ": c, experiment: 1"), "configurations.d", "no file holds"),
+    ],
+)
+def test_files_and_channels_are_each_given_once(
+    study: Path, kind: str, channels: str, files: str, key: str, message: str
+) -> None:
+    """One signal a channel; one response, or one run, a file; a file for every configuration."""
+    rate = "rate_hz: 500, period: 2, " if kind == "recorded" else ""
+    text = study.read_text().replace("simulated: {}", f"{kind}: {{{rate}channels: [{channels}], files: [{files}]}}")
+    study.write_text(text)
+    found = refusals(study)
+    assert len(found) == bool(key)
+    assert all(key in line and message in line for line in found)
