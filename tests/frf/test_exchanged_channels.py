@@ -71,6 +71,14 @@ def test_an_inertia_turned_round_is_told_with_the_lines_that_show_it() -> None:
     assert "is negative beyond noise at 60 of 60 lines, so the motor would be driven by its load" in word
 
 
+def test_a_sign_within_the_noise_is_not_reported() -> None:
+    """The same inertia turned round, with a standard deviation as large as the response."""
+    place, configuration = ("motor 1",), Configuration("home", np.zeros(1))
+    noise = Covariance(np.ones((60, 1, 1)), 10.0)
+    turned = FrequencyResponse(FREQ_HZ, -np.ones((60, 1, 1)), place, place, "acceleration", configuration, noise)
+    assert channel_notes(turned) == ()
+
+
 def test_a_response_of_zeros_is_no_exchange() -> None:
     """Nothing can be said of a singular matrix."""
     response = arm(0)

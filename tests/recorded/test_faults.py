@@ -231,6 +231,11 @@ def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     assert record.repairs == {"channels brought to another rate": 1}
     assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
     savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    files = (FileSpec("log.mat", "home", samples=(N // 2, N // 2 + 4 * N)),)
+    part = _measure(tmp_path, _spec(channels=channels, files=files))
+    assert part.n_periods == 4
+    assert _error(part) < 2 * _error(_of(tmp_path, CLEAN))
+    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     slow = replace(CHANNELS[2], rate_hz=333.3)
     with pytest.raises(StudyError, match=r"at 333.3 Hz the period of 1 s is 333.3 samples, not a whole number"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], slow)))

@@ -350,7 +350,7 @@ def test_a_study_runs_from_responses_alone_to_parameters_and_page(elsewhere: Pat
     """estimate (import), fit, validate, report: the true stiffness within its interval; again from that frf.h5."""
     folder = elsewhere.parent / "run"
     run = Run(load(elsewhere), folder, 1, Console(-1))
-    assert run.stages == ("estimate", "fit", "validate", "report")
+    assert tuple(run.stages) == ("estimate", "fit", "validate", "report")
     run_all(run)
     found = json.loads((folder / "summary.json").read_text())
     low, high = found["parameters"]["k_1"]["interval95"]
