@@ -120,7 +120,7 @@ def summary(
             {
                 "code": group.first.code,
                 "severity": group.first.severity,
-                "places": list(group.places),
+                "places": [place for place in group.places if place],
                 "text": group.first.text,
             }
             for group in groups
