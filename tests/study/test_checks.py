@@ -74,6 +74,11 @@ def refusals(study: Path, *overrides: str) -> list[str]:
             f"{SIMULATED}.model.independent[0]",
             "is no coordinate",
         ),
+        (
+            ["fit.parameters={'[kd]_1': {start: 1}}"],
+            "fit.parameters.[kd]_1.start",
+            "different units (N*m*s/rad, N*m/rad)",
+        ),
         (["validation.left_out=[a, b, c, d]"], "validation.left_out", "leave at least one to the fit"),
     ],
     ids=lambda value: value if isinstance(value, str) and " " not in value else "",
@@ -84,6 +89,19 @@ def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: lis
     (line,) = refusals(study, *overrides)
     assert f": {key}: " in line
     assert message in line
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["experiment.experiments=2", "experiment.realisations=1", "excitation.phases=schroeder"],
+        ["experiment.experiments=1", "experiment.realisations=1", "estimator.method=auto"],
+        [DESIGN % "given: {e: [0, 0]}", "fit.mask=[{configurations: [a, e, c1]}]"],
+    ],
+)
+def test_a_study_without_contradiction_is_accepted(study: Path, overrides: list[str]) -> None:
+    """As many experiments as motors, or fewer for a local method; names that a design may choose."""
+    assert refusals(study, *overrides) == []
 
 
 CHANNELS = (
