@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.marks import slow
 from plants.three_mass import (
     ACROSS_ARM,
     ACROSS_GEAR,
@@ -124,7 +125,7 @@ def test_weighted_estimates_attain_the_cramer_rao_bound(criterion, kind):
     assert np.all(np.abs(x.mean(axis=0) - parameters().x) < 0.5 * bound)
 
 
-@pytest.mark.parametrize(("dof", "criterion"), [(np.inf, "complex"), (3.0, "complex"), (10.0, "log")])
+@pytest.mark.parametrize(("dof", "criterion"), [slow(np.inf, "complex"), (3.0, "complex"), (10.0, "log")])
 def test_intervals_of_95_percent_cover_the_truth(dof, criterion):
     """200 responses, four parameters: 93 to 99 % of the intervals hold the truth; none is needlessly wide.
 

@@ -329,7 +329,7 @@ def read_as(response: FrequencyResponse, conjugate: bool, factor: complex, power
         slow(True, 1j, 0, "with real and imaginary parts exchanged"),
         (False, 1, -1, "differentiated once more in time"),
         slow(False, 1, -2, "differentiated twice more in time"),
-        (False, 1, 1, "differentiated once less in time"),
+        slow(False, 1, 1, "differentiated once less in time"),
     ],
 )
 def test_what_was_written_otherwise_is_named(

@@ -294,7 +294,7 @@ def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pyte
         assert name in page
         low, high = found[name]["interval95"]
         assert low**2 / high < truth < high**2 / low, name
-    assert "predicted with" in table
+    assert "Cross-validation: the fit to the others predicts" in table
     assert cli.run_command(["compare", str(path), "--run", str(run), "-q"]) == 0
     ranking = json.loads((run / "compare.json").read_text())
     assert [row["name"] for row in ranking["models"]] == ["two robots", "one stiffness"]
@@ -311,7 +311,7 @@ def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pyte
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("fit.robots", "{A: [a1, a2], B: [b1, b2, b3]}", "configuration a3 is of none of these robots"),
+        ("fit.robots", "{A: [a1, a2], B: [b1, b2, b3]}", "configuration a3 is assigned to no robot"),
         ("fit.robots", "{A: [a1, a2, a3, b9], B: [b1, b2, b3]}", "no configuration is called 'b9'"),
         ("fit.robots", "{A: [a1, a2, a3, b1], B: [b1, b2, b3]}", "configuration b1 is given to A, B"),
         ("fit.robots", "{A/1: [a1, a2, a3], B: [b1, b2, b3]}", "the name 'A/1' cannot name a file"),
