@@ -35,7 +35,7 @@ _SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 
 def silent(done: int, total: int) -> None:
-    """A progress that nobody watches."""
+    """Progress that is not shown."""
 
 
 def unordered(
@@ -131,7 +131,7 @@ def on_dask(address: str) -> Iterator[None]:
 @contextmanager
 def _processes(count: int, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
     """Processes of this machine, ended at once where anything goes wrong."""
-    # Pickled here, where an error of pickling is told as what it is.
+    # Pickled here, so that an error of pickling is reported as such.
     work = pickle.dumps(function)
     # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
     pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker, initargs=(work,))

@@ -137,7 +137,7 @@ def test_a_stopped_fit_goes_on_from_where_it_was(
 
 
 def test_parts_of_another_study_are_not_gone_on_from(whole: Path, unfitted: Path) -> None:
-    """Each says what it hangs on; those of the starts of another seed of the noise stay unread."""
+    """Each depends on its key; those of the starts of another seed of the noise stay unread."""
     command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", "1")
     stopped(command, unfitted / "fit.partial", "start-*.json", signal.SIGINT)
     done = subprocess.run([*command, "--set", "fit.start_factor=2"], capture_output=True, text=True, check=True)

@@ -52,7 +52,7 @@ def test_torque_of_a_plan_has_the_rms_of_the_study_and_the_spectrum_of_the_plan(
 
 
 def test_a_further_configuration_or_realisation_leaves_the_others_as_they_were() -> None:
-    """Phases hang on seed, configuration and realisation alone, and differ between them."""
+    """Phases depend on seed, configuration and realisation alone, and differ between them."""
     small, large = _plan({"a": (0.0, 0.0)}, 2), _plan({"a": (0.0, 0.0), "b": (0.1, 0.2)}, 4)
     np.testing.assert_array_equal(small.R[0], large.R[0, :2])
     sets = large.R.reshape(8, -1)
