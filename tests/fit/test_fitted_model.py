@@ -1,0 +1,56 @@
+"""FittedModel: the numbers of each configuration, its linear model and response, and equations with fitted geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.elastic_arm import arm, measure, started_elsewhere
+
+from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec
+from elastid.linear.response.transfer import frequency_response
+from elastid.response import FrequencyResponse
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[FrequencyResponse, ...]:
+    return tuple(measure(arm(), rng=np.random.default_rng(4)))
+
+
+@pytest.fixture(scope="module")
+def result(measured) -> FitResult:
+    return identify(measured, started_elsewhere(arm(), 1.3), FitSpec(starts=1))
+
+
+def test_each_configuration_has_its_linear_model_and_response(measured, result) -> None:
+    fitted = FittedModel.of(result, arm(), measured)
+    for G, model in zip(measured, fitted.responses, strict=True):
+        name = G.configuration.name
+        linear = fitted.at(name)
+        assert (linear.configuration.name, linear.inputs, linear.outputs) == (name, G.inputs, G.outputs)
+        np.testing.assert_array_equal(fitted.theta_of(name), result.theta_of(name))
+        np.testing.assert_array_equal(model.G, frequency_response(linear, result.theta_of(name), G.freq_hz))
+    with pytest.raises(KeyError, match="nowhere"):
+        fitted.at("nowhere")
+
+
+def test_the_deviation_of_a_response_scales_with_that_of_the_parameters(measured, result) -> None:
+    fitted = FittedModel.of(result, arm(), measured)
+    wider = FittedModel.of(replace(result, covariance=4 * result.covariance), arm(), measured)
+    for std, twice in zip(fitted.response_std, wider.response_std, strict=True):
+        np.testing.assert_allclose(twice, 2 * std, rtol=1e-12)
+
+
+def test_the_model_of_an_export_has_the_fitted_numbers_in_its_robot(measured, result) -> None:
+    fitted, (exported,) = FittedModel.of(result, arm(), measured), models_by_group(result, arm(), measured).values()
+    numbers = exported.robot.parameters()
+    assert all(numbers[name][0] == result.values[name] for name in result.parameters.free_names if name in numbers)
+    for linear, G in zip(exported.linear, fitted.responses, strict=True):
+        np.testing.assert_allclose(frequency_response(linear, exported.theta, G.freq_hz), G.G, rtol=1e-12)
+
+
+def test_a_seed_is_not_negative() -> None:
+    with pytest.raises(ValueError, match="seed is -1; it must not be negative"):
+        FitSpec(seed=-1)

@@ -1,0 +1,81 @@
+"""An arm of two elastic axes with two further elastic rotations, a pendulum on an elastic joint, their responses."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.fit.result import FitResult
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+FREQ = np.linspace(2, 60, 60)
+CONFIGURATIONS = ((0.0, 0.0), (0.6, -0.7), (-0.4, 0.9))
+
+
+def arm(k_1=3e5, k_2=1.8e5, gravity=9.81) -> Robot:
+    """Two driven elastic joints, each with a further elastic rotation."""
+    upper = Body(
+        "upper",
+        joints=(
+            Joint("1", "y", Spring(k_1, 500), Motor(2.5e-3, 120, 1.5e-3)),
+            Joint("1x", "x", Spring(4e5, 300)),
+        ),
+        mass=60,
+        center_of_mass=(0.05, 0, 0.4),
+        inertia=(6.0, 6.2, 0.8),
+    )
+    fore = Body(
+        "fore",
+        "upper",
+        Placement((0, 0, 0.85)),
+        (Joint("2", "y", Spring(k_2, 250), Motor(1.6e-3, 110, 1.2e-3)), Joint("2z", "z", Spring(1e5, 100))),
+        mass=75,
+        center_of_mass=(0.45, 0.05, 0.1),
+        inertia=(1.5, 11, 11.0),
+    )
+    return Robot("arm", (upper, fore), gravity=(0.0, 0.0, -gravity))
+
+
+def pendulum(viscous=1e-3) -> Robot:
+    """One driven elastic joint about the vertical, without gravity."""
+    joint = Joint("1", "z", Spring(100.0, 0.05), Motor(1e-3, viscous=viscous), 1e-3)
+    return Robot("pendulum", (Body("load", joints=(joint,), inertia=2e-3),), gravity=(0.0, 0.0, 0.0))
+
+
+def measure(
+    robot, configurations=CONFIGURATIONS, rng=None, delay=0.0, outputs=None, dof=6.0
+) -> list[FrequencyResponse]:
+    """Responses with 2 % noise whose variance was estimated from `dof` degrees of freedom, or exact ones."""
+    model = serial(robot)
+    responses = []
+    for i, angles in enumerate(configurations):
+        configuration = Configuration(f"c{i + 1}", angles)
+        linear = Linearisation.of(model).at(
+            configuration, model.theta, outputs or robot.motor_locations, "acceleration"
+        )
+        exact = to_response(linear, np.append(model.theta, delay), FREQ)
+        std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
+        if rng is None:
+            responses.append(replace(exact, noise=Covariance(std**2, np.inf)))
+            continue
+        noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / np.sqrt(2)
+        variance = std**2 * rng.chisquare(2 * dof, std.shape) / (2 * dof)
+        responses.append(replace(exact, G=exact.G + noise, total=Covariance(variance, dof)))
+    return responses
+
+
+def started_elsewhere(robot: Robot, by: float, seed: int = 0) -> Robot:
+    """The robot with every stiffness, damping and friction off by a factor of up to `by`."""
+    rng = np.random.default_rng(seed)
+    numbers = {name: value for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_", "fm")}
+    return robot.with_parameters({n: v * float(by ** rng.uniform(-1, 1)) for n, v in numbers.items()})
+
+
+def deviations(result: FitResult, robot: Robot) -> np.ndarray:
+    """Distances of the free parameters from those of a robot, in claimed standard deviations."""
+    truth = np.array([p.to_x(robot.parameters()[p.name][0]) for p in result.parameters.free])
+    return np.abs(result.x - truth) / np.sqrt(np.diag(result.covariance))
