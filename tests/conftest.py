@@ -6,6 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from elastid.app.process import one_blas_thread
+
+one_blas_thread()  # before NumPy is loaded: two workers with two threads each would wait for each other
+
 TINY_ROBOT = """\
 name: one elastic joint
 gravity: [0, 0, 0]

@@ -69,10 +69,7 @@ def resumed(
     jobs: int,
     progress: Progress = silent,
 ) -> Iterator[tuple[int, Value]]:
-    """`unordered` of what is not in `finished` under the names of the items, after all that is; the rest goes there.
-
-    So work that was stopped goes on where it was, if `finished` outlives it.
-    """
+    """`unordered`, resumed: values in `finished` under the names of the items come first, new ones are kept there."""
     there = [index for index, name in enumerate(names) if name in finished]
     todo = sorted(set(range(len(items))) - set(there))
     for index in there:
