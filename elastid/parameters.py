@@ -33,7 +33,7 @@ class Tie:
 
 @dataclass(frozen=True)
 class Prior:
-    """What is known before the data: a normal distribution in the solver's variable x.
+    """Knowledge before the data: a normal distribution in the solver's variable x.
 
     mean in SI; std in SI for a linear parameter, relative (0.1 = 10 %) for a logarithmic one.
     """
@@ -170,13 +170,8 @@ class ParameterSet:
         """Names in the order of x."""
         return tuple(parameter.name for parameter in self.free)
 
-    @property
-    def moved_names(self) -> tuple[str, ...]:
-        """Names of those of theta that x moves, in the order of theta: the free ones and those tied to them."""
-        return self.moved()
-
     def moved(self, configuration: str = "") -> tuple[str, ...]:
-        """The same in one configuration."""
+        """Names of those of theta that x moves in a configuration, in the order of theta: free ones and those tied."""
         moves = np.any(self._chain(configuration).reach, axis=1)
         return tuple(name for name, one in zip(self.names, moves, strict=True) if one)
 
@@ -241,9 +236,9 @@ class ParameterSet:
         )
 
     def with_means(self, x: FloatArray) -> ParameterSet:
-        """The same, but what stands only in configurations with one of their own is the mean of these at x (n_x,).
+        """The same for configurations that were not fitted: a parameter with stand-ins alone is their mean at x (n_x,).
 
-        In the solver's variable: a geometric mean of logarithmic ones. It is for configurations not fitted.
+        The mean is of the solver's variable: geometric for logarithmic parameters.
         """
         at = self.as_dict(x)
 

@@ -33,7 +33,7 @@ def test_ties_follow_their_parameter_whether_free_or_fixed():
     """k_twin = 1.5 k and m_twin = 2 m wherever k goes; only what follows x is moved by it."""
     x = np.array([math.log(10.0), 2e-3])
     np.testing.assert_allclose(SET.expand(x), [10, 15, 12, 24, 2e-3])
-    assert SET.moved_names == ("k", "k_twin", "delay")
+    assert SET.moved() == ("k", "k_twin", "delay")
 
 
 @given(vectors)
