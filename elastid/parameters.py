@@ -3,8 +3,7 @@
     theta = expand(x):   theta_p = exp(x_i) for a logarithmic one, x_i for a linear one,
                          factor * theta_q, or factor * theta_q * theta_r, for a tied one
 
-Positive parameters (stiffness, damping, inertia) are optimised as ln p: positivity is free and std(x) is the relative
-standard deviation.
+Positive parameters (stiffness, damping, inertia) are optimised as ln p; std(x) is the relative standard deviation.
 """
 
 from __future__ import annotations
@@ -150,10 +149,9 @@ class ParameterSet:
 
     def index(self, name: str) -> int:
         """The place of a name in theta; KeyError lists the names there are."""
-        try:
-            return self.names.index(name)
-        except ValueError:
-            raise KeyError(f"no parameter {name}; there are {', '.join(self.names)}") from None
+        if name not in self.names:
+            raise KeyError(f"no parameter {name}; there are {', '.join(self.names)}")
+        return self.names.index(name)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -188,9 +186,8 @@ class ParameterSet:
     @property
     def x_bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds (n_x,) of the solver's variables."""
-        lower = np.array([p.to_x(p.lower) for p in self.free], dtype=float)
-        upper = np.array([p.to_x(p.upper) for p in self.free], dtype=float)
-        return lower, upper
+        bounds = np.array([(p.to_x(p.lower), p.to_x(p.upper)) for p in self.free], dtype=float).reshape(-1, 2)
+        return bounds[:, 0].copy(), bounds[:, 1].copy()
 
     def expand(self, x: FloatArray, configuration: str = "") -> FloatArray:
         """theta (n_theta,) in SI of a solver's vector x (n_x,), in a configuration: exponentials and ties applied."""
@@ -231,9 +228,8 @@ class ParameterSet:
         """The same set starting from other SI values."""
         for name in values:
             self[name]
-        return ParameterSet(
-            tuple(replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
-        )
+        moved = (replace(p, value=float(values[p.name])) if p.name in values else p for p in self.parameters)
+        return ParameterSet(tuple(moved))
 
     def with_means(self, x: FloatArray) -> ParameterSet:
         """The same for configurations that were not fitted: a parameter with stand-ins alone is their mean at x (n_x,).
