@@ -363,6 +363,7 @@ def driven(stage: str, number: int, study: Path, folder: str = "runs/tiny") -> s
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill -9"])
 def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
     tiny: Path, here: Path, number: signal.Signals

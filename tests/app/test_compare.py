@@ -22,7 +22,7 @@ def found(run: Run) -> dict:
     return json.loads((run.folder / "compare.json").read_text())
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_model_that_made_the_responses_predicts_best(study: Path, seed: int) -> None:
     """Motor coupling at a ratio of 5 and two elastic joints: each that is left out shows on left-out configurations."""
     run = measured(study, load(study).study.robot, seed=seed)
@@ -53,6 +53,7 @@ def test_what_the_data_do_not_need_is_said(study: Path) -> None:
     assert np.mean(models["simple"]["misfit"]) == pytest.approx(np.mean(models["two"]["misfit"]), rel=0.01)
 
 
+@pytest.mark.slow
 def test_comparison_does_not_depend_on_processes_and_goes_on_after_an_interruption(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -129,6 +130,7 @@ def test_a_model_without_variants_is_refused(tiny: Path) -> None:
         compare(run)
 
 
+@pytest.mark.slow
 def test_the_report_shows_the_comparison(tiny: Path) -> None:
     """Once compared, the page has the table and the figure, and is current; other responses make it go."""
     option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'

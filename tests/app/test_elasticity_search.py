@@ -69,6 +69,7 @@ def test_the_joint_that_gives_way_is_freed_and_the_rigid_one_is_not(study: Path,
     assert {row["name"] for row in content["models"]} == names
 
 
+@pytest.mark.slow
 def test_the_page_shows_every_trial_and_an_interrupted_search_goes_the_same_way(
     study: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -120,9 +121,8 @@ report: {formats: [png]}
 """
 
 
-@pytest.mark.parametrize(
-    ("seed", "formulation"), [(0, "constrained"), (1, "minimal"), pytest.param(2, "minimal", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal"), (2, "minimal")])
 def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
     """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
 

@@ -1,4 +1,4 @@
-"""A fit that is stopped while it searches: what is done is kept and said, and gone on from to the very same end."""
+"""A fit that is interrupted while it searches: finished parts are kept and reported, and it is resumed to the same end."""
 
 import json
 import os
@@ -96,14 +96,14 @@ def _cpu_of_children() -> float:
     ("parts", "number", "jobs"),
     [
         ("start-*.json", signal.SIGINT, "1"),
-        ("start-*.json", signal.SIGINT, "2"),
-        ("bootstrap-*.json", signal.SIGINT, "2"),
+        pytest.param("start-*.json", signal.SIGINT, "2", marks=pytest.mark.slow),
+        pytest.param("bootstrap-*.json", signal.SIGINT, "2", marks=pytest.mark.slow),
         ("start-*.json", signal.SIGKILL, "1"),
-        ("start-*.json", signal.SIGKILL, "2"),
+        pytest.param("start-*.json", signal.SIGKILL, "2", marks=pytest.mark.slow),
     ],
     ids=["starts", "starts by two", "bootstrap by two", "starts, kill -9", "starts by two, kill -9"],
 )
-def test_a_stopped_fit_goes_on_from_where_it_was(
+def test_an_interrupted_fit_is_resumed(
     whole: Path, unfitted: Path, parts: str, number: signal.Signals, jobs: str
 ) -> None:
     """Starts that are done are not solved again, whatever the number of processes, and every file is the same."""
@@ -136,7 +136,8 @@ def test_a_stopped_fit_goes_on_from_where_it_was(
     assert [name for name in ours if ours[name] != theirs[name]] == ["run.log"]
 
 
-def test_parts_of_another_study_are_not_gone_on_from(whole: Path, unfitted: Path) -> None:
+@pytest.mark.slow
+def test_parts_of_another_study_are_not_used(whole: Path, unfitted: Path) -> None:
     """Each depends on its key; those of the starts of another seed of the noise stay unread."""
     command = elastid("fit", str(whole / "study.yml"), "--run", str(unfitted), "--jobs", "1")
     stopped(command, unfitted / "fit.partial", "start-*.json", signal.SIGINT)
@@ -149,7 +150,9 @@ def test_parts_of_another_study_are_not_gone_on_from(whole: Path, unfitted: Path
     assert np.ptp(x_start[0]) < np.ptp(x_start[1])
 
 
-def test_a_stopped_cross_validation_goes_on(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_cross_validation_is_resumed(
+    whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A fit without some of the configurations is not done twice; the end is the same to the bit."""
     refit, calls = validating.refit, []
 
@@ -189,7 +192,7 @@ class Impatient(dict):
             raise KeyboardInterrupt
 
 
-def test_work_goes_on_with_what_is_not_finished() -> None:
+def test_finished_work_is_not_done_again() -> None:
     """Every item is worked on once over all attempts, and the answer is that of one attempt."""
     worked: list[int] = []
 

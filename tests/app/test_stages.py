@@ -87,7 +87,7 @@ def edit(path: Path, old: str, new: str) -> None:
         (["robot.bodies.0.mass=1"], ALL),
     ],
 )
-def test_only_what_hangs_on_a_change_is_done_again(
+def test_only_stages_that_depend_on_a_change_run_again(
     finished: Path, worked_on: list[str], overrides: list[str], expected: list[str]
 ) -> None:
     """A key of the study reaches the stages that read it, and those after them."""
@@ -143,7 +143,8 @@ def test_what_a_stage_no_longer_needs_goes(copy: Path, worked_on: list[str]) -> 
     assert not list(run.folder.glob("*.partial"))
 
 
-def test_results_do_not_hang_on_the_number_of_processes(tiny: Path, tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_results_do_not_depend_on_the_number_of_processes(tiny: Path, tmp_path: Path) -> None:
     """Two processes give the same bytes as one, in every file but the log."""
     trees = []
     for jobs in ("1", "2"):

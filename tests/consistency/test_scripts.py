@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
+FOLDERS = (SCRIPTS / "benchmarks", SCRIPTS / "studies")
+RUNNABLE = sorted(path for folder in FOLDERS for path in folder.glob("*.py") if path.stem != "study_plants")
 
 
 def test_example_1_finds_the_stiffness_of_one_joint() -> None:
@@ -23,11 +25,8 @@ def test_every_example_is_asserted_here() -> None:
     assert {path.name for path in SCRIPTS.glob("examples/*.py")} == {"ex01_identify_from_python.py"}
 
 
-@pytest.mark.parametrize(
-    "script",
-    sorted(p for d in ("benchmarks", "studies") for p in (SCRIPTS / d).glob("*.py") if p.stem != "study_plants"),
-    ids=lambda path: path.stem,
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("script", RUNNABLE, ids=lambda path: f"{path.parent.name} {path.stem}")
 def test_every_bench_and_study_ends_with_json(script: Path, tmp_path: Path) -> None:
     """--quick is a small problem; the full size is for scripts' users."""
     done = subprocess.run(

@@ -275,6 +275,7 @@ def write(folder: Path, response: FrequencyResponse) -> None:
             table.writerow([f, *(n for three in numbers for n in three)])
 
 
+@pytest.mark.slow
 def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Six files of two robots: values by robot in table, summary, page; folds, comparison; a model each to export."""
     for response in both(3):
