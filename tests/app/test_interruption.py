@@ -1,4 +1,4 @@
-"""A fit that is interrupted while it searches: finished parts are kept and reported, and it is resumed to the same end."""
+"""A fit that is interrupted while it searches: finished parts are kept, and it is resumed to the very same end."""
 
 import json
 import os
