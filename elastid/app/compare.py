@@ -27,7 +27,7 @@ from elastid.robot.simplified import further_elastic, stiffened, without_motor_c
 from elastid.store import Checkpoint, read_responses
 from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
-from elastid.validation.compare import RefitTask, Variant, held, rank, refit, restricted
+from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
 from elastid.validation.cross_validation import divide
 from elastid.validation.results import Comparison, Refit
 from elastid.validation.spec import VariantSpec
@@ -66,10 +66,10 @@ def finish(run: Run, comparison: Comparison) -> None:
         report(run)
 
 
-def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[Variant]:
+def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
     """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
     study = loaded.study
-    yield Variant(study.name, study.robot, study.seeded_fit, study.model)
+    yield ComparedVariant(study.name, study.robot, study.seeded_fit, study.model)
     for spec in study.compare.variants or _default(study, bool(others)):
         try:
             yield variant(loaded, spec)
@@ -77,7 +77,7 @@ def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterato
             raise StudyError(f"compare.variants: {spec.name}: {error}") from None
     for other in others:
         name = other.study.name if other.study.name != study.name else str(other.path)
-        yield Variant(name, other.study.robot, _weighed_as(study, other.study), other.study.model)
+        yield ComparedVariant(name, other.study.robot, _weighed_as(study, other.study), other.study.model)
 
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
@@ -140,7 +140,7 @@ def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
     return (other, *approximate)
 
 
-def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
+def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     """The study's own model but for what is given; StudyError where there is no such model."""
     own = loaded.study
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
@@ -151,7 +151,7 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> Variant:
         fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)
     # Independent coordinates are a choice for the study's own robot, and without influence on its response.
-    return Variant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
+    return ComparedVariant(spec.name, robot, fit, replace(study.model, independent=()) if spec.rigid else study.model)
 
 
 def _weighed_as(own: Study, other: Study) -> FitSpec:
@@ -167,7 +167,7 @@ def _weighed_as(own: Study, other: Study) -> FitSpec:
     )
 
 
-def refitted(run: Run, models: Sequence[Variant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
+def refitted(run: Run, models: Sequence[ComparedVariant], responses: Sequence[FrequencyResponse]) -> list[list[Refit]]:
     """The fits of each model, to all responses and without each fold; those not there yet by several processes."""
     names = [response.configuration.name for response in responses]
     parts = ((), *divide(names, run.study.compare.folds))

@@ -20,7 +20,7 @@ from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates
 from elastid.store import read_responses
 from elastid.study import LoadedStudy, Study
-from elastid.validation.compare import Variant, rank
+from elastid.validation.compare import ComparedVariant, rank
 from elastid.validation.elasticity_search import describe_search, search
 from elastid.validation.results import ComparedModel, Elastic, Refit, Trial
 from elastid.validation.spec import VariantSpec
@@ -41,7 +41,7 @@ def search_elasticity(run: Run) -> None:
                 f"{run.loaded.path}: the search judges by configurations that were left out, and there is one only; "
                 "measure in further ones"
             )
-        met: dict[Elastic, tuple[Variant, Sequence[Refit]]] = {}
+        met: dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]] = {}
 
         def fitted(models: Sequence[Elastic]) -> Mapping[Elastic, ComparedModel]:
             # The study's own model is fitted first: all others are part of it, and its fit scales QAIC.
@@ -91,10 +91,10 @@ def _fitted(
     start: Elastic,
     models: Sequence[Elastic],
     responses: Sequence[FrequencyResponse],
-) -> Mapping[Elastic, tuple[Variant, Sequence[Refit]]]:
+) -> Mapping[Elastic, tuple[ComparedVariant, Sequence[Refit]]]:
     """The models and their fits; one that leaves nothing to identify has none, with the reason for a message."""
-    made: dict[Elastic, Variant] = {}
-    cannot: dict[Elastic, tuple[Variant, Sequence[Refit]]] = {}
+    made: dict[Elastic, ComparedVariant] = {}
+    cannot: dict[Elastic, tuple[ComparedVariant, Sequence[Refit]]] = {}
     for model in models:
         name, rigid = _name(run.study, coordinates, start, model), [c for c in coordinates if c not in model]
         try:
@@ -102,7 +102,7 @@ def _fitted(
         except StudyError as error:
             if model in (start, tuple(coordinates)):
                 raise StudyError(f"search: {name}: {error}") from None
-            own = Variant(name, run.study.robot, run.study.fit, run.study.model)
+            own = ComparedVariant(name, run.study.robot, run.study.fit, run.study.model)
             cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = refitted(run, list(made.values()), responses)
     return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot

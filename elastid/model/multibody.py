@@ -21,18 +21,18 @@ from elastid.robot import Body, Robot
 
 
 @dataclass(frozen=True)
-class Inertia:
+class BodyInertia:
     """Mass m, first moment h (3,) = m c and inertia tensor I (3, 3) about a frame's origin, in the frame's axes."""
 
     m: ca.SX
     h: ca.SX
     I: ca.SX  # noqa: E741
 
-    def __add__(self, other: Inertia) -> Inertia:
-        return Inertia(self.m + other.m, self.h + other.h, self.I + other.I)
+    def __add__(self, other: BodyInertia) -> BodyInertia:
+        return BodyInertia(self.m + other.m, self.h + other.h, self.I + other.I)
 
 
-def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[Inertia, ...]:
+def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[BodyInertia, ...]:
     """The inertia that each frame carries, summed over its bodies, as symbols of theta; not that fixed to the base."""
     carried = [_nothing() for _ in layout.frames]
     for body, seat in zip(robot.all_bodies, layout.attachments, strict=True):
@@ -41,18 +41,18 @@ def inertias(robot: Robot, layout: Tree, theta: Mapping[str, ca.SX]) -> tuple[In
     return tuple(carried)
 
 
-def _nothing() -> Inertia:
-    return Inertia(ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3))
+def _nothing() -> BodyInertia:
+    return BodyInertia(ca.SX(0), ca.SX.zeros(3), ca.SX.zeros(3, 3))
 
 
-def _inertia(body: Body, seat: Attachment, theta: Mapping[str, ca.SX]) -> Inertia:
+def _inertia(body: Body, seat: Attachment, theta: Mapping[str, ca.SX]) -> BodyInertia:
     m = theta[f"m_{body.name}"]
     c = seat.p + ca.DM(seat.R) @ ca.vertcat(*(theta[f"c_{body.name}_{a}"] for a in "xyz"))
     xx, yy, zz, xy, xz, yz = _tensor(body, theta)
     about_com = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
     h = m * c
     steiner = ca.dot(c, h) * ca.DM.eye(3) - h @ c.T
-    return Inertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
+    return BodyInertia(m, h, ca.DM(seat.R) @ about_com @ ca.DM(seat.R.T) + steiner)
 
 
 def _tensor(body: Body, theta: Mapping[str, ca.SX]) -> list[ca.SX]:
@@ -60,7 +60,7 @@ def _tensor(body: Body, theta: Mapping[str, ca.SX]) -> list[ca.SX]:
     return (entries * 3 if len(entries) == 1 else entries) + [ca.SX(0)] * (6 - max(3, len(entries)))
 
 
-def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> tuple[Inertia, ...]:
+def composites(layout: Tree, carried: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> tuple[BodyInertia, ...]:
     """The inertia that each joint moves, in its own frame; last, that of the robot about the base's origin."""
     total = [*carried, _nothing()]
     for i in reversed(range(len(layout.frames))):
@@ -68,17 +68,17 @@ def composites(layout: Tree, carried: tuple[Inertia, ...], turned: tuple[Turn, .
     return tuple(total)
 
 
-def _seen_from_parent(body: Inertia, frame: BodyFrame, turn: Turn) -> Inertia:
+def _seen_from_parent(body: BodyInertia, frame: BodyFrame, turn: Turn) -> BodyInertia:
     R, p = ca.DM(frame.R), turn.origin
     h, tensor = R @ turn.forth(body.h), R @ turn.tensor(body.I) @ R.T
     # Steiner's theorem twice over: I - [p x][h x] - [h x][p x] - m [p x][p x], by way of g = 2 h + m p.
     g = 2 * h + body.m * p
     product = p @ g.T
     tensor += ca.trace(product) * ca.DM.eye(3) - (product + product.T) / 2
-    return Inertia(body.m, h + body.m * p, tensor)
+    return BodyInertia(body.m, h + body.m * p, tensor)
 
 
-def mass_matrix(layout: Tree, composite: tuple[Inertia, ...], turned: tuple[Turn, ...]) -> ca.SX:
+def mass_matrix(layout: Tree, composite: tuple[BodyInertia, ...], turned: tuple[Turn, ...]) -> ca.SX:
     """M (n, n), symmetric: row i is the momentum that joint i makes at a rate of 1, on every joint below it."""
     n = len(layout.frames)
     M = ca.SX(n, n)
@@ -109,7 +109,7 @@ def _force_on_parent(moment: ca.SX, force: ca.SX, frame: BodyFrame, turn: Turn) 
 
 def bias(
     layout: Tree,
-    carried: tuple[Inertia, ...],
+    carried: tuple[BodyInertia, ...],
     turned: tuple[Turn, ...],
     v: ca.SX,
     gravity: FloatArray,

@@ -17,7 +17,7 @@ from elastid.model.kinematics import frames, placed, point_jacobians
 from elastid.model.skeleton import knots
 from elastid.robot import Robot
 
-Kind: TypeAlias = Literal["arm", "mass", "strut"]
+StickKind: TypeAlias = Literal["arm", "mass", "strut"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class StickFigure:
 
     points: FloatArray
     jacobian: FloatArray
-    links: tuple[tuple[int, int, Kind], ...]
+    links: tuple[tuple[int, int, StickKind], ...]
     joints: tuple[int, ...]
 
 
@@ -46,7 +46,7 @@ def stick_figure(robot: Robot, q: FloatArray) -> StickFigure:
     R, p = frames(layout, np.asarray(q, dtype=float)[None])
     points = [placed(R, p, knot.frame, knot.local, 1) for knot in kept]
     J = [point_jacobians(layout, R, p, knot.frame, at) for knot, at in zip(kept, points, strict=True)]
-    links: list[tuple[int, int, Kind]] = [
+    links: list[tuple[int, int, StickKind]] = [
         (shown.index(knot.behind), i, "mass" if knot.kind == "center of mass" else "arm")
         for i, knot in enumerate(kept)
         if knot.behind >= 0

@@ -42,7 +42,7 @@ MISFIT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
-class Variant:
+class ComparedVariant:
     """A model to compare: the robot, its parameters to fit, and the formulation of its equations."""
 
     name: str
@@ -55,7 +55,7 @@ class Variant:
 class RefitTask:
     """One fit: of a variant to all responses but those of the configurations left out."""
 
-    variant: Variant
+    variant: ComparedVariant
     left_out: tuple[str, ...]
 
 
@@ -75,7 +75,9 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     return Refit(result.status, result.message, len(result.parameters.free), result.cost, result.dof, scores)
 
 
-def rank(configurations: Sequence[str], variants: Sequence[Variant], refits: Sequence[Sequence[Refit]]) -> Comparison:
+def rank(
+    configurations: Sequence[str], variants: Sequence[ComparedVariant], refits: Sequence[Sequence[Refit]]
+) -> Comparison:
     """The comparison; refits of each variant: to all configurations, then without each part of them."""
     full = [of[0] for of in refits]
     fitted = [f for f in full if f.status != "failed"]

@@ -17,7 +17,7 @@ from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.solve.solvers import Method, solve
+from elastid.fit.solve.solvers import SolverName, solve
 from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
@@ -338,7 +338,7 @@ def test_a_noisy_response_is_no_model_error() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("solver", ["ipopt", "sqp"])
-def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_off(solver: Method) -> None:
+def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_off(solver: SolverName) -> None:
     """Gauss-Newton would step over decades there, to bounds from which nothing leads back."""
     responses = measure(arm(), rng=np.random.default_rng(3))
     hits, ends = 0, []

@@ -27,7 +27,7 @@ from elastid.model.serial import serial
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
-from elastid.validation.compare import RefitTask, Variant, refit
+from elastid.validation.compare import ComparedVariant, RefitTask, refit
 
 FREQ = np.linspace(2, 50, 40)
 POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
@@ -105,7 +105,7 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     result = identify([G for G in data if G.configuration.name != "b3"], arm(), SPEC)
     (predicted,) = FittedModel.of(result, arm(), data[-1:]).responses
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
-    own = Variant("own", arm(), SPEC, EXACT)
+    own = ComparedVariant("own", arm(), SPEC, EXACT)
     fold = refit(data, RefitTask(own, ("b3",)))
     assert fold.left_out["b3"].misfit < 1.2
     without = refit(data, RefitTask(own, ROBOTS["B"]))
@@ -115,7 +115,9 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
 def test_one_stiffness_for_both_is_worse_on_what_was_left_out() -> None:
     shared = replace(SPEC, parameters=SPEC.parameters | {"k_1": ParameterSpec()})
     data = both(1)
-    own, one = (refit(data, RefitTask(Variant("v", arm(), spec, EXACT), ("a2", "b2"))) for spec in (SPEC, shared))
+    own, one = (
+        refit(data, RefitTask(ComparedVariant("v", arm(), spec, EXACT), ("a2", "b2"))) for spec in (SPEC, shared)
+    )
     assert one.left_out["a2"].misfit > 5 * own.left_out["a2"].misfit
 
 

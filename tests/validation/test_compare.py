@@ -19,7 +19,7 @@ from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Robot
 from elastid.robot.simplified import stiffened
 from elastid.study import load_robot
-from elastid.validation.compare import RefitTask, Variant, held, rank, refit, restricted
+from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
 from elastid.validation.results import Comparison, LeftOut, Refit
 
 CONFIGURATIONS = ("a", "b", "c", "d")
@@ -45,7 +45,7 @@ def compared(robot: Robot, **models: tuple[int, float, tuple[float, ...]]) -> Co
         ]
         for n, cost, misfit in models.values()
     ]
-    return rank(CONFIGURATIONS, [Variant(name, robot, FitSpec(), EXACT) for name in models], refits)
+    return rank(CONFIGURATIONS, [ComparedVariant(name, robot, FitSpec(), EXACT) for name in models], refits)
 
 
 def test_the_model_with_the_smallest_misfit_is_first_and_qaic_is_in_units_of_the_best_fit(robot: Robot) -> None:
@@ -87,7 +87,7 @@ def test_failed_fits_are_last_and_their_reason_is_noted(robot: Robot) -> None:
     failed = Refit("failed", "every start failed", 0, math.inf, 0, {})
     fine = [Refit("converged", "", 3, 100.0, 100, {c: LeftOut(1.0, 1.0, 1.0)}) for c in ("", *CONFIGURATIONS)]
     slow = [replace(each, status="not_converged") for each in fine]
-    variants = [Variant(name, robot, FitSpec(), EXACT) for name in ("none", "some", "slow", "fine")]
+    variants = [ComparedVariant(name, robot, FitSpec(), EXACT) for name in ("none", "some", "slow", "fine")]
     found = rank(CONFIGURATIONS, variants, [[failed] * 5, [*fine[:-1], failed], slow, fine])
     notes = {row.name: row.note for row in found.rows}
     assert [row.name for row in found.rows] == ["slow", "fine", "some", "none"]
@@ -138,7 +138,7 @@ def test_a_refit_predicts_the_configurations_that_it_was_not_fitted_to(
 ) -> None:
     """|E|^2 / sigma^2 is 1 for the true model, 1 + 1 / 0.02^2 / 100 or more for responses a tenth larger."""
     scaled = [*responses[:2], replace(responses[2], G=1.1 * responses[2].G)]
-    task = RefitTask(Variant("own", robot, SPEC, EXACT), ("c",))
+    task = RefitTask(ComparedVariant("own", robot, SPEC, EXACT), ("c",))
     true, off = refit(responses, task), refit(scaled, task)
     assert (true.status, true.n_free, list(true.left_out)) == ("converged", 1, ["c"])
     assert true.cost == off.cost
@@ -152,9 +152,9 @@ def test_masks_apply_to_the_configurations_that_they_name(robot: Robot, response
     low = replace(SPEC, mask=(MaskSpec(("c",), band_hz=(0.0, 30.0)),))
     low_lines = (responses[2].freq_hz < 30)[:, None, None]
     spoilt = [*responses[:2], replace(responses[2], G=responses[2].G + 9 * low_lines)]
-    found = refit(spoilt, RefitTask(Variant("own", robot, low, EXACT), ("c",)))
+    found = refit(spoilt, RefitTask(ComparedVariant("own", robot, low, EXACT), ("c",)))
     assert found.left_out["c"].misfit == pytest.approx(1, abs=0.3)
     nothing = replace(SPEC, mask=(MaskSpec(("a", "b")),))
-    failed = refit(responses, RefitTask(Variant("own", robot, nothing, EXACT), ("c",)))
+    failed = refit(responses, RefitTask(ComparedVariant("own", robot, nothing, EXACT), ("c",)))
     assert (failed.status, failed.n_free, failed.left_out) == ("failed", 0, {})
     assert failed.message

@@ -13,7 +13,7 @@ from elastid.fit.fitted_model import FittedModel
 from elastid.response import FrequencyResponse
 from elastid.store import read_configurations, read_fit, read_records, read_responses, read_stamp, write_validation
 from elastid.validation.agreement import validate as validate_responses
-from elastid.validation.compare import RefitTask, Variant, refit
+from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import explain_cost
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds
 from elastid.validation.replay import describe_replays, replay
@@ -59,7 +59,7 @@ def _folds(run: Run, responses: Sequence[FrequencyResponse], execution: Executio
     parts = divide([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
     if not parts:
         return ()
-    own = Variant(study.name, study.robot, study.seeded_fit, study.model)
+    own = ComparedVariant(study.name, study.robot, study.seeded_fit, study.model)
     tasks = [RefitTask(own, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))

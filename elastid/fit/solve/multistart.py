@@ -17,7 +17,7 @@ from elastid.base.errors import FitError
 from elastid.base.execution import Execution, silent
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.result import LocalOptimum
-from elastid.fit.solve.solvers import FINE, ROUGH, Method, solve
+from elastid.fit.solve.solvers import FINE, ROUGH, SolverName, solve
 from elastid.parameters import Parameter, ParameterSet
 
 # Dampings and frictions are known less well than stiffnesses and inertias: their starts spread over factor^2.
@@ -65,7 +65,7 @@ class Interrupted(KeyboardInterrupt):
 def multistart(
     problems: Sequence[LeastSquares],
     starts: FloatArray,
-    method: Method = "ipopt",
+    method: SolverName = "ipopt",
     execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
@@ -128,7 +128,7 @@ class _Begin:
     """A start solved roughly, problem by problem."""
 
     problems: tuple[LeastSquares, ...]
-    method: Method
+    method: SolverName
 
     def __call__(self, x_start: FloatArray) -> LocalOptimum:
         x, iterations = x_start, 0
@@ -146,7 +146,7 @@ class _Polish:
     """A rough end taken to the optimum."""
 
     problem: LeastSquares
-    method: Method
+    method: SolverName
 
     def __call__(self, rough: LocalOptimum) -> LocalOptimum:
         try:

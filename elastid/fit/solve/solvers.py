@@ -23,7 +23,7 @@ from elastid.fit.solve.ipopt import FOREIGN_EXCEPTION, ipopt
 from elastid.fit.solve.scaled_problem import ScaledProblem
 from elastid.fit.solve.sqp import sqp
 
-Method: TypeAlias = Literal["ipopt", "sqp"]
+SolverName: TypeAlias = Literal["ipopt", "sqp"]
 
 # Distance to the stationary point, in standard deviations of the estimate, at which a solve stops: FINE for the
 # estimate, ROUGH where another solve continues from there.
@@ -31,7 +31,7 @@ FINE = 1e-3
 ROUGH = 0.1
 # Below this distance a solve counts as converged, whatever made it stop.
 CONVERGED = 1e-2
-_SOLVERS: dict[Method, Callable[[ScaledProblem, float, int], Answer]] = {"ipopt": ipopt, "sqp": sqp}
+_SOLVERS: dict[SolverName, Callable[[ScaledProblem, float, int], Answer]] = {"ipopt": ipopt, "sqp": sqp}
 
 
 def solve(
@@ -39,7 +39,7 @@ def solve(
     x0: FloatArray,
     tolerance: float = FINE,
     max_iterations: int = 200,
-    method: Method = "ipopt",
+    method: SolverName = "ipopt",
 ) -> LocalOptimum:
     """The local optimum that the solver reaches from x0 (n_x,), and how it ended.
 

@@ -26,7 +26,7 @@ from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.uncertainty.line_sums import correlation_length
 from elastid.fit.weights.weights import Weights, vec
 
-Kind: TypeAlias = Literal["parametric", "residual"]
+BootstrapKind: TypeAlias = Literal["parametric", "residual"]
 
 
 def bootstrap(
@@ -34,7 +34,7 @@ def bootstrap(
     weights: Sequence[Weights],
     x: FloatArray,
     repetitions: int,
-    kind: Kind = "parametric",
+    kind: BootstrapKind = "parametric",
     seed: int = 0,
     execution: Execution | None = None,
 ) -> FloatArray:

@@ -12,7 +12,7 @@ from elastid.base.arrays import FloatArray
 from elastid.design.forecast import Forecast
 from elastid.experiment.plan.plan import Plan
 from elastid.model.kinematics import link_angles
-from elastid.model.stick_figure import Kind, stick_figure
+from elastid.model.stick_figure import StickKind, stick_figure
 from elastid.record import Configuration
 from elastid.report.figures import style
 from elastid.robot import Robot
@@ -23,7 +23,7 @@ BANDS = 60
 MIN_WRITTEN_PERCENT = 0.5
 # Stick figures side by side; width and height of each, and the room above all, in inches.
 MAX_COLUMNS, PANEL, ABOVE = 4, (2.4, 2.7), 0.3
-LOOKS: dict[Kind, tuple[str, float]] = {
+LOOKS: dict[StickKind, tuple[str, float]] = {
     "arm": (style.MEASURED, 3.0),
     "mass": (style.FITTED, 1.5),
     "strut": (style.NOISE, 2.0),

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from elastid.report.content import ReportContent
 from elastid.report.figures.design import configuration_sketches, excitation, information
-from elastid.report.figures.fit import identifiability, multistart
+from elastid.report.figures.fit import identifiability, multistart_costs
 from elastid.report.figures.limits import limit_use, nearest_run_signals
 from elastid.report.figures.mode_shapes import mode_shapes
 from elastid.report.figures.mode_sketches import mode_sketches
@@ -51,7 +51,9 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         caption = "Error of every model on each configuration when it was left out of the fit."
         yield Drawing("comparison", "comparison", caption, left_out_errors(content.comparison))
     if content.result.starts:
-        yield Drawing("multistart", "fit", "Cost at which every start of the fit ended.", multistart(content.result))
+        yield Drawing(
+            "multistart", "fit", "Cost at which every start of the fit ended.", multistart_costs(content.result)
+        )
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, identifiability(content.result))

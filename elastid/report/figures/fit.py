@@ -21,7 +21,7 @@ MAX_LINEAR_RATIO = 5.0
 VALUES_WIDTH, GAP = 3.2, 1.5
 
 
-def multistart(result: FitResult) -> Figure:
+def multistart_costs(result: FitResult) -> Figure:
     """V of every start, sorted; those that reached the best one filled, those that did not converge crossed."""
     cost = np.array([start.cost for start in result.starts])
     converged = np.array([start.converged for start in result.starts])

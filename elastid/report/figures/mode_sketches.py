@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.model.stick_figure import Kind
+from elastid.model.stick_figure import StickKind
 from elastid.report.figures import style
 from elastid.report.modes.mode_drawing import ModeDrawing
 from elastid.report.modes.mode_row import ModeRow
@@ -31,7 +31,7 @@ MIN_ASPECT, MAX_ASPECT = 0.5, 1.3
 MAX_FILLED = 1 / 1.08
 # Small print: letters to an inch, lines above a panel; numbers on an axis.
 LETTERS_PER_INCH, MAX_LINES, MAX_TICKS = 15, 3, 4
-WIDTHS: dict[Kind, float] = {"arm": 2.4, "strut": 1.3, "mass": 0.8}
+WIDTHS: dict[StickKind, float] = {"arm": 2.4, "strut": 1.3, "mass": 0.8}
 
 
 @frozen_value

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
-from elastid.model.stick_figure import Kind, StickFigure
+from elastid.model.stick_figure import StickFigure, StickKind
 
 # Displacement of the point that moves furthest, in sizes of the robot.
 SWING = 0.15
@@ -28,7 +28,7 @@ class ModeDrawing:
     """
 
     points: FloatArray
-    links: tuple[tuple[int, int, Kind], ...]
+    links: tuple[tuple[int, int, StickKind], ...]
     joints: tuple[int, ...]
     moved: ComplexArray
     up: int = 2

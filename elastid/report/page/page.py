@@ -24,7 +24,7 @@ from elastid.report.page.explorer import explorer
 from elastid.report.page.mode_viewer import mode_viewer
 from elastid.report.parameter_rows import parameter_rows
 
-Format: TypeAlias = Literal["png", "pdf"]
+FigureFormat: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
 # A figure on the page has so many colors: less than half of the bytes, without a visible difference.
@@ -32,7 +32,7 @@ MAX_COLORS = 256
 # Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
 # then stays below 10 MB.
 MAX_FIGURE_BYTES = 6_000_000
-METADATA: dict[Format, dict[str, None]] = {"png": {"Software": None}, "pdf": PDF_METADATA}
+METADATA: dict[FigureFormat, dict[str, None]] = {"png": {"Software": None}, "pdf": PDF_METADATA}
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class EmbeddedFigure:
     file: str = ""
 
 
-def write_report(content: ReportContent, folder: Path, formats: Collection[Format]) -> Path:
+def write_report(content: ReportContent, folder: Path, formats: Collection[FigureFormat]) -> Path:
     """Write folder/report.html, and folder/figures/* in the given formats; returns the path of the page.
 
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
@@ -124,7 +124,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     )
 
 
-def rendered(figure: Figure, kind: Format) -> bytes:
+def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     """The figure as the bytes of a file."""
     buffer = io.BytesIO()
     with missing_glyphs_allowed():

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from plants.report_values import fit_result, lines_of
 
-from elastid.report.figures.fit import identifiability, multistart
+from elastid.report.figures.fit import identifiability, multistart_costs
 
 
 def test_the_multistart_figure_separates_hits_from_other_endings():
     """Three hits, one that ended elsewhere, one that did not converge, each at its cost."""
-    figure = multistart(fit_result())
+    figure = multistart_costs(fit_result())
     drawn = lines_of(figure.axes[0])
     np.testing.assert_allclose(drawn["reached the best cost"].get_ydata(), [210.0, 210.0, 210.1])
     np.testing.assert_allclose(drawn["ended elsewhere"].get_ydata(), [900.0])
