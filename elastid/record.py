@@ -57,7 +57,8 @@ class Record:
     controller's command, constant from each sample to the next.  half_wave: odd lines only, so that the second half of
     a period is minus the first and each half counts as a repetition.  repairs: counts by the kind of repair of the log.
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
-    that translate, in N and m instead of Nm and rad.
+    that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
+    from rest): period_samples is then its length.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """
@@ -81,6 +82,7 @@ class Record:
     repairs: Mapping[str, int] = field(default_factory=dict)
     left_out: tuple[int, ...] = ()
     sliding: tuple[str, ...] = ()
+    is_periodic: bool = True
 
     def __post_init__(self) -> None:
         """Check shapes, names and length."""
@@ -94,6 +96,11 @@ class Record:
             raise ValueError(f"record {self.name}: {len(self.outputs)} outputs but {len(self.quantities)} quantities")
         if not self.rate_hz > 0 or self.period_samples < 2:
             raise ValueError(f"record {self.name}: rate {self.rate_hz:g} Hz, period {self.period_samples} samples")
+        if not self.is_periodic and (self.period_samples != n or self.half_wave):
+            raise ValueError(
+                f"record {self.name}: it has no period, so that period_samples must be its length, {n} samples, and "
+                "half_wave False"
+            )
         if self.half_wave and self.period_samples % 2:
             raise ValueError(f"record {self.name}: half_wave needs an even period, not {self.period_samples} samples")
         if n < self.period_samples:
@@ -120,7 +127,7 @@ class Record:
 
     @property
     def n_periods(self) -> int:
-        """Whole periods in the record."""
+        """Whole periods in the record; 1 where it has no period."""
         return self.n_samples // self.period_samples
 
     def hold_response(self, freq_hz: FloatArray) -> ComplexArray:

@@ -24,6 +24,7 @@ def record(n: int = 100, period: int = 50, **changes: object) -> Record:
 def test_a_record_counts_its_whole_periods() -> None:
     """A trailing part of a period does not count."""
     assert record(n=149).n_periods == 2
+    assert record(period=100, is_periodic=False).n_periods == 1
 
 
 @pytest.mark.parametrize(
@@ -33,6 +34,7 @@ def test_a_record_counts_its_whole_periods() -> None:
         ({"y": np.ones((100, 2))}, "y has shape"),
         ({"quantities": ()}, "1 outputs but 0 quantities"),
         ({"r": np.ones((3, 1))}, "r has shape"),
+        ({"is_periodic": False}, "must be its length, 100 samples"),
     ],
 )
 def test_a_record_refuses_what_disagrees(changes: dict[str, object], says: str) -> None:

@@ -26,7 +26,10 @@ from elastid.store.files import (
     write_sliding,
 )
 
-_RECORD_ATTRIBUTES = ("realisation", "experiment", "rate_hz", "period_samples", "rate_is_known", "hold", "half_wave")
+_RECORD_ATTRIBUTES = (
+    *("realisation", "experiment", "rate_hz", "period_samples"),
+    *("rate_is_known", "hold", "half_wave", "is_periodic"),
+)
 _COVARIANCES = {
     "noise": "disturbing noise",
     "total": "noise and nonlinear distortion",
@@ -84,7 +87,8 @@ def _write_record(group: Any, record: Record) -> None:
 
 
 def _read_record(group: Any, name: str) -> Record:
-    known = attributes(group)
+    # Files of earlier versions hold periodic records only.
+    known = {"is_periodic": True} | attributes(group)
     return Record(
         name=name,
         configuration=_read_configuration(group),

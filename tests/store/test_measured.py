@@ -23,7 +23,9 @@ CONFIGURATION = st.builds(Configuration, NAME, finite(2))
 
 @st.composite
 def records(draw, name=NAME, configuration=CONFIGURATION):
-    N, n_u, n_y = draw(st.integers(2, 4)), draw(st.integers(1, 2)), draw(st.integers(1, 3))
+    n, n_u, n_y = 3 * draw(st.integers(2, 4)), draw(st.integers(1, 2)), draw(st.integers(1, 3))
+    is_periodic = draw(st.booleans())
+    N = n // 3 if is_periodic else n
     motion = st.sampled_from(["position", "velocity", "acceleration"])
     return Record(
         draw(name),
@@ -35,16 +37,17 @@ def records(draw, name=NAME, configuration=CONFIGURATION):
         draw(names(n_u)),
         draw(names(n_y)),
         tuple(draw(motion) for _ in range(n_y)),
-        draw(finite(3 * N, n_u)),
-        draw(finite(3 * N, n_y)),
-        draw(st.none() | finite(3 * N, n_u)),
+        draw(finite(n, n_u)),
+        draw(finite(n, n_y)),
+        draw(st.none() | finite(n, n_u)),
         draw(st.booleans()),
         tuple(draw(st.lists(NOTE, max_size=2))),
         draw(st.sampled_from(["band-limited", "zero-order"])),
-        N % 2 == 0 and draw(st.booleans()),
+        is_periodic and N % 2 == 0 and draw(st.booleans()),
         draw(REPAIRS),
         tuple(draw(st.lists(st.integers(0, 2), max_size=2))),
         tuple(draw(st.lists(NAME, max_size=2))),
+        is_periodic,
     )
 
 
@@ -160,3 +163,12 @@ def test_a_write_that_fails_leaves_the_old_file_and_no_other(tmp_path):
         write_records(path, interrupted())
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_record_of_an_earlier_version_has_a_period(tmp_path) -> None:
+    """Files without the mark are read as they were written."""
+    record = Record("a", Configuration("c", [0.0]), 0, 0, 1.0, 2, ("u",), ("y",), ("position",), *[np.ones((4, 1))] * 2)
+    write_records(tmp_path / "records.h5", [record])
+    with h5py.File(tmp_path / "records.h5", "a") as file:
+        del file["a"].attrs["is_periodic"]
+    assert next(read_records(tmp_path / "records.h5")).is_periodic
