@@ -42,7 +42,10 @@ def file_hashes(base: Path, paths: Iterable[str]) -> list[Any]:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file's content."""
+    """SHA-256 of a file's content; of a folder (a ROS bag) of the names and contents of its files."""
+    if path.is_dir():
+        inside = [[file.name, file_hash(file)] for file in sorted(path.iterdir()) if file.is_file()]
+        return hashlib.sha256(json.dumps(inside).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 

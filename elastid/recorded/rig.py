@@ -16,6 +16,7 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels, period_samples
+from elastid.recorded.files.formats import is_log
 from elastid.recorded.link_side import link_side_factor, to_joints
 from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair.delay import MIN_CORRELATION, delay
@@ -208,7 +209,7 @@ def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) 
             )
         seen[key] = file.path
         for path in (file.path, *file.also):
-            if not (base / path).is_file():
+            if not is_log(base / path):
                 raise StudyError(f"log file {base / path} is not there; paths are relative to the study's folder")
 
 

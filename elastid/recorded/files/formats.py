@@ -1,6 +1,7 @@
 """The formats of log files: one row for each reader, chosen by the first bytes of a file.
 
-A further format is one file with `recognises` and `opened`, and one row.
+A further format is one file with `recognises` and `opened`, and one row; that of another package is a `Format` under
+the entry point group `elastid.readers`.
 """
 
 from __future__ import annotations
@@ -9,12 +10,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
 from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
-from elastid.recorded.files import hdf5, matlab_5, matlab_73, text
+from elastid.recorded.files import hdf5, matlab_5, matlab_73, parquet, ros_bag, tdms, text
 from elastid.recorded.files.log import ArrayLog, Log
 
 # First bytes of a file that are looked at; HDF5 after a user block of 4096 bytes is recognised.
@@ -35,13 +37,48 @@ class Format:
     advice: str
 
 
+# Packages register their formats here.
+_ENTRY_POINTS = "elastid.readers"
 # The first that recognises a file reads it.
 FORMATS = (
+    Format("ROS bag", ros_bag.recognises, ros_bag.opened, "copy it again with all files of its folder"),
+    Format("TDMS", tdms.recognises, tdms.opened, "copy it or export it again"),
+    Format("Parquet", parquet.recognises, parquet.opened, "copy it or export it again"),
     Format("MATLAB 7.3", matlab_73.recognises, matlab_73.opened, "copy it or save it again"),
     Format("HDF5", hdf5.recognises, hdf5.opened, "copy it or export it again"),
     Format("MATLAB", matlab_5.recognises, matlab_5.opened, "copy it or save it again with -v7"),
     Format("text", text.recognises, text.opened, "copy it or export it again"),
 )
+
+
+def is_log(path: Path) -> bool:
+    """Whether a path is that of a log: a file, or a folder that a format recognises, such as a ROS bag."""
+    *of_folders, _ = all_formats()  # text, the last, takes everything
+    return path.is_file() or (path.is_dir() and any(each.recognises(path, b"") for each in of_folders))
+
+
+def all_formats() -> tuple[Format, ...]:
+    """Those of other packages, which know their files better, and those of elastid.
+
+    Raises StudyError for an entry point that cannot be loaded or holds no format.
+    """
+    return (*(_registered(point) for point in entry_points(group=_ENTRY_POINTS)), *FORMATS)
+
+
+def _registered(point: EntryPoint) -> Format:
+    try:
+        found = point.load()
+    except Exception as error:
+        raise StudyError(
+            f"the reader {point.name} ({point.value}) of another package cannot be loaded ({error}); update that "
+            "package, or uninstall it"
+        ) from error
+    if not isinstance(found, Format):
+        raise StudyError(
+            f"the reader {point.name} ({point.value}) of another package is {type(found).__name__} and not an "
+            "elastid.recorded.files.formats.Format; update that package, or uninstall it"
+        )
+    return found
 
 
 def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
@@ -62,16 +99,23 @@ def read_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatS
 @contextmanager
 def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """A log file, whatever its format; arrays are read while it is open."""
-    if not path.is_file():
-        raise StudyError(f"log file {path} is not there; check path under files (relative to the study's folder)")
-    with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-    found = next(each for each in FORMATS if each.recognises(path, head))
+    if not is_log(path):
+        what = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if path.is_dir() else "is not there"
+        raise StudyError(f"log file {path} {what}; check path under files (relative to the study's folder)")
+    found = next(each for each in all_formats() if each.recognises(path, _head(path)))
     guard = partial(_guarded, path, found)
     with ExitStack() as stack:
         with guard():
             log = stack.enter_context(found.opened(path, text))
         yield log.guarded(guard) if isinstance(log, ArrayLog) else log
+
+
+def _head(path: Path) -> bytes:
+    """The first bytes of a file; none of a folder."""
+    if path.is_dir():
+        return b""
+    with path.open("rb") as file:
+        return file.read(_HEAD_BYTES)
 
 
 @contextmanager

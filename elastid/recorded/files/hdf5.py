@@ -63,9 +63,15 @@ def _stored(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
         dataset.dtype[field] if field else dataset.dtype,
         partial(_read, dataset, field, is_transposed),
         units.decode() if isinstance(units, bytes) else str(units),
+        rows=partial(_read_rows, dataset, field, is_transposed),
     )
 
 
 def _read(dataset: Any, field: str, is_transposed: bool) -> NDArray[Any]:
     values = np.asarray(dataset.fields(field)[()] if field else dataset[()])
+    return values.T if is_transposed else values
+
+
+def _read_rows(dataset: Any, field: str, is_transposed: bool, part: slice) -> NDArray[Any]:
+    values = np.asarray((dataset.fields(field) if field else dataset)[(..., part) if is_transposed else part])
     return values.T if is_transposed else values

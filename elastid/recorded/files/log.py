@@ -8,7 +8,8 @@ are joined with dots (`rec.torque`), elements of struct arrays are `run(2).torqu
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,6 +25,8 @@ from elastid.experiment.specs.recorded import ChannelSpec
 
 # A message lists so many signals of a file.
 _MAX_LISTED = 40
+# Values of an array that are in memory at a time where it is read in pieces.
+_BLOCK_VALUES = 1 << 20
 
 
 class Log(Protocol):
@@ -38,17 +41,32 @@ class Log(Protocol):
 
 @dataclass(frozen=True)
 class StoredArray:
-    """An array of a file, read when it is used.  units: as the file states them, or an empty text."""
+    """An array of a file, read when it is used.
+
+    units: as the file states them, or an empty text.  rate_hz: likewise, or None.  rows: reads a part of the first
+    axis, in formats that can.
+    """
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     read: Callable[[], NDArray[Any]]
     units: str = ""
+    rate_hz: float | None = None
+    rows: Callable[[slice], NDArray[Any]] | None = None
 
     @property
     def is_signal(self) -> bool:
         """Whether it holds several numbers."""
         return self.dtype.kind in "fiub" and len(self.shape) > 0 and max(self.shape) > 1
+
+    def blocks(self) -> Iterator[NDArray[Any]]:
+        """The values in pieces along the first axis, or in one where the format cannot be read in pieces."""
+        if self.rows is None or len(self.shape) == 0:
+            yield self.read()
+            return
+        n = max(1, _BLOCK_VALUES * self.shape[0] // max(1, math.prod(self.shape)))
+        for start in range(0, self.shape[0], n):
+            yield self.rows(slice(start, start + n))
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return np.array(self.read(), dtype=dtype)
@@ -68,7 +86,18 @@ class ArrayLog:
             with guard():
                 return read()
 
-        arrays = {name: replace(array, read=partial(inside, array.read)) for name, array in self.arrays.items()}
+        def inside_rows(rows: Callable[[slice], NDArray[Any]], part: slice) -> NDArray[Any]:
+            with guard():
+                return rows(part)
+
+        arrays = {
+            name: replace(
+                array,
+                read=partial(inside, array.read),
+                rows=None if array.rows is None else partial(inside_rows, array.rows),
+            )
+            for name, array in self.arrays.items()
+        }
         return ArrayLog(self.path, arrays)
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
@@ -127,3 +156,8 @@ def missing_channel(path: Path, channel: ChannelSpec, shapes: Mapping[str, tuple
     hint = f"did you mean {close[0]}? " if close else ""
     what = f"channel '{channel.channel}' is not in it" if channel.channel else "give the name of a channel"
     return f"{path}: {what}; {hint}There are {', '.join(listed[:_MAX_LISTED])}{more}"
+
+
+def seconds(stamps: NDArray[Any], first: Any) -> FloatArray:
+    """Dates and times (n,) as s from the first one; missing ones are NaN."""
+    return np.asarray((stamps - first) / np.timedelta64(1, "s"), dtype=np.float64)

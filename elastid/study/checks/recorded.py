@@ -8,6 +8,7 @@ from pathlib import Path
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.recorded.files.formats import is_log
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
@@ -57,7 +58,7 @@ def _check_files(
     configurations = study.experiment.configurations
     for i, file in enumerate(files):
         place = base / file.path
-        if not place.is_file():
+        if not is_log(place):
             beside = sorted(p.name for p in place.parent.iterdir() if p.is_file()) if place.parent.is_dir() else []
             hint = f"; {did_you_mean(place.name, beside[:MAX_LISTED])}" if beside else ""
             yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}")

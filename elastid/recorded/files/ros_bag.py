@@ -1,0 +1,159 @@
+"""ROS bags (ROS 2: a folder with metadata.yaml, an MCAP or db3 file; ROS 1: a .bag file), by rosbags.
+
+Signals are named by topic and field, `imu.angular_velocity.x`; those of a `sensor_msgs/JointState` by joint as well,
+`joint_states.position.elbow`, in whatever order its messages list the joints.  Sequences of numbers are matrices, of
+which a channel gives the column.  Each topic has its own time, `joint_states.time`, in s from its first message: the
+stamp of its messages, or where they have none the time at which the bag received them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.files.extras import imported
+from elastid.recorded.files.log import ArrayLog, StoredArray
+
+# An MCAP file, a ROS 1 bag, and the database of a ROS 2 bag without its folder.
+_SIGNATURES = (b"\x89MCAP0\r\n", b"#ROSBAG V", b"SQLite format 3\x00")
+_METADATA = "metadata.yaml"
+# Longer sequences are images, clouds and maps.
+_MAX_COLUMNS = 64
+_JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
+
+
+def recognises(path: Path, head: bytes) -> bool:
+    """A folder by its metadata, a file by its signature."""
+    return (path / _METADATA).is_file() or head.startswith(_SIGNATURES)
+
+
+@contextmanager
+def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
+    """All numeric topics; the messages of a topic are read once, when its first signal is used."""
+    reading = imported("rosbags.highlevel", path, "a ROS bag", "ros")
+    types = imported("rosbags.typesys", path, "a ROS bag", "ros")
+    # Bags of older releases do not hold the definitions of their messages.
+    usual = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    with reading.AnyReader([path], default_typestore=usual) as bag:
+        arrays: dict[str, StoredArray] = {}
+        for name, topic in bag.topics.items():
+            arrays |= _Topic(bag, name, topic.connections, topic.msgtype or "").arrays()
+        yield ArrayLog(path, arrays)
+
+
+class _Topic:
+    """The messages of one topic as columns of numbers."""
+
+    def __init__(self, bag: Any, name: str, connections: list[Any], kind: str) -> None:
+        self.bag, self.name, self.connections = bag, name.strip("/"), connections
+        self.is_joint_state = kind == "sensor_msgs/msg/JointState"
+        self.is_known = kind in bag.typestore.fielddefs
+
+    def arrays(self) -> Iterator[tuple[str, StoredArray]]:
+        """Name and array of each signal; none of a topic without messages or of a type that is not known."""
+        first = next(self._messages(), None) if self.is_known else None
+        if first is None:
+            return
+        if self.is_joint_state:
+            yield from self._joint_arrays()
+            return
+        columns = _numbers(first[1])
+        n = sum(connection.msgcount for connection in self.connections)
+        if columns:
+            yield f"{self.name}.time", _stored((n,), lambda: self._columns["time"], "s")
+        for field, values in columns.items():
+            shape = (n,) if values.ndim == 0 else (n, len(values))
+            yield f"{self.name}.{field}", _stored(shape, partial(self._column, field))
+
+    def _joint_arrays(self) -> Iterator[tuple[str, StoredArray]]:
+        """By joint: several nodes may publish different joints under one topic."""
+        times, joints = self._joints
+        shared = all(len(at) == len(times) for at, _ in joints.values())
+        if shared:
+            yield f"{self.name}.time", _stored((len(times),), lambda: times, "s")
+        for (field, joint), (at, values) in joints.items():
+            if not shared:
+                yield f"{self.name}.time.{joint}", _stored((len(at),), partial(times.__getitem__, at), "s")
+            yield f"{self.name}.{field}.{joint}", _stored(values.shape, partial(_itself, values), _JOINT_FIELDS[field])
+
+    @cached_property
+    def _joints(self) -> tuple[NDArray[Any], dict[tuple[str, str], tuple[NDArray[Any], NDArray[Any]]]]:
+        """Times (n,), and for each field and joint the messages that hold it with its values in them."""
+        stamps: list[int] = []
+        found: dict[tuple[str, str], tuple[list[int], list[float]]] = {}
+        for number, (stamp, message) in enumerate(self._messages()):
+            stamps.append(stamp)
+            for field in _JOINT_FIELDS:
+                # A field that a robot does not measure is empty.
+                for joint, value in zip(message.name, getattr(message, field), strict=False):
+                    at, values = found.setdefault((field, joint), ([], []))
+                    at.append(number)
+                    values.append(float(value))
+        return _seconds(stamps), {key: (np.array(at), np.array(values)) for key, (at, values) in found.items()}
+
+    @cached_property
+    def _columns(self) -> dict[str, NDArray[Any]]:
+        """Time and every field, (n,) or (n, columns); DataError of the guard where a sequence changes its length."""
+        stamps: list[int] = []
+        columns: dict[str, list[NDArray[Any]]] = {}
+        for stamp, message in self._messages():
+            stamps.append(stamp)
+            for field, values in _numbers(message).items():
+                columns.setdefault(field, []).append(values)
+        whole: dict[str, NDArray[Any]] = {"time": _seconds(stamps)}
+        for field, parts in columns.items():
+            is_even = len(parts) == len(stamps) and len({part.shape for part in parts}) == 1
+            whole[field] = np.stack(parts) if is_even else np.zeros(0)
+        return whole
+
+    def _column(self, field: str) -> NDArray[Any]:
+        values = self._columns[field]
+        if values.size == 0:
+            raise ValueError(f"{self.name}.{field} changes its length from message to message")
+        return values
+
+    def _messages(self) -> Iterator[tuple[int, Any]]:
+        """Stamp in ns and content of each message."""
+        for connection, received, raw in self.bag.messages(self.connections):
+            message = self.bag.deserialize(raw, connection.msgtype)
+            stamp = getattr(getattr(message, "header", None), "stamp", None)
+            own = 0 if stamp is None else stamp.sec * 10**9 + stamp.nanosec
+            yield own or received, message
+
+
+def _numbers(message: Any, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Every number or short sequence of numbers of a message, by the path of its field; stamps are the time."""
+    found: dict[str, NDArray[Any]] = {}
+    for field in fields(message):
+        value, name = getattr(message, field.name), f"{prefix}{field.name}"
+        if field.name.startswith("__") or field.name == "header":
+            continue
+        if is_dataclass(value):
+            found |= _numbers(value, f"{name}.")
+        elif isinstance(value, bool | int | float):
+            found[name] = np.asarray(value, dtype=np.float64)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub" and 0 < value.size <= _MAX_COLUMNS:
+            found[name] = np.array(value, dtype=np.float64)
+    return found
+
+
+def _stored(shape: tuple[int, ...], read: Callable[[], NDArray[Any]], units: str = "") -> StoredArray:
+    return StoredArray(shape, np.dtype(np.float64), read, units)
+
+
+def _itself(values: NDArray[Any]) -> NDArray[Any]:
+    return values
+
+
+def _seconds(stamps: list[int]) -> NDArray[Any]:
+    """Stamps in ns -> s from the first; the difference is taken first, since ns since 1970 need more than float64."""
+    whole = np.array(stamps, dtype=np.int64)
+    return np.asarray((whole - whole[0]) * 1e-9) if len(whole) else np.zeros(0)
