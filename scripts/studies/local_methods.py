@@ -1,20 +1,23 @@
 """What the local methods reach: leakage, six axes from one experiment, and whether their variances are true.
 
-    python scripts/studies/local_methods.py [--quick]
+    python scripts/studies/local_methods.py [--quick] [--repeats]
 
 Leakage: SISO, two modes of 1 % damping at lines 82 and 250, started from rest, lines 6 to 600, noise that leaves one
 settled period an error of -82 dB; relative error of all lines.  Six axes: one experiment of six random-phase torques
 in closed loop, modes from 7.3 to 24.1 Hz with 4.4 to 7.2 % damping, 1 to 60 Hz; relative error of a line, Frobenius
-norm.  Variances: mean squared error over mean predicted variance.  The last line is one JSON object with the numbers
+norm.  Variances: mean squared error over mean predicted variance.  Repeats (alone with --repeats): one record and
+three of the same sine sweep from rest, in open and closed loop; median relative error of a line, and mean over lines
+of squared error over total variance.  The last line is one JSON object with the numbers
 of the tables.
 """
 
 import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm
+from scipy.signal import chirp
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.multisine import synthesise
@@ -139,6 +142,79 @@ class SixAxes:
         return errors
 
 
+class SweptAxis:
+    """One motor, a rigid body and two modes of 3 %, torque to velocity; a sine sweep of 20 s from rest to its end."""
+
+    rate_hz = 200.0
+    n_samples = 4000
+    band_hz = (2.0, 35.0)
+
+    def __init__(self) -> None:
+        A, B, self.C = np.zeros((6, 6)), np.zeros(6), np.zeros(5)
+        A[0, 0], B[0], self.C[0] = -0.5, 1.0, 1.0
+        for i, f in ((1, 6.0), (3, 15.0)):
+            omega = 2 * np.pi * f
+            A[i, i + 1], A[i + 1, i : i + 2] = 1.0, (-(omega**2), -0.06 * omega)
+            B[i + 1] = self.C[i + 1] = 1.0
+        A[:, 5] = B
+        step = expm(A / self.rate_hz)
+        self.A, self.B = step[:5, :5], step[:5, 5]
+
+    def G(self, freq_hz: FloatArray) -> ComplexArray:
+        """The truth (F,): of the samples of y to those of u."""
+        z = np.exp(2j * np.pi * freq_hz / self.rate_hz)[:, None, None]
+        states = np.linalg.solve(z * np.eye(5) - self.A, self.B[:, None].astype(np.complex128))
+        return np.asarray(states[:, :, 0] @ self.C)
+
+    def measured(
+        self, repeats: int, gain: float, snr_db: float, rng: np.random.Generator, gains: tuple[float, ...] = ()
+    ) -> list[Record]:
+        """Records of the same sweep under velocity feedback of this gain; 0 is open loop, without a reference."""
+        t = np.arange(self.n_samples) / self.rate_hz
+        r = chirp(t, 1.0, t[-1], 40.0, phi=-90)
+        u, y, x = np.zeros(len(t)), np.zeros(len(t)), np.zeros(5)
+        for k in range(len(t)):
+            y[k] = self.C @ x
+            u[k] = r[k] - gain * y[k]
+            x = self.A @ x + self.B * u[k]
+        found = []
+        for m, c in enumerate(gains or (1.0,) * repeats):
+            noise = rng.normal(size=len(t)) * y.std() * 10 ** (-snr_db / 20)
+            signals = (c * u[:, None], (c * y + noise)[:, None], c * r[:, None] if gain else None)
+            found.append(replace(record(*signals, self.rate_hz, len(t)), name=f"c-r{m}-e0", realisation=m))
+        return found
+
+
+def repeats(runs: int, gain: float, snr_db: float, spec: EstimatorSpec) -> dict[int, tuple[float, float]]:
+    """Median relative error, and mean squared error over total variance, of 1 and 3 records of the same sweep."""
+    plant, spec = SweptAxis(), replace(spec, lines="full", band_hz=SweptAxis.band_hz)
+    found = {}
+    for count in (1, 3):
+        errors, ratios = [], []
+        for seed in range(runs):
+            response = local_response(plant.measured(count, gain, snr_db, np.random.default_rng(seed)), spec)
+            G = plant.G(response.freq_hz)
+            error = np.abs(response.G[:, 0, 0] - G)
+            assert response.total is not None
+            errors.append(error / np.abs(G))
+            ratios.append(error**2 / response.total.variance[:, 0, 0])
+        found[count] = float(np.median(errors)), float(np.mean(ratios))
+    return found
+
+
+def print_repeats(quick: bool) -> dict[str, dict[int, tuple[float, float]]]:
+    """The table of repeats."""
+    print("repeats of one sweep: median relative error, mean error^2 / total    1 record           3 records")
+    found = {}
+    for loop, gain in (("open loop", 0.0), ("closed loop", 2.0)):
+        for spec in (LPM, LRM):
+            for snr_db in (20.0, 30.0, 50.0):
+                name = f"{loop}, {spec.method}, {snr_db:g} dB"
+                found[name] = repeats(3 if quick else 20, gain, snr_db, spec)
+                print(f"{name:<62}" + "".join(f"{100 * e:9.3f} %, {q:6.2f}" for e, q in found[name].values()))
+    return found
+
+
 def decibels(estimate: ComplexArray, truth: ComplexArray) -> float:
     """Relative error of all lines."""
     return float(20 * np.log10(np.linalg.norm(estimate - truth) / np.linalg.norm(truth)))
@@ -197,7 +273,12 @@ def variances(runs: int, snr_db: float) -> dict[str, dict[str, float]]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="fewer plants and runs")
-    quick = parser.parse_args().quick
+    parser.add_argument("--repeats", action="store_true", help="the table of repeats alone")
+    arguments = parser.parse_args()
+    quick = arguments.quick
+    if arguments.repeats:
+        print(json.dumps({"repeats": print_repeats(quick)}))
+        return
     leak = {P: leakage(P) for P in (2, 4, 8)}
     print("leakage, relative error in dB" + "".join(f"{f'P = {P}':>10}" for P in leak))
     for name in leak[2]:
@@ -216,7 +297,9 @@ def main() -> None:
     print("\nmean squared error over predicted variance")
     for method, ratios in truth.items():
         print(f"{method:<20}" + "".join(f"{name}: {ratio:.3f}   " for name, ratio in ratios.items()))
-    print(json.dumps({"leakage_db": leak, "six_axes": six, "variance_ratio": truth}))
+    print()
+    again = print_repeats(quick)
+    print(json.dumps({"leakage_db": leak, "six_axes": six, "variance_ratio": truth, "repeats": again}))
 
 
 if __name__ == "__main__":

@@ -5,5 +5,7 @@ least_squares   one least-squares model at a block of lines: response, transient
 regression      the simplest of several models that is sufficient, at every line
 transient       a record's spectra without its transient, and their noise, from the bins that are not excited
 bandwidth       whether a window is narrower than the modes in it
+repeats         repeats of one excitation as one experiment
+model_error     the error of the polynomial model, from the rational one
 response        records to FrequencyResponse, in open and closed loop
 """

@@ -14,6 +14,7 @@ configuration enter one regression.  Its residual holds noise and stochastic non
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -25,7 +26,9 @@ from elastid.frf.covariance import kronecker
 from elastid.frf.lines import analysed_lines, described_lines
 from elastid.frf.local.bandwidth import local_modes, wide_windows
 from elastid.frf.local.least_squares import LocalFit
+from elastid.frf.local.model_error import with_model_error
 from elastid.frf.local.regression import local_fit
+from elastid.frf.local.repeats import merge_repeats
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
 from elastid.frf.local.windows import Windows, WindowTerms, windows
 from elastid.frf.matrices import adjoint, power
@@ -61,17 +64,26 @@ def local_response(
     spectra = [settled_spectra(record, lines, spec.quantity, dropped) for record in records]
     _refuse_dead_inputs(first, spectra)
     closed = all(each.R is not None for each in spectra)
+    spectra, repeated = merge_repeats(spectra, closed), len(spectra)
     ladder = _ladder(spec, len(first.inputs), transient=not all(each.settled for each in spectra))
     Z, R = _signals(spectra, closed)
     where = _windows(lines, ladder[-1], spec, first, Z)
     fit = local_fit(Z, R, where, ladder)
     usable = _usable_lines(fit, closed, spec, first)
     G, noise, total = _responses(fit, spectra, closed, usable)
+    if ladder[-1].transient and spec.method == "local_polynomial":
+        total = _with_model_error(G, total, spectra, (Z, R), lines, usable, spec, first)
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, where.span))
     notes = [note for record in records for note in record.notes]
     if not usable.all():
         left_out = described_lines(lines[~usable], first)
         notes.append(Note("lines-left-out", f"lines {left_out} are left out: inputs move in proportion"))
+    if len(spectra) < repeated:
+        text = (
+            f"{repeated} records with {len(spectra)} different excitation{'s' if len(spectra) > 1 else ''}: repeats, "
+            "whose inputs are the same up to a gain, are averaged first and count as one experiment"
+        )
+        notes.append(Note("repeats-averaged", text, severity="information"))
     notes.append(_method_note(spec, ladder[-1], where, span_hz, fit, first))
     notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
     return FrequencyResponse(
@@ -87,6 +99,30 @@ def local_response(
         sliding=first.sliding,
         notes=tuple(notes),
     )
+
+
+def _with_model_error(
+    G: ComplexArray,
+    total: Covariance,
+    spectra: Sequence[SettledSpectra],
+    signals: tuple[ComplexArray, ComplexArray],
+    lines: IntArray,
+    usable: BoolArray,
+    spec: EstimatorSpec,
+    first: Record,
+) -> Covariance:
+    """The total covariance with the error of the polynomial model; as it is where lines are too few for a rational."""
+    rational = replace(spec, method="local_rational", local_order="auto")
+    ladder = _ladder(rational, len(first.inputs), transient=True)
+    try:
+        where = _windows(lines, ladder[-1], rational, first, signals[0])
+    except DataError:
+        return total
+    fit = local_fit(*signals, where, ladder)
+    if not np.all(fit.condition[usable] < _MAX_CONDITION):
+        return total
+    other, _, variance = _responses(fit, spectra, bool(signals[0].shape[2] > G.shape[1]), usable)
+    return with_model_error(total, G - other, variance.variance)
 
 
 def _windows(lines: IntArray, terms: WindowTerms, spec: EstimatorSpec, first: Record, Z: ComplexArray) -> Windows:

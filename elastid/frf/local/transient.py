@@ -42,7 +42,7 @@ class SettledSpectra:
     Y: ComplexArray
     U: ComplexArray
     R: ComplexArray | None
-    n_periods: int
+    n_periods: float
     settled: bool
     noise: ComplexArray
     dof: float

@@ -1,0 +1,47 @@
+r"""The error of the polynomial model where transient and response share its windows, from the rational model.
+
+A polynomial in a window wider than a resonance passes part of G off as transient, and its residual does not show it.
+The rational model, of about the same data, differs from it by noise alone where both are right.  With g the mean over
+neighbouring lines of
+
+.. math:: \frac{|G_{polynomial} - G_{rational}|^2}{\sigma^2_{polynomial} + \sigma^2_{rational}}
+
+the squared error (g - 1)(sum of the variances) is added to the polynomial's variance where g is clearly above 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.response import Covariance
+
+# Lines that are averaged, and the mean ratio above which a difference is more than noise.
+_LINES = 11
+_MIN_RATIO = 1.5
+
+
+def with_model_error(covariance: Covariance, difference: ComplexArray, other: FloatArray) -> Covariance:
+    """The covariance of G with its model error, from its difference (F, n_y, n_u) to a better model of variance other.
+
+    Outputs are widened as a whole, by the mean over their inputs, so that their correlations stay.
+    """
+    both = covariance.variance + other
+    ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+    g = _local_mean(ratio)
+    error = np.where(g > _MIN_RATIO, (g - 1) * both, 0.0)
+    relative = np.divide(error, covariance.variance, out=np.zeros(both.shape), where=covariance.variance > 0)
+    factor = np.sqrt(1 + relative.mean(axis=2))
+    right = None if covariance.right is None else factor[:, :, None] * covariance.right * factor[:, None, :]
+    return replace(covariance, variance=covariance.variance * factor[:, :, None] ** 2, right=right)
+
+
+def _local_mean(x: FloatArray) -> FloatArray:
+    """Mean (F, ...) over the neighbouring lines, fewer of them at the ends."""
+    F = len(x)
+    total = np.concatenate([np.zeros((1, *x.shape[1:])), np.cumsum(x, axis=0)])
+    first = np.maximum(np.arange(F) - _LINES // 2, 0)
+    last = np.minimum(np.arange(F) + _LINES // 2 + 1, F)
+    return np.asarray((total[last] - total[first]) / (last - first).reshape(-1, *(1,) * (x.ndim - 1)))
