@@ -45,7 +45,7 @@ def test_a_record_refuses_what_disagrees(changes: dict[str, object], says: str) 
 
 def test_a_held_torque_acts_half_a_sample_late_and_weaker_by_a_sinc() -> None:
     """At a tenth of the rate: 18 degrees late, 1.6 % weaker; the DFT of a held cosine over many samples agrees."""
-    H = record(hold="zero-order").hold_response(np.array([100.0]))[0]
+    H = record(hold="zero-order").hold_response(np.array([100.0]))[0, 0]
     assert np.degrees(np.angle(H)) == pytest.approx(-18)
     held = np.repeat(np.cos(2 * np.pi * 0.1 * np.arange(50)), 1000)
     by_dft = np.mean(2 * held * np.exp(-2j * np.pi * 0.1e-3 * (np.arange(50000) + 0.5)))

@@ -138,7 +138,7 @@ def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> Comple
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
     scale = np.empty((len(lines), n_y + len(record.inputs)), dtype=np.complex128)
     scale[:, :n_y] = (2j * np.pi * freq_hz[:, None]) ** order
-    scale[:, n_y:] = record.hold_response(freq_hz)[:, None]
+    scale[:, n_y:] = record.hold_response(freq_hz)
     scale *= 2 / record.repeat_samples
     return scale
 
@@ -149,7 +149,7 @@ def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray 
     if record.r is None:
         return None
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    R: ComplexArray = spectra.amplitudes("r", lines).mean(axis=0) * record.hold_response(freq_hz)[:, None]
+    R: ComplexArray = spectra.amplitudes("r", lines).mean(axis=0) * record.hold_response(freq_hz)
     return R
 
 

@@ -22,6 +22,7 @@ from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair.delay import MIN_CORRELATION, delay
 from elastid.recorded.repair.finding import Log, counts
 from elastid.recorded.repair_order import repair
+from elastid.recorded.torque_hold import check_holds, hold_samples
 from elastid.robot import Robot
 
 # A lag of u behind r, in samples, from which on it is reported.
@@ -45,6 +46,7 @@ class RecordedRig:
         checked_configurations(self.spec, self.robot)
         _check_files(self.spec, self._recorded.files, self.base)
         _check_channels(self._recorded.channels, self.robot)
+        check_holds(self._recorded, self.robot)
         rate_hz = 1.0 if isinstance(self._recorded.rate_hz, str) else self._recorded.rate_hz
         samples = period_samples(self._recorded, rate_hz)
         if self._recorded.half_wave and samples % 2:
@@ -103,6 +105,8 @@ def _record(
         )
     rate_is_known = not isinstance(recorded.rate_hz, str)
     signals = signals @ to_joints(channels, robot).T
+    held = hold_samples(recorded, channels, gathered.rate_hz)
+    alike = set(held) <= {0.0} or set(held) == {1.0}
     return Record(
         name=experiment.name,
         configuration=experiment.configuration,
@@ -118,6 +122,8 @@ def _record(
         r=signals[:, roles["r"]] if roles["r"] else None,
         rate_is_known=rate_is_known,
         notes=tuple(notes),
+        hold="zero-order" if any(held) else "band-limited",
+        hold_samples=() if alike else held,
         half_wave=recorded.half_wave,
         repairs=counts(findings),
         left_out=repaired.left_out,

@@ -83,6 +83,8 @@ def _write_record(group: Any, record: Record) -> None:
     write_sliding(group, record.sliding)
     write_notes(group, record.notes)
     scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that do not count")
+    if record.hold_samples:
+        variable(group, "hold_samples", record.hold_samples, [inputs], "samples for which the torque is held")
     _write_repairs(group, record.repairs)
 
 
@@ -102,6 +104,7 @@ def _read_record(group: Any, name: str) -> Record:
         repairs=attributes(group["repairs"]),
         left_out=tuple(group["left_out"][:].tolist()),
         sliding=read_sliding(group),
+        hold_samples=tuple(group["hold_samples"][:].tolist()) if "hold_samples" in group else (),
         **{field: known[field] for field in _RECORD_ATTRIBUTES},
     )
 

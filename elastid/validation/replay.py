@@ -125,7 +125,7 @@ def _single(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexA
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
     spectra = RecordSpectra(record)
     Y = spectra.amplitudes("y", lines)[last] * (2j * np.pi * freq_hz[:, None]) ** order
-    return Y, spectra.amplitudes("u", lines)[last] * record.hold_response(freq_hz)[:, None]
+    return Y, spectra.amplitudes("u", lines)[last] * record.hold_response(freq_hz)
 
 
 def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> ComplexArray:

@@ -93,7 +93,7 @@ def response(simulated: SimulatedRig) -> np.ndarray:
             np.fft.rfft(part.reshape(-1, record.period_samples).mean(axis=0))[simulated.plan.lines]
             for part in (record.u[:, 0], record.y[:, 0])
         )
-        ratios.append(y / u / record.hold_response(simulated.plan.freq_hz))
+        ratios.append(y / u / record.hold_response(simulated.plan.freq_hz)[:, 0])
     return np.asarray(np.mean(ratios, axis=0))
 
 

@@ -152,7 +152,7 @@ def test_the_closed_loop_measures_the_linear_plant_exactly() -> None:
     spec = SimulatedSpec(outputs=(*machine.motor_locations, "joint 3", "body upper y"), substeps=4)
     simulated = rig(machine, spec, plan(machine.motor_locations, POSTURE, 1.0, transient=8))
     G, record = measured_response(simulated)
-    hold = record.hold_response(simulated.plan.freq_hz)[:, None, None]
+    hold = record.hold_response(simulated.plan.freq_hz)[:, None]
     assert error(G, sampled_response(simulated)) < 2e-6
     # Sampling folds the response beyond half the rate back: (pi f T_s)^4 / 15 of a mass, 8e-5 at 60 Hz and 1 kHz.
     assert error(G, continuous_response(simulated) * hold) < 1e-4
@@ -163,7 +163,7 @@ def test_under_gravity_with_noise_the_response_is_that_of_the_linearised_robot()
     """At a small amplitude the nonlinear robot with encoders and noise shows its linearisation to 4 %."""
     simulated = three_axes(SimulatedSpec(noise=NOISE), rms=200.0)
     G, record = measured_response(simulated)
-    hold = record.hold_response(simulated.plan.freq_hz)[:, None, None]
+    hold = record.hold_response(simulated.plan.freq_hz)[:, None]
     assert error(G / hold, continuous_response(simulated)) < 0.04
 
 
@@ -172,7 +172,7 @@ def test_the_truth_replaces_numbers_of_the_robot() -> None:
     truth = {"k_2": "400 kN*m/rad", "k_3x": 3e5}
     simulated = three_axes(SimulatedSpec(truth=truth), rms=1.0)
     G, record = measured_response(simulated)
-    G /= record.hold_response(simulated.plan.freq_hz)[:, None, None]
+    G /= record.hold_response(simulated.plan.freq_hz)[:, None]
     true = replace(simulated, robot=robot().with_parameters({"k_2": 4e5, "k_3x": 3e5}))
     assert error(G, continuous_response(true)) < 1e-3
     assert error(G, continuous_response(simulated)) > 0.1
@@ -185,7 +185,7 @@ def test_coulomb_friction_looks_viscous_to_a_multisine() -> None:
     simulated = rig(machine, SimulatedSpec(), plan(machine.motor_locations, (0.0,), 150.0, period=20, shape=1.0))
     G, record = measured_response(simulated)
     omega = 2 * np.pi * simulated.plan.freq_hz
-    impedance = record.hold_response(simulated.plan.freq_hz) / (1j * omega * G[:, 0, 0])
+    impedance = record.hold_response(simulated.plan.freq_hz)[:, 0] / (1j * omega * G[:, 0, 0])
     sigma = np.diff(record.y[:, 0]).std() * record.rate_hz
     np.testing.assert_allclose(np.median(impedance.imag / omega), J, rtol=0.01)
     np.testing.assert_allclose(impedance.real.mean(), math.sqrt(2 / math.pi) * F_c / sigma, rtol=0.03)

@@ -48,6 +48,7 @@ def records(draw, name=NAME, configuration=CONFIGURATION):
         tuple(draw(st.lists(st.integers(0, 2), max_size=2))),
         tuple(draw(st.lists(NAME, max_size=2))),
         is_periodic,
+        tuple(draw(st.just([]) | st.lists(st.floats(0, 1), min_size=n_u, max_size=n_u))),
     )
 
 

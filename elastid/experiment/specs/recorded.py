@@ -6,7 +6,7 @@ from typing import Literal
 
 from elastid.base.section import section
 from elastid.base.units import Frequency, Time, TorqueConstant, factor, of_translation
-from elastid.record import MOTION_UNIT
+from elastid.record import MOTION_UNIT, Hold
 
 # SI units of a channel's quantity.
 QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
@@ -29,6 +29,7 @@ class ChannelSpec:
     side: of the gear that it is measured on (`motor` refers to motors that gears couple all together).
     file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.
     rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one, band-limited.
+    hold: of an acting torque (role u), where it differs from that of the section.
     """
 
     role: Literal["r", "u", "y"]
@@ -43,6 +44,7 @@ class ChannelSpec:
     side: Literal["link", "motor"] = "link"
     file: int = 1
     rate_hz: Frequency | None = None
+    hold: Hold | None = None
 
     def __post_init__(self) -> None:
         """Check that role and quantity agree."""
@@ -61,6 +63,8 @@ class ChannelSpec:
             raise ValueError("a current needs torque_constant (N*m/A) to become a torque")
         if self.at.startswith("accelerometer ") and self.quantity not in ("acceleration", "torque"):
             raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
+        if self.hold is not None and self.role != "u":
+            raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
 
@@ -125,6 +129,9 @@ class RecordedSpec:
     text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
     of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
     time: name of the channel that holds the time in s; gaps in it are missing samples.
+    hold: of the acting torques between their samples. `zero-order` where u is a command that the drive keeps from each
+    sample to the next: it acts half a sample later than its samples say, and weaker by a sinc. `band-limited` where u
+    was measured through a filter, or logged much faster than the drive updates it.
     """
 
     rate_hz: Frequency | Literal["unknown"]
@@ -135,6 +142,7 @@ class RecordedSpec:
     text: TextFormatSpec = TextFormatSpec()
     half_wave: bool = False
     time: str = ""
+    hold: Hold = "band-limited"
 
     def __post_init__(self) -> None:
         """Exactly one period; at least one input and one output; a whole number of samples per period."""

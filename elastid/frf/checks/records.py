@@ -13,7 +13,16 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
     """DataError where the records of a configuration do not fit together."""
     first = records[0]
     for record in records:
-        for name in ("rate_hz", "period_samples", "half_wave", "hold", "inputs", "outputs", "quantities"):
+        for name in (
+            "rate_hz",
+            "period_samples",
+            "half_wave",
+            "hold",
+            "hold_samples",
+            "inputs",
+            "outputs",
+            "quantities",
+        ):
             a, b = getattr(first, name), getattr(record, name)
             if a != b:
                 raise DataError(

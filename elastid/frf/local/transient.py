@@ -80,7 +80,7 @@ def _whole_spectra(record: Record, quantity: Motion, dropped: int) -> tuple[Comp
     order = np.array([MOTION_ORDER[quantity] - MOTION_ORDER[each] for each in record.quantities])
     with np.errstate(divide="ignore", invalid="ignore"):
         Y = _spectra(record.y[used]) * (2j * np.pi * freq_hz[:, None]) ** order
-    hold = record.hold_response(freq_hz)[:, None]
+    hold = record.hold_response(freq_hz)
     R = None if record.r is None else _spectra(record.r[used])
     return np.concatenate([Y, _spectra(record.u[used]) * hold], axis=1), R
 
