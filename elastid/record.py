@@ -56,7 +56,8 @@ class Record:
     rate (rate_hz = 1).  All on the link side.  hold: of the torque between its samples; `zero-order` where u is the
     controller's command, constant from each sample to the next.  hold_samples: for how many samples each input is held,
     0 where it is band-limited; without it all inputs are as `hold` says.  half_wave: odd lines only, so that the second
-    half of a period is minus the first and each half counts as a repetition.  repairs: counts by the kind of repair of the log.
+    half of a period is minus the first and each half counts as a repetition.  repairs: counts by the kind of repair of
+    the log.
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
     from rest): period_samples is then its length.
