@@ -91,7 +91,7 @@ def find_copies(responses: Sequence[FrequencyResponse]) -> tuple[Note, ...]:
             words.append(
                 Note(
                     "alike-responses",
-                    f"configurations {one.configuration.name} and {other.configuration.name} hold the very same "
+                    f"configurations {one.configuration.name} and {other.configuration.name} hold the same "
                     f"numbers at {same} of {min(one.n_lines, other.n_lines)} lines: one measurement counts twice, "
                     "which makes the intervals too narrow, or a file is given for the wrong configuration; leave one "
                     "of them out",
