@@ -239,7 +239,7 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 def inspect(file: Path) -> None:
-    """Show the content of a log or a result: names, shapes, units, rates."""
+    """Show the content of a log or a result: names, shapes, units, rates, values."""
     from elastid.app.inspection import described
 
     click.echo(described(file))

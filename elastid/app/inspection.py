@@ -1,39 +1,129 @@
-"""What is in a log of another program or in a result of elastid: names, shapes, units, rates."""
+"""What is in a log of another program or in a result of elastid: names, shapes, units, rates, values."""
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
-from elastid.base.errors import StudyError
+import numpy as np
+
+from elastid.base.errors import DataError, StudyError
+from elastid.base.value_range import shown_values
 from elastid.experiment.specs.recorded import TextFormatSpec
-from elastid.recorded.files.formats import contents
-from elastid.recorded.files.text import described_format, guess_format
+from elastid.recorded.files.formats import is_log, opened_log
+from elastid.recorded.files.log import ArrayLog
+from elastid.recorded.files.signal_summary import SignalSummary, signal_summary, text_summaries
+from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.responses.arrays import HOW_TO_SAVE
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
 from elastid.store import described as described_artefact
-from elastid.store import kind_of
+from elastid.store import kind_of, read_fit
+
+_COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
+_OBJECTS = (
+    "timetables, timeseries and Simulink outputs are objects, which cannot be read outside MATLAB; save their "
+    "arrays: t = seconds(T.Time); x = T.Variables; save('log.mat', 't', 'x', '-v7')"
+)
 
 
 def described(path: Path) -> str:
     """A page of plain text; StudyError where the file is not there, DataError where it cannot be read."""
-    if not path.is_file():
+    if not path.exists():
         raise StudyError(f"{path}: no such file")
+    if not is_log(path):
+        raise StudyError(f"{path}: a folder, but no ROS bag; name a file in it")
+    if path.is_dir():
+        return "\n".join(_log_lines(path))
     if kind_of(path) is not None:
-        return described_artefact(path)
+        return "\n".join([described_artefact(path), *(_parameters(path) if kind_of(path) == "fit" else ())])
+    if path.suffix.lower() == ".json":
+        return "\n".join([f"{path}:", *_json_lines(path)])
     responses, lines = contents_of(path), []
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
         lines += [f"  {response}" for response in responses]
     if not is_universal_file(path):
-        text = guess_format(path)
-        signals = contents(path, text)
-        width = max(map(len, signals), default=0)
-        lines.append(f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels")
-        if text != TextFormatSpec():
-            lines.append(f"  its numbers are written with {described_format(text)}")
-        lines += [f"  {name.ljust(width)}  {_shape(shape)}" for name, shape in signals.items()]
+        lines += _log_lines(path)
     return "\n".join(lines)
 
 
-def _shape(shape: tuple[int, ...]) -> str:
-    return " x ".join(map(str, shape)) or "one number"
+def _log_lines(path: Path) -> list[str]:
+    """The signals of a log, and whatever else is in it."""
+    text = TextFormatSpec() if path.is_dir() else guess_format(path)
+    with opened_log(path, text) as log:
+        if isinstance(log, TextLog):
+            signals, others = text_summaries(log), []
+        else:
+            arrays = log.arrays if isinstance(log, ArrayLog) else {}
+            signals = [signal_summary(name, array) for name, array in arrays.items() if array.is_signal]
+            others = [f"  {name}: {_other(array)}" for name, array in arrays.items() if not array.is_signal]
+        lines = [f"{path}: {len(signals)} signals; name them as `channel` in experiment.recorded.channels"]
+        if isinstance(log, TextLog) and text != TextFormatSpec():
+            lines.append(f"  its numbers are written with {described_format(text)}")
+        lines += _table(signals)
+        lines += ["other contents, which cannot be channels:", *others] if others else []
+    if not signals and path.suffix.lower() == ".mat":
+        lines.append(f"  {_OBJECTS}; {HOW_TO_SAVE}")
+    return lines
+
+
+def _table(signals: Sequence[SignalSummary]) -> Iterator[str]:
+    rows = [_COLUMNS, *(signal.cells for signal in signals)]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
+    for row, remark in zip(rows, ("", *(signal.remark for signal in signals)), strict=True):
+        cells = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+        yield f"  {cells}  {remark}".rstrip()
+
+
+def _other(array: Any) -> str:
+    """A number or text with its value, anything else by its type."""
+    shape = " x ".join(map(str, array.shape)) or "one"
+    if array.dtype.kind not in "fiubcU" or np.prod(array.shape, dtype=int) > 1:
+        return f"{array.dtype} ({shape})"
+    try:
+        return shown_values(np.asarray(array.read()))
+    except DataError as error:
+        return str(error)
+
+
+def _parameters(path: Path) -> Iterator[str]:
+    """The identified parameters of a fit, with standard deviation and 95 % interval."""
+    result = read_fit(path)
+    yield f"  {result.status}; parameters (standard deviation; 95 % interval):"
+    for parameter in result.parameters:
+        value = f"    {parameter.name} = {result.values[parameter.name]:.6g} {parameter.unit}"
+        if parameter.name in result.std:
+            low, high = result.interval(parameter.name)
+            value += f" ({result.std[parameter.name]:.2g}; {low:.6g} to {high:.6g})"
+        yield value.rstrip()
+
+
+def _json_lines(path: Path) -> Iterator[str]:
+    """The numbers and texts of summary.json and the like; DataError where it is no JSON."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise DataError(f"{path}: damaged, cut short or no JSON file ({error}); run its stage again") from None
+    yield from _json_value("", content, 0)
+
+
+def _json_value(name: str, value: Any, depth: int) -> Iterator[str]:
+    indent = "  " * depth
+    members: Sequence[tuple[str, Any]]
+    if isinstance(value, list) and all(isinstance(each, int | float) for each in value) and value:
+        yield f"{indent}{name} = {shown_values(np.array(value))}"
+        return
+    if isinstance(value, dict):
+        members = list(value.items())
+    elif isinstance(value, list):
+        members = [(str(i), each) for i, each in enumerate(value, start=1)]
+    else:
+        yield f"{indent}{name} = {value:.6g}" if isinstance(value, float) else f"{indent}{name} = {value}"
+        return
+    if name:
+        yield f"{indent}{name}: {'' if members else 'none'}".rstrip()
+    for key, member in members:
+        yield from _json_value(key, member, depth + 1)

@@ -5,11 +5,13 @@
 - measured:   records.h5 and frf.h5
 - results:    fit.h5 and validation.h5
 - comparison: compare.json
+- description: the content of any of them as text
 - unfinished: the checkpoint of an interrupted stage
 
 The same value gives the same bytes: no file holds a date.
 """
 
+from elastid.store.description import described
 from elastid.store.design import (
     read_forecast,
     read_peaks,
@@ -19,7 +21,7 @@ from elastid.store.design import (
     write_plan,
     write_torque,
 )
-from elastid.store.files import Stamp, described, kind_of, read_stamp, remove_leftovers, replacing, text_file
+from elastid.store.files import Stamp, kind_of, read_stamp, remove_leftovers, replacing, text_file
 from elastid.store.measured import (
     read_configurations,
     read_records,

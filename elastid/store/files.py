@@ -1,4 +1,4 @@
-"""Files that are whole or absent, the HDF5 idioms of every layout, and the description of any artefact."""
+"""Files that are whole or absent, and the HDF5 idioms of every layout."""
 
 from __future__ import annotations
 
@@ -202,34 +202,3 @@ def kind_of(path: Path) -> str | None:
     except OSError:
         return None
     return kind if isinstance(kind, str) else None
-
-
-def described(path: Path) -> str:
-    """Groups, variables with axes, shapes and units, and the provenance of a file."""
-    kind = kind_of(path) or ""
-    with opened(path, kind) as file:
-        return "\n".join([f"{path}: {kind}, written by elastid", *_lines(file, 1)])
-
-
-def _lines(group: Any, depth: int) -> Iterator[str]:
-    indent = "  " * depth
-    for name, value in attributes(group).items():
-        if name not in ("elastid", "study"):
-            yield f"{indent}{name} = {value}"
-    for name, item in group.items():
-        if isinstance(item, h5py.Group):
-            yield f"{indent}{name}/"
-            yield from _lines(item, depth + 1)
-        elif name != "study":
-            yield f"{indent}{name} {_axes(item)}{_words(item)}"
-
-
-def _axes(dataset: Any) -> str:
-    if dataset.is_scale:
-        return f"({dataset.size})"
-    return "(" + ", ".join(f"{d.label} {n}" for d, n in zip(dataset.dims, dataset.shape, strict=True)) + ")"
-
-
-def _words(dataset: Any) -> str:
-    units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
-    return f": {long_name}" + (f" [{units}]" if units else "")

@@ -48,6 +48,8 @@ def datasets(group: Any, separator: str, is_transposed: bool, prefix: str = "") 
         name = f"{prefix}{key}"
         if isinstance(item, h5py.Group) and not key.startswith("#"):
             yield from datasets(item, separator, is_transposed, f"{name}{separator}")
+        elif isinstance(item, h5py.Dataset) and "MATLAB_object_decode" in item.attrs:
+            continue  # an object of a class: the numbers refer to its members elsewhere
         elif isinstance(item, h5py.Dataset) and item.dtype.names is not None:
             yield from ((f"{name}.{field}", _stored(item, field, is_transposed)) for field in item.dtype.names)
         elif isinstance(item, h5py.Dataset):
@@ -58,9 +60,12 @@ def _stored(dataset: Any, field: str, is_transposed: bool) -> StoredArray:
     units = dataset.attrs.get("units", "")
     # An empty dataset has no shape.
     shape = tuple(dataset.shape or ())
+    # MATLAB stores texts as numbers.
+    is_text = dataset.attrs.get("MATLAB_class") == b"char"
+    dtype = np.dtype(str) if is_text else dataset.dtype[field] if field else dataset.dtype
     return StoredArray(
         shape[::-1] if is_transposed else shape,
-        dataset.dtype[field] if field else dataset.dtype,
+        dtype,
         partial(_read, dataset, field, is_transposed),
         units.decode() if isinstance(units, bytes) else str(units),
         rows=partial(_read_rows, dataset, field, is_transposed),

@@ -47,8 +47,12 @@ class TextLog:
 
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Every column with its length, by heading or else by number."""
+        return dict(self.named_columns())
+
+    def named_columns(self) -> list[tuple[str, tuple[int, ...]]]:
+        """The same, where headings may be there twice."""
         names = self.headings or tuple(f"column {i + 1}" for i in range(self.n_columns))
-        return dict.fromkeys(names, (len(self.number_lines) - self.first,))
+        return [(name, (len(self.number_lines) - self.first,)) for name in names]
 
     def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
         """Values (n_samples, n_c) of the channels; DataError for a heading or column that is not in the file."""

@@ -1,0 +1,118 @@
+"""`elastid inspect` shows rates, units and values of everything that elastid reads or writes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from elastid.app.inspection import described
+from elastid.base.errors import DataError, StudyError
+from elastid.base.value_range import ValueRange, value_range
+from elastid.record import Configuration, Record
+from elastid.recorded.files import log as log_of_arrays
+from elastid.store import write_records
+
+T = np.arange(50) / 20.0
+
+
+def _row(page: str, signal: str) -> list[str]:
+    """The cells of a signal's line."""
+    return next(line.split() for line in page.splitlines() if line.startswith(f"  {signal} "))
+
+
+def test_a_text_log_is_shown_with_first_lowest_and_highest_value_and_the_rate_of_its_time(tmp_path: Path) -> None:
+    """A column of words is shown with the reason why it has no numbers."""
+    rows = [f"{t},{100 * t * (-1) ** i},{'ok' if i else 'start'}" for i, t in enumerate(T)]
+    (tmp_path / "log.csv").write_text("time,x,state\n" + "\n".join(rows))
+    page = described(tmp_path / "log.csv")
+    assert "rises evenly: 20 Hz if it is the time in s" in page
+    assert _row(page, "x")[:5] == ["x", "50", "0", "-245", "240"]
+    assert "cannot be read" in page
+    assert "'start' is not a number" in page
+
+
+def test_hdf5_is_shown_with_its_units_in_pieces_or_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Values that are not finite are counted, numbers and texts beside the signals are shown."""
+    values = np.stack([np.sin(T), np.where(T == 1, np.nan, 3 * np.sin(T))], axis=1)
+    with h5py.File(tmp_path / "log.h5", "w") as file:
+        file["bench/angles"], file["fs"] = values, 20.0
+        file["bench/angles"].attrs["units"] = "rad"
+    page = described(tmp_path / "log.h5")
+    assert _row(page, "bench/angles")[1:5] == ["50", "x", "2", "rad"]
+    assert "2.99935" in page
+    assert "1 values are not finite" in page
+    assert "fs: 20" in page
+    monkeypatch.setattr(log_of_arrays, "_BLOCK_VALUES", 8)
+    assert described(tmp_path / "log.h5") == page
+
+
+def test_a_matlab_file_is_no_text_and_what_only_matlab_reads_has_a_way_out(tmp_path: Path) -> None:
+    """No word of delimiters; a text is not a signal; objects are told how to be saved."""
+    savemat(tmp_path / "log.mat", {"rec": {"x": np.sin(T), "note": "run 7"}, "fs": 20.0})
+    page = described(tmp_path / "log.mat")
+    assert "delimiter" not in page
+    assert _row(page, "rec.x")[1:4] == ["1", "x", "50"]
+    assert "rec.note: run 7" in page
+    assert "fs: 20" in page
+    with h5py.File(tmp_path / "new.mat", "w", userblock_size=512) as file:
+        file["table"], file["title"] = np.arange(6, dtype=np.uint32), np.arange(5, dtype=np.uint16)[:, None]
+        file["table"].attrs["MATLAB_object_decode"] = 3
+        file["title"].attrs["MATLAB_class"] = np.bytes_("char")
+    with (tmp_path / "new.mat").open("r+b") as raw:
+        raw.write(b"MATLAB 7.3 MAT-file".ljust(512))
+    page = described(tmp_path / "new.mat")
+    assert "0 signals" in page
+    assert "x = T.Variables; save('log.mat', 't', 'x', '-v7')" in page
+
+
+def test_results_show_their_numbers(tmp_path: Path) -> None:
+    """Axes and short arrays one by one, long ones by their range, with rate and unit."""
+    u, y = np.linspace(-2, 3, 60)[:, None], np.linspace(0, 0.1, 60)[:, None]
+    record = Record(
+        "home-r0-e0", Configuration("home", [0.5]), 0, 0, 20.0, 20, ("motor 1",), ("joint 1",), ("position",), u, y
+    )
+    write_records(tmp_path / "records.h5", [record])
+    page = described(tmp_path / "records.h5")
+    assert "rate_hz = 20" in page
+    assert "torque that acts, link side [N*m] = -2 to 3" in page
+    assert "motion, link side [rad] = 0 to 0.1" in page
+    assert "angle of the driven joints [rad] = 0.5" in page
+    assert "input (1): input = motor 1" in page
+
+
+def test_a_summary_shows_its_numbers(tmp_path: Path) -> None:
+    """Every key with its value; a list of numbers in a line; a damaged one is refused."""
+    content = {"status": "converged", "parameters": {"k_1": {"value": 50.0, "interval95": [49.5, 50.5]}}, "notes": []}
+    (tmp_path / "summary.json").write_text(json.dumps(content))
+    lines = [line.strip() for line in described(tmp_path / "summary.json").splitlines()]
+    assert lines[1:] == [
+        "status = converged",
+        "parameters:",
+        "k_1:",
+        "value = 50",
+        "interval95 = 49.5, 50.5",
+        "notes: none",
+    ]
+    (tmp_path / "summary.json").write_text('{"status": ')
+    with pytest.raises(DataError, match="no JSON file"):
+        described(tmp_path / "summary.json")
+
+
+def test_what_cannot_be_shown_is_refused_with_a_reason(tmp_path: Path) -> None:
+    """A missing file and a folder."""
+    with pytest.raises(StudyError, match="no such file"):
+        described(tmp_path / "nothing.h5")
+    with pytest.raises(StudyError, match="a folder, but no ROS bag; name a file in it"):
+        described(tmp_path)
+
+
+def test_a_range_is_that_of_the_finite_values() -> None:
+    """Complex ones by their magnitude, none as NaN, flags as 0 and 1."""
+    assert value_range([np.array([3 + 4j, np.nan])]) == ValueRange(5.0, 5.0, 5.0, 1)
+    assert value_range([np.array([True, False])]) == ValueRange(1.0, 0.0, 1.0, 0)
+    assert np.isnan(value_range([]).low)
