@@ -23,11 +23,15 @@ PydanticError: TypeAlias = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Problem:
-    """One error: the key path, a sentence, and whether the key (not its value) is at fault."""
+    """One error: the key path, a sentence, and whether the key (not its value) is at fault.
+
+    head: whether the comment at the head of the study says more, such as where a missing record can be had.
+    """
 
     path: KeyPath
     message: str
     at_key: bool = False
+    head: bool = False
 
 
 def validate(data: Any, root: type) -> tuple[Any, list[Problem]]:
@@ -149,9 +153,11 @@ def value_at(data: Any, path: KeyPath) -> Any:
 
 
 def make_error(source: YamlSource, found: Iterable[Problem], robot_errors: str = "") -> StudyError:
-    """One line for each problem, in the order of the sources; last the errors of the robot's file."""
-    lines = sorted({_line(source, problem) for problem in found})
-    return StudyError("\n".join([message for _, message in lines] + [robot_errors] * bool(robot_errors)))
+    """One line for each problem, in the order of the sources; last the errors of the robot's file and the head."""
+    found = tuple(found)
+    lines = [message for _, message in sorted({_line(source, problem) for problem in found})]
+    head = source.head if any(problem.head for problem in found) else ()
+    return StudyError("\n".join([*lines, *filter(None, [robot_errors]), *head]))
 
 
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:

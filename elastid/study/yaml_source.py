@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -46,6 +47,12 @@ class YamlSource:
     data: Any
     places: dict[KeyPath, tuple[Place, Place]]
     text: str = ""
+
+    @property
+    def head(self) -> tuple[str, ...]:
+        """The lines of comment before the first key, without directives of editors."""
+        comment = takewhile(lambda line: line.startswith("#"), self.text.splitlines())
+        return tuple(line for line in comment if "yaml-language-server" not in line)
 
     def place(self, path: KeyPath, of_value: bool = False) -> Place:
         """Where a key path is written, or else the nearest key above it."""

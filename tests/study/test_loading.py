@@ -66,7 +66,7 @@ def test_a_template_lacks_only_its_data(template: str, file: str, tmp_path: Path
     """A new study of measured data says which file to bring."""
     for source in (TEMPLATES / template).iterdir():
         (tmp_path / source.name).write_text(source.read_text())
-    (error,) = errors(tmp_path / "study.yml")
+    error, *_ = errors(tmp_path / "study.yml")
     assert f"experiment.{template}.files[0].path: no such file" in error
     assert file in error
 
@@ -440,3 +440,20 @@ def _errors_if_any(study: Path) -> list[str]:
 def test_a_folder_in_place_of_a_study_is_told_apart(tiny: Path) -> None:
     with pytest.raises(StudyError, match=r"cannot be read \(Is a directory\); name the study in it, such as"):
         load(tiny.parent)
+
+
+def test_a_study_whose_record_is_missing_says_where_it_can_be_had(tmp_path: Path) -> None:
+    """The comment at the head of the study follows the errors; of a study without one, nothing does."""
+    study = (CONFIGS / "real" / "motor_bench.yml").read_text().replace("../../../shared", "../nowhere")
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "real").mkdir()
+    (tmp_path / "robots" / "two_inertia_bench.yml").write_bytes((CONFIGS / "robots/two_inertia_bench.yml").read_bytes())
+    path = tmp_path / "real" / "study.yml"
+    path.write_text(study)
+    found = errors(path)
+    head = [line for line in study.splitlines() if line.startswith("#")]
+    assert "no such file" in found[0]
+    assert found[1:] == head
+    assert any("github.com" in line for line in head)
+    path.write_text("\n".join(line for line in study.splitlines() if not line.startswith("#")))
+    assert len(errors(path)) == 1

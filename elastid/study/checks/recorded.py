@@ -61,7 +61,7 @@ def _check_files(
         if not is_log(place):
             beside = sorted(p.name for p in place.parent.iterdir() if p.is_file()) if place.parent.is_dir() else []
             hint = f"; {did_you_mean(place.name, beside[:MAX_LISTED])}" if beside else ""
-            yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}")
+            yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}", head=True)
         if file.configuration not in configurations:
             yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, configurations)
     for name in configurations:
