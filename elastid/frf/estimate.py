@@ -31,6 +31,7 @@ from elastid.frf.local.response import local_response
 from elastid.frf.methods import METHODS, Estimate
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.frf.spectra import RecordSpectra, refuse_uncomputable
+from elastid.frf.without_period import response_without_period
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 
@@ -45,12 +46,14 @@ def estimate(
     Records are grouped by realisation; a mean over realisations needs as many experiments of each as there are inputs,
     other methods as many in all, local ones a single one.  planned_lines: the excited DFT lines where a plan states
     them.  total is None for one realisation, unless odd lines were left out on purpose.  Notes report the periods and
-    lines left out, and signs of a faulty measurement.
+    lines left out, and signs of a faulty measurement.  Records without a period: `without_period`.
 
     Raises DataError where the records do not fit together, the experiments do not separate the inputs, or no line is
     excited.
     """
     refuse_mismatch(records)
+    if not records[0].is_periodic:
+        return _placed(response_without_period(records, spec))
     groups = _realisations(records)
     method, reason = choose_method(spec, groups)
     if method in LOCAL:

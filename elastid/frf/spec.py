@@ -6,7 +6,7 @@ import math
 from typing import Literal, TypeAlias
 
 from elastid.base.section import section
-from elastid.base.units import Frequency
+from elastid.base.units import Frequency, Time
 from elastid.record import Motion
 
 Method: TypeAlias = Literal[
@@ -23,7 +23,11 @@ Method: TypeAlias = Literal[
     "local_rational",
 ]
 
+Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "flattop", "boxcar"]
+
 _MEANS = ("arithmetic", "harmonic", "logarithmic")
+# Segments that overlap more cost time and tell nothing new.
+_MAX_OVERLAP = 0.95
 _BY_NEIGHBOURS = ("auto", "local_polynomial", "local_rational")
 
 
@@ -42,6 +46,13 @@ class EstimatorSpec:
     with a local method.  outlier_sigma: a period further from the median than so many robust standard deviations is
     left out with a note, but for local methods.  local_order: degree of the local polynomials; `auto` is 2, rational
     up to 3.  local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6.
+
+    Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`; their lines are
+    `full`.
+    window: of each segment in Welch's method.  overlap: of neighbouring segments, as a part of their length.
+    segment: length in Welch's method, whose lines are 1/segment apart; `auto`: the longest power of two in samples that
+    leaves 16 segments, and 8 for each input.  resolution_hz: distance of the lines of a local method, whose windows are
+    as wide at least, for records without a period; default: each line of their DFT.
     """
 
     method: Method = "arithmetic"
@@ -52,6 +63,10 @@ class EstimatorSpec:
     outlier_sigma: float = 6.0
     local_order: int | Literal["auto"] = "auto"
     local_margin: int = 2
+    window: Window = "hann"
+    overlap: float = 0.5
+    segment: Time | Literal["auto"] = "auto"
+    resolution_hz: Frequency | None = None
 
     def __post_init__(self) -> None:
         """Check band, counts and threshold."""
@@ -66,6 +81,12 @@ class EstimatorSpec:
                 f"local_order is {self.local_order}, it must be 1 to 6; local_margin is {self.local_margin}, it must "
                 "not be negative"
             )
+        if not 0 <= self.overlap <= _MAX_OVERLAP:
+            raise ValueError(f"overlap is {self.overlap:g}; it must be from 0 to {_MAX_OVERLAP:g} of a segment")
+        if self.segment != "auto" and not self.segment > 0:
+            raise ValueError(f"segment is {self.segment:g} s; it must be positive")
+        if self.resolution_hz is not None and not self.resolution_hz > 0:
+            raise ValueError(f"resolution_hz is {self.resolution_hz:g}; it must be positive")
 
     def experiments_needed(self, n_u: int, realisations: int) -> int:
         """Experiments of each realisation that are needed to separate n_u inputs."""

@@ -13,16 +13,9 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
     """DataError where the records of a configuration do not fit together."""
     first = records[0]
     for record in records:
-        for name in (
-            "rate_hz",
-            "period_samples",
-            "half_wave",
-            "hold",
-            "hold_samples",
-            "inputs",
-            "outputs",
-            "quantities",
-        ):
+        names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "inputs", "outputs", "quantities"]
+        # Without a period each record has its own length.
+        for name in [*names, "period_samples"] if first.is_periodic else names:
             a, b = getattr(first, name), getattr(record, name)
             if a != b:
                 raise DataError(

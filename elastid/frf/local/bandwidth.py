@@ -58,7 +58,7 @@ def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, po
                 "wide-windows",
                 f"the windows are wider than the bandwidth of {wide.size} of {len(span)} modes: {span[worst]:.3g} Hz "
                 f"at {found.freq_hz[worst]:.4g} Hz, where the mode is {found.bandwidth_hz[worst]:.3g} Hz wide; its "
-                "peak may be flattened: take method local_rational, a longer period or more experiments",
+                "peak may be flattened: take method local_rational, a longer period or record, or more experiments",
             )
         ]
     inside = np.array([np.sum(np.abs(found.freq_hz - f) <= s / 2) for f, s in zip(found.freq_hz, span, strict=True)])
@@ -70,7 +70,7 @@ def wide_windows(found: LocalModes, freq_hz: FloatArray, span_hz: FloatArray, po
         Note(
             "crowded-window",
             f"{inside[worst]} modes share a window of {span[worst]:.3g} Hz at {found.freq_hz[worst]:.4g} Hz, which has "
-            f"poles for {poles}; take a longer period, more experiments or a higher local_order",
+            f"poles for {poles}; take a longer period or record, more experiments or a higher local_order",
         )
     ]
 

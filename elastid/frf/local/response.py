@@ -59,20 +59,21 @@ def local_response(
     first = records[0]
     for record in records:
         _refuse_gaps(record)
-    lines = analysed_lines([RecordSpectra(record) for record in records], spec, planned_lines)
+    all_lines = analysed_lines([RecordSpectra(record) for record in records], spec, planned_lines)
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
-    spectra = [settled_spectra(record, lines, spec.quantity, dropped) for record in records]
+    spectra = [settled_spectra(record, all_lines, spec.quantity, dropped) for record in records]
     _refuse_dead_inputs(first, spectra)
     closed = all(each.R is not None for each in spectra)
     spectra, repeated = merge_repeats(spectra, closed), len(spectra)
     ladder = _ladder(spec, len(first.inputs), transient=not all(each.settled for each in spectra))
     Z, R = _signals(spectra, closed)
-    where = _windows(lines, ladder[-1], spec, first, Z)
+    where = _windows(all_lines, ladder[-1], spec, first, Z)
     fit = local_fit(Z, R, where, ladder)
     usable = _usable_lines(fit, closed, spec, first)
+    lines = all_lines[_every(_step(spec, first))]
     G, noise, total = _responses(fit, spectra, closed, usable)
     if ladder[-1].transient and spec.method == "local_polynomial":
-        total = _with_model_error(G, total, spectra, (Z, R), lines, usable, spec, first)
+        total = _with_model_error(G, total, spectra, (Z, R), all_lines, usable, spec, first)
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, where.span))
     notes = [note for record in records for note in record.notes]
     if not usable.all():
@@ -132,9 +133,22 @@ def _windows(lines: IntArray, terms: WindowTerms, spec: EstimatorSpec, first: Re
     if n_w > len(lines):
         raise DataError(
             f"configuration {first.configuration.name}: {spec.method} needs {n_w} lines in a window, "
-            f"{len(lines)} are excited; measure more experiments or take a longer period"
+            f"{len(lines)} are excited; widen band_hz, measure more experiments, or take a longer period or record"
         )
-    return windows(lines, lines, n_w)
+    step = _step(spec, first)
+    return windows(lines, lines[_every(step)], max(n_w, min(step, len(lines))))
+
+
+def _step(spec: EstimatorSpec, first: Record) -> int:
+    """DFT lines from one line of G to the next: 1 for records with a period."""
+    if spec.resolution_hz is None or first.is_periodic:
+        return 1
+    return max(1, round(spec.resolution_hz * first.period_samples / first.rate_hz))
+
+
+def _every(step: int) -> slice:
+    """Every step-th line, each in the middle of its neighbours."""
+    return slice((step - 1) // 2, None, step)
 
 
 def _usable_lines(fit: LocalFit, closed: bool, spec: EstimatorSpec, first: Record) -> BoolArray:

@@ -1,0 +1,104 @@
+"""Records without a period: Welch's H1, H2 and Hv against SciPy, closed forms and Monte Carlo."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.noise_record import H1, MIX, RATE, noise_record, truth
+from plants.notes import said
+from scipy.signal import coherence, csd, lfilter
+
+from elastid.base.errors import DataError
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import Method
+
+
+@pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])
+@pytest.mark.parametrize("overlap", [0.0, 0.5, 0.75])
+def test_h1_h2_and_coherence_are_those_of_scipy(window: str, overlap: float) -> None:
+    """One input and one output, to rounding, at all lines of the segment but the first and the last."""
+    record = noise_record(5000, 0, n=1, noise=0.3)
+    spec = replace(H1, window=window, overlap=overlap)
+    how = {"fs": RATE, "window": window, "nperseg": 256, "noverlap": round(256 * overlap)}
+    freq_hz, uy = csd(record.u[:, 0], record.y[:, 0], **how)
+    uu, yy = (csd(x[:, 0], x[:, 0], **how)[1] for x in (record.u, record.y))
+    inside = slice(1, 128)
+    h1, h2 = (estimate([record], replace(spec, method=method)) for method in ("h1", "h2"))
+    np.testing.assert_allclose(h1.freq_hz, freq_hz[inside])
+    np.testing.assert_allclose(h1.G[:, 0, 0], (uy / uu)[inside], rtol=1e-11)
+    np.testing.assert_allclose(h2.G[:, 0, 0], (yy / uy.conj())[inside], rtol=1e-11)
+    assert h1.quality is not None
+    gamma2 = coherence(record.u[:, 0], record.y[:, 0], **how)[1][inside]
+    np.testing.assert_allclose(h1.quality.coherence[:, 0, 0], gamma2, rtol=1e-11)
+    np.testing.assert_allclose(h1.quality.multiple_coherence[:, 0], gamma2, rtol=1e-11)
+
+
+def test_several_records_and_inputs_are_pooled_like_scipys_cross_spectra() -> None:
+    """Two inputs, two outputs, records of different length: one inverse of the sum of all segments at every line."""
+    records = [noise_record(n, seed, noise=0.2, realisation=seed) for seed, n in enumerate((4000, 2700))]
+    S = {"yu": np.zeros((127, 2, 2), complex), "uu": np.zeros((127, 2, 2), complex)}
+    for record in records:
+        count = 1 + (record.n_samples - 256) // 128
+        for name, x in (("yu", record.y), ("uu", record.u)):
+            each = csd(record.u.T[None], x.T[:, None], fs=RATE, nperseg=256)[1]
+            S[name] += count * np.moveaxis(each, 2, 0)[1:128]
+    response = estimate(records, H1)
+    np.testing.assert_allclose(response.G, S["yu"] @ np.linalg.inv(S["uu"]), rtol=1e-10)
+
+
+@pytest.mark.parametrize("method", ["h1", "h2", "hv"])
+def test_every_method_finds_the_plant_where_there_is_no_noise(method: Method) -> None:
+    """Two inputs; only the leakage of a segment is left, 1 % of G."""
+    response = estimate([noise_record(60_000, 0)], replace(H1, method=method, segment=5.12))
+    G = truth(response.freq_hz)
+    assert np.linalg.norm(response.G - G) < 0.01 * np.linalg.norm(G)
+
+
+def test_the_variance_is_that_of_the_coherence() -> None:
+    """One input: |H|^2 (1 - gamma^2) / gamma^2 / (K_e - 1), with the degrees of freedom K_e - 1."""
+    response = estimate([noise_record(5000, 3, n=1, noise=0.5)], H1)
+    assert response.quality is not None
+    assert response.noise is not None
+    assert response.total is not None
+    gamma2, K_e = response.quality.coherence, response.noise.dof + 1
+    np.testing.assert_allclose(
+        response.noise.variance, np.abs(response.G) ** 2 * (1 - gamma2) / gamma2 / (K_e - 1), rtol=1e-9
+    )
+    np.testing.assert_array_equal(response.total.variance, response.noise.variance)
+
+
+@pytest.mark.parametrize(("window", "overlap"), [("hann", 0.0), ("hann", 0.5), ("hann", 0.75), ("boxcar", 0.5)])
+def test_the_error_has_the_variance_that_is_stated(window: str, overlap: float) -> None:
+    """Mean squared error over mean variance of 60 records of two inputs, whatever the overlap: 1 within 10 %."""
+    squares, variances = [], []
+    for seed in range(60):
+        # A plant without memory has no leakage: noise alone is left.
+        record = noise_record(4000, seed, noise=0.0)
+        y = record.u @ MIX.T + np.random.default_rng(seed + 1000).normal(size=record.u.shape)
+        spec = replace(H1, window=window, overlap=overlap, segment=0.64)
+        response = estimate([replace(record, y=y)], spec)
+        assert response.total is not None
+        squares.append(np.abs(response.G - MIX) ** 2)
+        variances.append(response.total.variance)
+    assert np.mean(squares) / np.mean(variances) == pytest.approx(1.0, abs=0.1)
+
+
+def test_lines_are_those_of_the_segment_within_the_band() -> None:
+    """Segments of 1 s: whole Hz from 10 to 40."""
+    response = estimate([noise_record(5000, 0)], replace(H1, segment=1.0, band_hz=(10.0, 40.0)))
+    np.testing.assert_allclose(response.freq_hz, np.arange(10, 41))
+
+
+def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported() -> None:
+    """One signal on both inputs; a segment shorter than the decay of a resonance."""
+    record = noise_record(3000, 0)
+    with pytest.raises(DataError, match="do not separate the 2 inputs"):
+        estimate([replace(record, u=record.u[:, [0, 0]])], H1)
+    rng = np.random.default_rng(0)
+    pole = 0.999 * np.exp(2j * np.pi * 30 / RATE)
+    u = rng.normal(size=(20_000, 1))
+    y = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], u, axis=0)
+    words = " ".join(said(estimate([replace(noise_record(20_000, 0, n=1), u=u, y=y)], H1).notes))
+    assert "barely resolve 1 of 1 resonances, that at 29.69 Hz" in words

@@ -1,0 +1,71 @@
+"""Records without a period by local methods; the choice of a method, and refusals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.noise_record import H1, RATE, noise_record, truth
+from plants.notes import said
+
+from elastid.base.errors import DataError, StudyError
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec, Method
+from elastid.response import FrequencyResponse
+
+
+@pytest.mark.parametrize("method", ["local_polynomial", "local_rational"])
+def test_local_methods_take_one_record_of_noise_from_rest(method: Method) -> None:
+    """Full lines; errors as large as stated, and a grid of its own resolution uses the lines between."""
+    spec = EstimatorSpec(method=method, quantity="velocity", band_hz=(5.0, 80.0))
+    record = noise_record(4000, 1, noise=0.3)
+    full, coarse = (estimate([record], each) for each in (spec, replace(spec, resolution_hz=2.0)))
+    np.testing.assert_allclose(np.diff(full.freq_hz), RATE / 4000)
+    np.testing.assert_allclose(np.diff(coarse.freq_hz), 2.0)
+    for response in (full, coarse):
+        assert response.total is not None
+        ratio = np.abs(response.G - truth(response.freq_hz)) ** 2 / response.total.variance
+        assert 0.4 < ratio.mean() < 2
+    assert coarse.total is not None
+    assert full.total is not None
+    assert np.median(coarse.total.variance) < 0.7 * np.median(full.total.variance)
+
+
+def test_auto_takes_a_local_method_and_says_why_and_h1_for_long_records() -> None:
+    """200 s at 200 Hz are 20 000 lines; ten times as many are too many for a local method."""
+    spec = EstimatorSpec(method="auto", quantity="velocity")
+    short = estimate([noise_record(3000, 0, n=1)], spec)
+    assert "auto takes local_rational: the records have no period" in said(short.notes)[0]
+    long = estimate([noise_record(120_000, 0, n=1)], spec)
+    assert "auto takes h1: the records have no period; a local method would fit 59999 lines" in said(long.notes)[0]
+
+
+def test_records_of_different_length_are_cut_for_a_local_method_or_refused() -> None:
+    """A note for a little, a refusal whose remedy, h1, works for much."""
+    spec = EstimatorSpec(method="local_rational", quantity="velocity", band_hz=(5.0, 80.0))
+    a, b, c = (noise_record(n, i, noise=0.1, realisation=i) for i, n in enumerate((2000, 2040, 900)))
+    assert "records of 10 to 10.2 s are cut to the shortest" in " ".join(said(estimate([a, b], spec).notes))
+    with pytest.raises(DataError, match=r"take estimator\.method h1"):
+        estimate([a, b, c], spec)
+    assert estimate([a, b, c], replace(spec, method="h1")).n_lines > 10
+
+
+def _refusals() -> list[tuple[EstimatorSpec, str, EstimatorSpec]]:
+    """What is refused, by which words, and the remedy in them."""
+    return [
+        (replace(H1, method="arithmetic"), "no period, which estimator.method arithmetic", replace(H1, method="auto")),
+        (replace(H1, lines="odd"), "take estimator.lines full", replace(H1, lines="full")),
+        (replace(H1, transient_periods=1), "leave the key out", H1),
+        (replace(H1, segment=15.0), "give estimator.segment 2.5 or less", replace(H1, segment=2.5)),
+        (replace(H1, segment=0.01), "give 0.02 s or more", replace(H1, segment=0.02)),
+    ]
+
+
+@pytest.mark.parametrize(("wrong", "words", "remedy"), _refusals(), ids=lambda x: x if isinstance(x, str) else "")
+def test_every_refusal_names_a_remedy_that_works(wrong: EstimatorSpec, words: str, remedy: EstimatorSpec) -> None:
+    """A record of 15 s."""
+    record = noise_record(3000, 0, noise=0.1)
+    with pytest.raises((DataError, StudyError), match=words):
+        estimate([record], wrong)
+    assert isinstance(estimate([record], remedy), FrequencyResponse)
