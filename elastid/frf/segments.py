@@ -135,7 +135,7 @@ def cross_spectra(records: Sequence[Record], segments: Segments, lines: IntArray
     order = np.array([MOTION_ORDER[spec.quantity] - MOTION_ORDER[each] for each in first.quantities])
     scale = np.empty((len(lines), n), dtype=np.complex128)
     scale[:, :n_y] = (2j * np.pi * freq_hz[:, None]) ** order
-    scale[:, n_y:] = first.hold_response(freq_hz)[:, None]
+    scale[:, n_y:] = first.hold_response(freq_hz)
     scale *= 2 / w.sum()
     S *= scale[:, :, None] * scale[:, None, :].conj()
     lengths = [record.n_samples for record in records]

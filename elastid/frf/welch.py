@@ -27,7 +27,7 @@ from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.frf.checks.quality import coherences
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.bandwidth import local_modes
-from elastid.frf.matrices import adjoint, power
+from elastid.frf.matrices import adjoint, power, transposed
 from elastid.frf.segments import CrossSpectra, Segments, cross_spectra, make_segments
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
@@ -128,7 +128,8 @@ def _covariance(data: CrossSpectra, G: ComplexArray) -> tuple[Covariance, Comple
     # Rounding makes the residual of exact data negative.
     S_V = S_V + np.eye(data.n_y) * np.maximum(-np.linalg.eigvalsh(S_V)[:, :1, None], 0.0)
     C_V = S_V * (data.K_e / data.K / dof)
-    left: ComplexArray = np.swapaxes(np.linalg.inv(data.uu), 1, 2) * (data.K / data.K_e)
+    inverse: ComplexArray = np.asarray(np.linalg.inv(data.uu), dtype=np.complex128)
+    left = transposed(inverse) * (data.K / data.K_e)
     return kronecker(left, C_V, dof), C_V
 
 
