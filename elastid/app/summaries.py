@@ -38,7 +38,8 @@ def truth(study: Study) -> dict[str, float] | None:
     if simulated is None:
         return None
     robot = study.robot
-    numbers = {name: value for name, (value, _) in robot.parameters(robot.geometry).items()} | {DELAY: 0.0}
+    named = (*robot.geometry, *(name for name in robot.gains if name in study.fit.parameters))
+    numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
     # Dry friction looks viscous to a multisine: the fitted number is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
     rough = {law.place for law in frictions(study.robot)}

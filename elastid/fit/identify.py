@@ -23,6 +23,7 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise, widening_bands
+from elastid.fit.setup.gain_scale import check_scale
 from elastid.fit.setup.geometry import check_geometry
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.setup.response_checks import check_responses, find_copies, find_same_postures
@@ -54,8 +55,8 @@ def identify(
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
     result does not depend on it.
     Raises StudyError for parameters, masks or places that do not exist; DataError where no data are left; FitError for
-    a parameter without effect and where every start fails; Interrupted, with the starts that were done, on Ctrl-C once
-    the search has begun.
+    a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
+    were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
     assembly, starts, hits = _search(responses, robot, spec, model, execution)
@@ -90,6 +91,7 @@ def _search(
     fit = assembly.at(parameters.x, spec.criterion)
     _check_residuals(fit, assembly)
     check_effects(fit, robot)
+    check_scale(fit, robot)
     first = assembly.at(parameters.x, "log") if spec.log_first and spec.criterion == "complex" else fit
     criterion = "log" if first is not fit else spec.criterion
     bands = (*widening_bands(first, spec.continuation), first)

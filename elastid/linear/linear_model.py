@@ -20,6 +20,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen, frozen_value
 from elastid.linear.measurement_chain import Element
 from elastid.record import Configuration, Motion
+from elastid.robot import gain_name
 
 DELAY = "delay"
 
@@ -45,7 +46,7 @@ class LinearModel:
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not enter this
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
-    was eliminated.  Link side, SI.
+    was eliminated.  gains: names of the parameters that are gains of channels.  Link side, SI.
     """
 
     configuration: Configuration
@@ -63,6 +64,7 @@ class LinearModel:
     T: FloatArray | None = None
     chain: tuple[Element, ...] = ()
     Z: FloatArray | None = None
+    gains: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes; without T no output is an accelerometer."""
@@ -95,6 +97,15 @@ class LinearModel:
     def number(self, theta: FloatArray, name: str) -> float:
         """The value of one parameter in theta (n_theta,)."""
         return float(theta[self.parameters.index(name)])
+
+    def channel_gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """g_y (n_y,) and 1 / g_u (n_u,): factors of rows and columns of G where channels are not calibrated, or 1."""
+
+        def of(role: str, places: Sequence[str]) -> FloatArray:
+            names = [gain_name(role, place) for place in places]
+            return np.array([self.number(theta, name) if name in self.gains else 1.0 for name in names])
+
+        return of("y", self.outputs), 1 / of("u", self.inputs)
 
     def readout(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """C and T (n_y, n) at theta (n_theta,) in SI."""

@@ -117,6 +117,7 @@ class Linearisation:
             chain=elements(model.robot.chain),
             T=T @ Z,
             Z=Z,
+            gains=tuple(name for name in model.parameters if name in model.robot.gains),
         )
 
 

@@ -62,6 +62,8 @@ def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:
         "velocity": (np.hstack([still, C]), through),
         "acceleration": (C @ motion[:, : 2 * n] + np.hstack([tilt, still]), C @ motion[:, 2 * n :]),
     }[model.quantity]
+    of_outputs, of_inputs = model.channel_gains(theta)
+    B, C, D_y = B * of_inputs, of_outputs[:, None] * C, of_outputs[:, None] * D_y * of_inputs
     for element in model.chain:
         if not isinstance(element, LagElement):
             raise StudyError(

@@ -26,7 +26,7 @@ c_payload_x, I_payload of what it carries; of the rod of loop l m_l, a_l (place 
 
 So has its geometry, in m, which is identified only where a study names it: p_arm_x (placement of body arm), pj_1_x
 (point that the axis of joint 1 goes through), pc1_cyl_x and pc2_cyl_x (ends of compensator cyl), p1_l_x, p2_l_x and
-l_l (ends of loop l, length of its rod).
+l_l (ends of loop l, length of its rod). And so have the gains of the channels: gain_y_joint_1, gain_u_motor_1.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from elastid.robot.gears import GearCoupling
 from elastid.robot.gravity_compensator import Anchor, CoilSpring, Compensator, GasSpring
 from elastid.robot.joint import Joint, Limits
 from elastid.robot.loop import Loop, Pin, Rod
-from elastid.robot.measurement_chain import Chain
+from elastid.robot.measurement_chain import Chain, ChannelGain, gain_name
 from elastid.robot.motor import Motor
 from elastid.robot.placement import Acceleration3, Angles3, Axis, Placement, Vector3, unit_axis
 from elastid.robot.robot import FRAME_AXES, Robot
@@ -53,6 +53,7 @@ __all__ = [
     "Axis",
     "Body",
     "Chain",
+    "ChannelGain",
     "CoilSpring",
     "Compensator",
     "Dahl",
@@ -76,5 +77,6 @@ __all__ = [
     "Spring",
     "TemperatureDependence",
     "Vector3",
+    "gain_name",
     "unit_axis",
 ]

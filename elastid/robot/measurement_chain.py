@@ -4,15 +4,54 @@ r"""The measurement chain around the mechanics: factors of torque loop, sensors 
 
 Each element has one number with a name, which a fit may keep or find: torque_lag (T_tau), sensor_lag (T_y),
 differentiator (T_Delta). The torque delay is always there, under the name `delay`.
+
+A channel that is not calibrated reads g times what is there: gain_y_accelerometer_tool_z of a motion, gain_u_motor_1 of
+a torque, so that the response that is measured is
+
+.. math:: \hat G_{ij} = g_{y,i}\, G_{ij} / g_{u,j}
+
+Every place has such gains; they are 1, and parameters only where a study names them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterable
+from dataclasses import replace
 from typing import Literal
 
 from elastid.base.section import section
 from elastid.base.units import Time
 from elastid.robot.named_numbers import Numbers
+
+
+def gain_name(role: str, at: str) -> str:
+    """The name of a channel's gain, by the role and place of the channel.
+
+    >>> gain_name("y", "accelerometer tool z")
+    'gain_y_accelerometer_tool_z'
+    """
+    return f"gain_{role}_{at}".replace(" ", "_")
+
+
+@section
+class ChannelGain:
+    """What a channel reads over what is there, 1 for one that is calibrated.
+
+    role: `u` of a torque, `y` of a motion.  at: place on the robot, as of the channel.  gain: factor, positive; the
+    start of a fit that names it (gain_y_accelerometer_tool_z), and held by others.
+    """
+
+    role: Literal["u", "y"]
+    at: str
+    gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse a gain that is not positive."""
+        if not self.gain > 0:
+            raise ValueError(
+                f"the gain of {self.role} at {self.at} is {self.gain:g}; it must be positive (for the other sign give "
+                "the channel sign: -1)"
+            )
 
 
 @section
@@ -23,6 +62,7 @@ class Chain:
     ratio of a torque loop of second order.
     sensor_lag: time constant 1 / (2 pi corner) of the low-pass filter of the logged motions.  sensor_order: of that
     filter, a Butterworth filter.  differentiator: time over which a logged velocity is the difference of positions.
+    gains: of channels that read something else than what is there.
     """
 
     torque_lag: Time | None = None
@@ -31,6 +71,7 @@ class Chain:
     sensor_lag: Time | None = None
     sensor_order: Literal[1, 2, 3, 4] = 1
     differentiator: Time | None = None
+    gains: tuple[ChannelGain, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse times and damping that are not positive."""
@@ -40,9 +81,35 @@ class Chain:
                 raise ValueError(f"{name} is {value:g} s; it must be positive (leave it out where there is none)")
         if not self.torque_damping > 0:
             raise ValueError(f"torque_damping is {self.torque_damping:g}; it must be positive")
+        channels = [(each.role, each.at) for each in self.gains]
+        for role, at in channels:
+            if channels.count((role, at)) > 1:
+                raise ValueError(f"gains has {role} at {at} twice; leave one out")
 
     @property
     def numbers(self) -> Numbers:
-        """The time constant of each element that is present."""
+        """The time constant of each element that is present, and the gains that are listed."""
         names = ("torque_lag", "sensor_lag", "differentiator")
-        return {name: ("s", (name,)) for name in names if getattr(self, name) is not None}
+        times: Numbers = {name: ("s", (name,)) for name in names if getattr(self, name) is not None}
+        return times | {gain_name(g.role, g.at): ("1", ("gains", i, "gain")) for i, g in enumerate(self.gains)}
+
+    def gain(self, role: str, at: str) -> float:
+        """The gain of a channel, 1 where none is listed."""
+        return next((each.gain for each in self.gains if (each.role, each.at) == (role, at)), 1.0)
+
+    def gains_at(self, motors: Iterable[str], places: Iterable[str]) -> dict[str, ChannelGain]:
+        """By name those of torques at motors and of motions at places, 1 where none is listed."""
+        every = [ChannelGain("u", at, self.gain("u", at)) for at in motors]
+        every += [ChannelGain("y", at, self.gain("y", at)) for at in places]
+        return {gain_name(each.role, each.at): each for each in every}
+
+    def check_places(self, motors: Collection[str], places: Collection[str]) -> None:
+        """ValueError for a listed gain of a channel that cannot be."""
+        for each in self.gains:
+            known = motors if each.role == "u" else places
+            if each.at not in known:
+                raise ValueError(f"chain.gains: no {each.role} is at '{each.at}'; there are {', '.join(known)}")
+
+    def with_gains(self, gains: Iterable[ChannelGain]) -> Chain:
+        """The same with further gains listed."""
+        return replace(self, gains=(*self.gains, *gains))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +16,7 @@ from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series
 from elastid.robot.gravity_compensator import Compensator
 from elastid.robot.joint import Joint
 from elastid.robot.loop import Loop
-from elastid.robot.measurement_chain import Chain
+from elastid.robot.measurement_chain import Chain, ChannelGain
 from elastid.robot.named_numbers import Numbers, Path, at, below, replaced
 from elastid.robot.placement import Acceleration3, Placement
 
@@ -71,6 +72,7 @@ class Robot:
             self._check_carrier(joint)
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
+        self.chain.check_places(self.motor_locations, self.locations)
 
     def _check_body(self, owner: str, name: str) -> None:
         """The base or a body of the tree."""
@@ -244,6 +246,16 @@ class Robot:
             numbers |= below(path, part.geometry)
         return numbers
 
+    @cached_property
+    def gains(self) -> dict[str, ChannelGain]:
+        """The gain of every channel that may be, 1 where none is listed; parameters as the geometry is."""
+        return self.chain.gains_at(self.motor_locations, self.locations)
+
+    @property
+    def on_demand(self) -> tuple[str, ...]:
+        """Names of the numbers that are parameters only where they are asked for: of the geometry, gains."""
+        return (*self.geometry, *self.gains)
+
     @property
     def _joints_and_bodies(self) -> Iterator[tuple[Path, Joint | Body]]:
         for b, body in enumerate(self.bodies):
@@ -256,15 +268,16 @@ class Robot:
         yield from ((("compensators", i), compensator) for i, compensator in enumerate(self.compensators))
 
     def parameters(self, geometry: Collection[str] = ()) -> dict[str, tuple[float, str]]:
-        """Every number with a name: its value and SI unit; of the geometry those that are named, last."""
+        """Every number with a name: its value and SI unit; of geometry and gains those that are named, last."""
         named = {name: entry for name, entry in self.geometry.items() if name in geometry} if geometry else {}
-        return {name: (at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
+        table = {name: (at(self, path), unit) for name, (unit, path) in (self.numbers | named).items()}
+        return table | ({name: (g.gain, "1") for name, g in self.gains.items() if name in geometry} if geometry else {})
 
     def with_parameters(self, values: Mapping[str, float]) -> Robot:
         """The same robot with other numbers; StudyError for a name it does not have, ValueError for a bad number."""
-        known = self.numbers
-        if any(name not in known for name in values):
-            known = known | self.geometry
+        known = self.numbers | (self.geometry if any(name not in self.numbers for name in values) else {})
+        if further := [self.gains[name] for name in values if name in self.gains and name not in known]:
+            return replace(self, chain=self.chain.with_gains(further)).with_parameters(values)
         for name in values:
             if name not in known:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(known)}")

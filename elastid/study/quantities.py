@@ -11,7 +11,7 @@ from typing import TypeAlias
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.base.units import Quantity, to_si
 from elastid.fit.setup.groups import SEPARATOR
-from elastid.fit.setup.parameter_choice import choose, named_geometry
+from elastid.fit.setup.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
 from elastid.study.messages import Problem
@@ -28,8 +28,8 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
     """The study with every quantity a float in SI; and unknown names, wrong units, and what `choose` refuses."""
     found: list[Problem] = []
-    numbers = study.robot.parameters(study.robot.geometry)
-    named = named_geometry(study.fit.parameters, study.robot)
+    numbers = study.robot.parameters(study.robot.on_demand)
+    named = named_on_demand(study.fit.parameters, study.robot)
     table: Table = {**study.robot.parameters(named), DELAY: (0.0, "s")}
     parameters = {
         name: _convert_parameter(spec, name, table, numbers, found) for name, spec in study.fit.parameters.items()
@@ -49,7 +49,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
 def _convert_parameter(
     spec: ParameterSpec, pattern: str, table: Table, every: Table, found: list[Problem]
 ) -> ParameterSpec:
-    """The spec in SI.  table: the parameters; every: with geometry that no key names."""
+    """The spec in SI.  table: the parameters; every: with geometry and gains that no key names."""
     path = (*_FIT, pattern)
     names = [name for name in table if fnmatchcase(name, pattern.partition(SEPARATOR)[0])]
 
@@ -57,7 +57,7 @@ def _convert_parameter(
         return _convert(value, names, (*path, *keys), table, found)
 
     if not names:
-        known = did_you_mean(pattern, table, every)
+        known = nearest_parameter(pattern, table, every)
         found.append(Problem(path, f"no parameter of the robot is called '{pattern}'; {known}", at_key=True))
         return spec
     start = None if spec.start is None else number(spec.start, "start")

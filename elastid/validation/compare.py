@@ -97,7 +97,7 @@ def restricted(spec: FitSpec, robot: Robot, own: Robot) -> FitSpec:
 
     StudyError where none is left: an empty list would mean every stiffness.
     """
-    there, known = robot.parameters(robot.geometry), own.parameters(own.geometry)
+    there, known = robot.parameters(robot.on_demand), own.parameters(own.on_demand)
 
     def is_gone(key: str) -> bool:
         key = key.partition(SEPARATOR)[0]

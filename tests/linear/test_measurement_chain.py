@@ -1,10 +1,20 @@
 """Elements of the measurement chain: their responses by hand, and the slopes of their logarithms by differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from plants.elastic_arm import arm
 
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.linearise import Linearisation
 from elastid.linear.measurement_chain import BUTTERWORTH, DifferenceElement, LagElement, elements
-from elastid.robot import Chain
+from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.transfer import frequency_response
+from elastid.linear.statespace import state_space
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.robot import Chain, ChannelGain
 
 S = 2j * np.pi * np.array([0.01, 1.0, 8.0, 60.0])
 T = 3e-3
@@ -36,3 +46,41 @@ def test_the_elements_of_a_chain_are_those_it_has_torque_before_sensor():
     found = elements(Chain(torque_lag=1e-3, torque_order=2, torque_damping=0.6, sensor_lag=2e-3, sensor_order=3))
     assert found == (LagElement("torque_lag", (1.2, 1.0)), LagElement("sensor_lag", BUTTERWORTH[3]))
     assert elements(Chain()) == ()
+
+
+FREQ_HZ = np.linspace(3.0, 40.0, 9)
+GAINS = (ChannelGain("y", "body fore y", 1.3), ChannelGain("y", "motor 1", 0.9), ChannelGain("u", "motor 2", 1.1))
+
+
+def linear(gains: tuple[ChannelGain, ...]) -> LinearModel:
+    """Two motors and the rotation of the fore arm, per motor torque, in a bent posture."""
+    model = serial(replace(arm(), chain=Chain(gains=gains)))
+    outputs = ("motor 1", "motor 2", "body fore y")
+    return Linearisation.of(model).at(Configuration("c1", (0.3, -0.5)), model.theta, outputs, "acceleration")
+
+
+def test_gains_multiply_rows_and_divide_columns_of_a_response() -> None:
+    """By the formula, by the kernel and by the state space; motor 2 and motor 1 as output and input are apart."""
+    model, calibrated = linear(GAINS), linear(())
+    G = frequency_response(calibrated, calibrated.theta_ref, FREQ_HZ)
+    expected = G * np.array([[0.9], [1.0], [1.3]]) / np.array([1.0, 1.1])
+    theta = model.theta_ref
+    space = state_space(model, theta).response(FREQ_HZ)
+    for found in (frequency_response(model, theta, FREQ_HZ), Kernel(model, FREQ_HZ, ()).response(theta), space):
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-12 * np.abs(G).max())
+
+
+def test_derivatives_to_gains_and_beside_them_equal_central_differences() -> None:
+    """Of gains, springs, dampers, a mass and the delay: to 1e-6 of the largest."""
+    model = linear(GAINS)
+    wanted = ("gain_u_motor_2", "k_1", "gain_y_body_fore_y", "d_2", "m_fore", "delay", "gain_y_motor_1")
+    theta = model.theta_ref.copy()
+    theta[-1] = 1e-3
+    G, dG = Kernel(model, FREQ_HZ, wanted).evaluate(theta)
+    np.testing.assert_allclose(G, frequency_response(model, theta, FREQ_HZ), rtol=1e-9)
+    for name, slope in zip(wanted, dG, strict=True):
+        place = model.parameters.index(name)
+        shift = 3e-5 * theta[place] * (np.arange(theta.size) == place)
+        ends = [frequency_response(model, theta + side * shift, FREQ_HZ) for side in (1, -1)]
+        numeric = (ends[0] - ends[1]) / (2 * shift[place])
+        np.testing.assert_allclose(slope, numeric, atol=1e-6 * np.abs(numeric).max(), err_msg=name)

@@ -43,7 +43,7 @@ def _closed_loop_response(
     linearisation = _linearisation(robot)
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
-    linear = replace(linear, chain=torque_elements(robot.chain))  # the controller reads unfiltered motions
+    linear = replace(linear, chain=torque_elements(robot.chain), gains=())  # the controller reads motions as they are
     q0 = equilibrium(model, model.theta, configuration).q
     gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio, controller.velocity_integral_time)
     s = 2j * np.pi * freq_hz[:, None, None]

@@ -36,7 +36,7 @@ class Plant:
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
     """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
-    unit = {name: unit for name, (_, unit) in robot.parameters(robot.geometry).items()}
+    unit = {name: unit for name, (_, unit) in robot.parameters(robot.on_demand).items()}
     try:
         # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
         return robot.with_parameters(

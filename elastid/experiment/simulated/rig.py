@@ -95,6 +95,7 @@ class SimulatedRig:
         if self.simulated.carrier is not None and self.simulated.carrier.kind == "offset":
             moved = given.position[:end] - experiment.configuration.angles
             u, y = u - given.feed_forward[:end], y - sense_movement(moved, *setup)
+        chain = plant.model.robot.chain
         return Record(
             name=experiment.name,
             configuration=experiment.configuration,
@@ -105,8 +106,8 @@ class SimulatedRig:
             inputs=plan.inputs,
             outputs=self.outputs,
             quantities=tuple(logged_quantity(place) for place in self.outputs),
-            u=u[measured],
-            y=y[measured],
+            u=u[measured] * [chain.gain("u", place) for place in plan.inputs],
+            y=y[measured] * [chain.gain("y", place) for place in self.outputs],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
             notes=(
                 *clipped(trajectory.u[measured], plant, experiment),

@@ -30,16 +30,17 @@ def choose(spec: FitSpec, robot: Robot, configurations: Sequence[str] = ()) -> P
     """All numbers of the robot and the torque delay, those that the study names free, tied or fixed elsewhere.
 
     A key of spec.parameters is a name or a pattern (`k_*`); a name wins over patterns, a later pattern over an earlier.
-    Coordinates and lengths of the geometry are among the parameters as far as the study names them (`named_geometry`).
+    Coordinates and lengths of the geometry, and gains of channels, are among the parameters as far as the study names
+    them (`named_on_demand`).
     A key with a group behind an @ is about the parameter of that group alone (`groups`).
     Without keys: every stiffness, and every damping and motor friction that is not zero.  configurations: those that
     are fitted, for parameters of their own; without any, such a parameter is one for all.
     Raises StudyError for unknown names, a zero start of a logarithmic parameter, bounds that exclude the start, groups
     of configurations that do not exist or overlap, a ratio that no tie uses, and where nothing is free.
     """
-    table = robot.parameters(named_geometry(spec.parameters, robot)) | {DELAY: (0.0, "s")}
+    table = robot.parameters(named_on_demand(spec.parameters, robot)) | {DELAY: (0.0, "s")}
     shared = {key: asked for key, asked in spec.parameters.items() if not groups.is_group_key(key)}
-    wanted = _match(shared, table, robot.geometry) if spec.parameters else _default(robot)
+    wanted = _match(shared, table, robot.on_demand) if spec.parameters else _default(robot)
     grouped = {name: groups.groups_of(name, asked, spec.robots, configurations) for name, asked in wanted.items()}
     groups.check_keys(spec, wanted)
     linear = _linear_names(robot)
@@ -79,15 +80,31 @@ def named_geometry(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[st
     return tuple(name for name in robot.geometry if any(fnmatchcase(name, key) for key in keys))
 
 
+def named_on_demand(given: Mapping[str, ParameterSpec], robot: Robot) -> tuple[str, ...]:
+    """The names of robot.on_demand that fit.parameters ask for: geometry, and gains, which no pattern stands for."""
+    ties = [one.tie.to for one in given.values() if one.tie is not None]
+    return (*named_geometry(given, robot), *(name for name in robot.gains if name in (*given, *ties)))
+
+
+def nearest_parameter(key: str, table: Iterable[str], on_demand: Iterable[str]) -> str:
+    """The end of a message about a key that no parameter matches."""
+    gains = [name for name in on_demand if fnmatchcase(name, key) and name.startswith("gain_")]
+    if gains:
+        return f"gains are named one by one, those of the channels that are not calibrated: {', '.join(gains[:3])} ..."
+    return did_you_mean(key, table, on_demand)
+
+
 def _match(
-    given: Mapping[str, ParameterSpec], table: Mapping[str, object], geometry: Iterable[str]
+    given: Mapping[str, ParameterSpec], table: Mapping[str, object], on_demand: Iterable[str]
 ) -> dict[str, ParameterSpec]:
     """The settings of each name that a key of the study matches."""
     matched: dict[str, ParameterSpec] = {}
     for key, asked in given.items():
         names = [name for name in table if fnmatchcase(name, key)]
         if not names:
-            raise StudyError(f"fit.parameters: the robot has no parameter {key}; {did_you_mean(key, table, geometry)}")
+            raise StudyError(
+                f"fit.parameters: the robot has no parameter {key}; {nearest_parameter(key, table, on_demand)}"
+            )
         matched |= {name: _starred(key, name, asked) for name in names}
     return matched | {key: asked for key, asked in given.items() if key in table}
 

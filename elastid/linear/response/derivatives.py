@@ -29,8 +29,8 @@ EQUAL_TOLERANCE = 1e-12
 class Pieces:
     """dZ of the wanted parameters: E (n_b, n, n) of length one; base, power (n_t,) of each piece, sigma (n_t, P).
 
-    A factor of the response (delay, chain) or a parameter that moves C or T (geometry) has a column -dG / dp of its
-    own, behind the bases.
+    A factor of the response (delay, chain, gain) or a parameter that moves C or T (geometry) has a column -dG / dp of
+    its own, behind the bases.
     """
 
     E: FloatArray
@@ -89,9 +89,9 @@ class Columns:
 
     @cached_property
     def is_symmetric(self) -> bool:
-        """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts."""
+        """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains."""
         model = self.kernel.model
-        return np.array_equal(model.B.T, model.C) and not (model.tilt.any() or model.moved_outputs)
+        return np.array_equal(model.B.T, model.C) and not (model.tilt.any() or model.moved_outputs or model.gains)
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
@@ -142,6 +142,7 @@ class Columns:
         sign, y, wide = self._factors
         n_1, n_2, n_u = y.shape[1], len(self.pieces.E) - y.shape[1], self.kernel.model.B.shape[1]
         places = self.kernel.output_columns
+        of_y, of_u = self.kernel.model.channel_gains(theta)
         n_f, n_m = len(self.kernel.factors), len(self.kernel.moved_outputs)
         asked = np.hstack([y, wide, *self._whole_solution])
         for block, s, gain, response, YX, moved in self.kernel.products(theta, asked):
@@ -155,10 +156,12 @@ class Columns:
                 full = (EX @ (gain[:, None, None] * X)).reshape(F, -1)
                 place = (places[rows][:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]
                 whole[:, :, :n_2] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
+                whole[:, :, :n_2] *= (of_y[rows] * of_u[columns])[:, None]
             for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_2):
-                whole[:, :, i] = -slope[:, None] * G
+                whole[:, :, i] = -np.broadcast_to(slope, response.shape)[:, rows, columns] * G
             whole[:, :, n_2 + n_f :] = -moved[:, :, rows, columns].transpose(1, 2, 0)
-            of_outputs, of_inputs = sign * YX[:, places, :n_1], gain[:, None, None] * YX[:, :n_u, :n_1]
+            of_outputs = of_y[:, None] * sign * YX[:, places, :n_1]
+            of_inputs = gain[:, None, None] * of_u[:, None] * YX[:, :n_u, :n_1]
             yield Sensitivity(block, s, G, of_outputs, of_inputs, whole, rows, columns)
 
     @property

@@ -7,7 +7,7 @@ another solve (plain transposes):
           dZ = \sum_t (j\omega)^{k_t} \sigma_t\, y_t y_t^T
 
 Springs, dampers, friction and rotors have one term each; masses a few. dG / dT_d = -j omega G. Geometry that moves
-an output adds c dC X. Letters as in `transfer`.
+an output adds c dC X. Gains of channels multiply all of it element by element. Letters as in `transfer`.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from elastid.linear.response.condensation import Leaves
 from elastid.linear.response.ldl import Elimination, is_worth_it
 from elastid.linear.response.rank_one_terms import RankOneTerms, rank_one_terms
 from elastid.linear.response.transfer import factor
+from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache.
 BLOCK = 200
@@ -86,12 +87,15 @@ class Kernel:
         dG = np.zeros((len(self.wanted), *G.shape), complex)
         Y, groups = self._directions_and_terms
         moving = [self.wanted.index(name) for name in self.moved_outputs]
+        of_outputs, of_inputs = self.model.channel_gains(theta)
         for block, s, gain, G_block, YX, moved in self.products(theta, Y):
             G[block] = G_block
             for place, slope in self.factor_slopes(theta, s):
-                dG[place, block] = slope[:, None, None] * G_block
+                dG[place, block] = slope * G_block
             by_direction = np.ascontiguousarray(YX.transpose(2, 0, 1))
             left, right = by_direction[:, :, self.output_columns], by_direction[:, :, :n_u]
+            if self.model.gains:
+                left, right = of_outputs * left, of_inputs * right
             powers = -np.stack([gain, gain * s, gain * s**2])
             for terms in groups:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
@@ -106,16 +110,25 @@ class Kernel:
 
     @cached_property
     def factors(self) -> tuple[str, ...]:
-        """The wanted parameters that do not move Z but multiply the response: the delay, elements of the chain."""
-        known = (DELAY, *(element.name for element in self.model.chain))
+        """The wanted parameters that do not move Z but multiply the response: delay, elements of the chain, gains."""
+        known = (DELAY, *(element.name for element in self.model.chain), *self.model.gains)
         return tuple(name for name in self.wanted if name in known)
 
-    def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray]]:
-        """d ln G / d theta_p (F,) of each of the factors, with its place among the wanted parameters."""
+    def factor_slopes(self, theta: FloatArray, s: ComplexArray) -> Iterator[tuple[int, ComplexArray | FloatArray]]:
+        """d ln G / d theta_p of each of the factors, with its place among the wanted parameters.
+
+        (F, 1, 1) of those that are alike for all elements, (n_y, n_u) of the gain of a channel.
+        """
         elements = {element.name: element for element in self.model.chain}
         for name in self.factors:
-            slope = -s if name == DELAY else elements[name].log_slope(s, self.model.number(theta, name))
-            yield self.wanted.index(name), slope
+            number, place = self.model.number(theta, name), self.wanted.index(name)
+            if name in self.model.gains:
+                rows = np.array([gain_name("y", place) == name for place in self.model.outputs])
+                columns = np.array([gain_name("u", place) == name for place in self.model.inputs])
+                yield place, (rows[:, None] * 1.0 - columns) / number
+            else:
+                slope = -s if name == DELAY else elements[name].log_slope(s, number)
+                yield place, slope[:, None, None]
 
     @cached_property
     def output_columns(self) -> IntArray:
@@ -137,6 +150,7 @@ class Kernel:
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
         right = self._right(C, T) if self.model.moved_outputs else self._right_sides
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
+        gains = np.outer(*self.model.channel_gains(theta)) if self.model.gains else None
         asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
         for start in range(0, self.freq_hz.size, BLOCK):
             block = slice(start, start + BLOCK)
@@ -152,7 +166,10 @@ class Kernel:
                 YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
             dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, len(self.moved_outputs), 2, n_y).transpose(3, 2, 0, 4, 1)
             readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
-            yield Products(block, s, gain, G.swapaxes(1, 2), YX, readings)
+            G = G.swapaxes(1, 2)
+            if gains is not None:
+                G, readings = gains * G, gains * readings
+            yield Products(block, s, gain, G, YX, readings)
 
     @cached_property
     def _moved_rows(self) -> tuple[FloatArray, ...]:

@@ -3,8 +3,8 @@ r"""LinearModel -> frequency response, the formula itself.
 .. math:: G(j\omega) = c\, C Z^{-1} B, \qquad Z = -\omega^2 M + j\omega D + K, \qquad
           c = (j\omega)^k e^{-j\omega T_d} \prod_i H_i(j\omega T_i)
 
-with k = 0, 1, 2 for position, velocity, acceleration, H_i the elements of the measurement chain. An accelerometer has
-C + T / s^2 in the place of C.
+with k = 0, 1, 2 for position, velocity, acceleration, H_i the elements of the measurement chain, and each element times
+g_y / g_u where channels have gains. An accelerometer has C + T / s^2 in the place of C.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
     C, T = model.readout(theta)
-    return np.asarray(factor(model, theta, s) * (C @ X + T @ X / s**2))
+    return np.asarray(np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2))
 
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:

@@ -1,0 +1,181 @@
+"""Channels that are not calibrated: gains are found with the springs, or refused where nothing fixes the scale."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.elastic_arm import arm, deviations, measure, pendulum, started_elsewhere
+from plants.two_axes import ROBOT, STUDY
+
+from elastid.base.errors import FitError, StudyError
+from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, WeightSpec
+from elastid.response import FrequencyResponse
+from elastid.robot import Chain, ChannelGain, Robot
+from elastid.study import load
+
+READING = "gain_y_body_fore_y"
+TORQUE = "gain_u_motor_1"
+SPRINGS = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
+OUTPUTS = ("motor 1", "motor 2", "body fore y")
+
+
+def read_as(**gains: float) -> Robot:
+    """The arm whose channels read something else than what is there."""
+    listed = {READING: ("y", "body fore y"), TORQUE: ("u", "motor 1")}
+    return replace(arm(), chain=Chain(gains=tuple(ChannelGain(*listed[n], g) for n, g in gains.items())))  # type: ignore[arg-type]
+
+
+def measured(robot: Robot, seed: int | None = 3) -> list[FrequencyResponse]:
+    """Three configurations with 2 % noise, or exact."""
+    return measure(robot, rng=None if seed is None else np.random.default_rng(seed), outputs=OUTPUTS)
+
+
+def spec_of(changes: dict[str, ParameterSpec], starts: int = 2) -> FitSpec:
+    return FitSpec(parameters=SPRINGS | changes, starts=starts, start_factor=1.5, seed=1, profile=())
+
+
+@pytest.mark.parametrize("criterion", ["complex", "log"])
+def test_gradient_and_hessian_of_gains_follow_from_the_residuals(criterion) -> None:
+    """Gradient 2 J^T r and Hessian 2 J^T J of the stacked residuals, and J by central differences."""
+    robot, rng = read_as(**{READING: 1.2, TORQUE: 0.9}), np.random.default_rng(5)
+    named = {name: ParameterSpec() for name in (READING, TORQUE, "gain_y_motor_2", "m_fore", "delay")}
+    spec = replace(spec_of(named), criterion=criterion)
+    parameters = choose(spec, arm())
+    fit = Assembly.of(measured(robot), arm(), spec, parameters).at(parameters.x, criterion)
+    x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x)) * (parameters.names != "delay")
+    x[parameters.free_names.index("delay")] = 1e-4
+    here, (r, J) = fit.evaluate(x), fit.residual(x)
+    scale = 2 * np.linalg.norm(J, axis=0)
+    assert here.cost == pytest.approx(r @ r, rel=1e-10)
+    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
+    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), 2 * J.T @ J / np.outer(scale, scale), atol=1e-12)
+    step = 1e-5
+    for name in (READING, TORQUE, "gain_y_motor_2"):
+        place = parameters.free_names.index(name)
+        shift = step * np.eye(len(x))[place]
+        difference = (fit.residual(x + shift)[0] - fit.residual(x - shift)[0]) / (2 * step)
+        np.testing.assert_allclose(J[:, place], difference, atol=1e-5 * np.abs(J[:, place]).max())
+
+
+def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known() -> None:
+    """A gyroscope that reads 30 % too much and a torque 10 % too low, found to 1 % with eight springs and dampers.
+
+    Without their gains the residuals are several times the noise.
+    """
+    robot = read_as(**{READING: 1.3, TORQUE: 0.9})
+    named = {READING: ParameterSpec(), TORQUE: ParameterSpec(prior=PriorSpec(std=0.2))}
+    responses = measured(robot)
+    result = identify(responses, started_elsewhere(arm(), 1.5), spec_of(named))
+    assert result.status == "converged"
+    assert deviations(result, robot).max() < 3.5
+    assert result.model_error < 1.05
+    assert result.values[READING] == pytest.approx(1.3, rel=0.01)
+    assert result.values[TORQUE] == pytest.approx(0.9, rel=0.01)
+    assert fit_parameters(responses, arm(), spec_of({})).model_error > 3
+
+
+def test_intervals_of_gains_hold_the_truth() -> None:
+    """Twelve noisy measurements of each of two gains, beside ten further parameters."""
+    robot = read_as(**{READING: 1.3, TORQUE: 0.9})
+    spec = spec_of({READING: ParameterSpec(start=1.2), TORQUE: ParameterSpec()}, starts=1)
+    away = []
+    for seed in range(12):
+        result = fit_parameters(measured(robot, seed), arm(), spec)
+        places = [result.parameters.free_names.index(name) for name in (READING, TORQUE)]
+        away += list(deviations(result, robot)[places])
+    assert np.mean(np.array(away) < 2) > 0.85
+    assert np.max(away) < 4
+
+
+def test_the_fitted_model_reads_as_the_channels_do() -> None:
+    """Responses with gains as parameters and with gains as numbers of the fitted robot are those measured."""
+    robot = read_as(**{READING: 1.3, TORQUE: 0.9})
+    exact = measured(robot, None)
+    result = identify(exact, arm(), spec_of({READING: ParameterSpec(), TORQUE: ParameterSpec()}))
+    one, (other,) = FittedModel.of(result, arm(), exact), models_by_group(result, arm(), exact).values()
+    assert {each.at: each.gain for each in other.robot.chain.gains} == pytest.approx(
+        {"motor 1": 0.9, "body fore y": 1.3}, rel=1e-4
+    )
+    for fitted in (one, other):
+        for found, wanted in zip(fitted.responses, exact, strict=True):
+            np.testing.assert_allclose(found.G, wanted.G, atol=1e-4 * np.abs(wanted.G).max())
+
+
+def test_gains_that_nothing_scales_are_refused_with_priors_that_do() -> None:
+    """All gains of three motions and two torques: one factor is free, and one prior fixes it."""
+    gains = {f"gain_u_motor_{i}": ParameterSpec() for i in (1, 2)}
+    gains |= {f"gain_y_{place.replace(' ', '_')}": ParameterSpec() for place in OUTPUTS}
+    responses = measured(arm())
+    with pytest.raises(FitError, match=r"nothing fixes the scale of gain_u_motor_1.*prior") as refusal:
+        identify(responses, arm(), spec_of(gains))
+    named = re.findall(r"(gain_\w+): \{prior: \{std: 0.05\}\}", str(refusal.value))
+    assert len(named) == 1
+    known = gains | {name: ParameterSpec(prior=PriorSpec(std=0.05)) for name in named}
+    assert fit_parameters(responses, arm(), spec_of(known)).status == "converged"
+    held = gains | {name: ParameterSpec(fixed=True) for name in named}
+    assert fit_parameters(responses, arm(), spec_of(held)).status == "converged"
+
+
+def test_a_torque_gain_and_all_inertias_together_have_no_scale() -> None:
+    """Twice the inertias, springs and dampers at half the torque's gain respond alike; a prior or an inertia helps."""
+    robot, torque = pendulum(), {TORQUE: ParameterSpec()}
+    responses = measure(robot, configurations=((0.0,),), rng=np.random.default_rng(1))
+    every = torque | {name: ParameterSpec() for name in ("k_1", "d_1", "f_1", "fm_1", "Jm_1", "I_load")}
+    with pytest.raises(FitError, match=r"scale of k_1, d_1, .*I_load.*or fix gain_u_motor_1 .*or an inertia"):
+        fit_parameters(responses, robot, spec_of(every, starts=1))
+    for known in ({TORQUE: ParameterSpec(prior=PriorSpec(std=0.05))}, {"I_load": ParameterSpec(fixed=True)}):
+        assert fit_parameters(responses, robot, spec_of(every | known, starts=1)).status == "converged"
+
+
+def test_lags_and_the_delay_take_priors_as_gains_do() -> None:
+    """A prior as sure as the data draws each half way to its mean and halves its variance."""
+    robot = replace(arm(), chain=Chain(torque_lag=1e-3, sensor_lag=2e-3, gains=(ChannelGain("y", "motor 1", 1.1),)))
+    responses = measure(robot, delay=1e-3, outputs=OUTPUTS)
+    free = {name: ParameterSpec() for name in ("torque_lag", "sensor_lag", "gain_y_motor_1", "delay")}
+    noise_alone = WeightSpec(floor=0.0)
+    alone = fit_parameters(responses, robot, replace(spec_of(free, starts=1), weights=noise_alone))
+    for name in free:
+        place = alone.parameters.free_names.index(name)
+        std, log = float(np.sqrt(alone.covariance[place, place])), alone.parameters[name].log
+        mean = alone.values[name] * np.exp(std) if log else alone.values[name] + std
+        prior = {name: ParameterSpec(prior=PriorSpec(mean=mean, std=std))}
+        drawn = fit_parameters(responses, robot, replace(spec_of(free | prior, starts=1), weights=noise_alone))
+        assert drawn.x[place] - alone.x[place] == pytest.approx(0.5 * std, rel=0.15), name
+        assert drawn.covariance[place, place] == pytest.approx(std**2 / 2, rel=0.2), name
+
+
+def test_gains_have_names_and_values_that_can_be() -> None:
+    """Patterns stand for no gains, which most channels do not need; unknown places and wrong signs are refused."""
+    with pytest.raises(StudyError, match=r"gain_\*; gains are named one by one.*gain_u_motor_1"):
+        choose(FitSpec(parameters={"gain_*": ParameterSpec()}), arm())
+    with pytest.raises(StudyError, match="did you mean 'gain_y_motor_1'"):
+        choose(FitSpec(parameters={"gain_y_motor_1_": ParameterSpec()}), arm())
+    with pytest.raises(ValueError, match="no u is at 'joint 1'; there are motor 1, motor 2"):
+        replace(arm(), chain=Chain(gains=(ChannelGain("u", "joint 1", 1.1),)))
+    with pytest.raises(ValueError, match=r"gain of y at motor 1 is -1; .*sign: -1"):
+        ChannelGain("y", "motor 1", -1.0)
+    with pytest.raises(ValueError, match="gains has y at motor 1 twice"):
+        Chain(gains=(ChannelGain("y", "motor 1", 1.1), ChannelGain("y", "motor 1")))
+    assert not any(name.startswith("gain_") for name in choose(FitSpec(), arm()).names)
+
+
+def test_a_study_gives_gains_to_robot_truth_and_fit(tmp_path: Path) -> None:
+    """Listed under chain.gains, told to a simulation, and identified with a prior."""
+    (tmp_path / "robot.yml").write_text(f"{ROBOT}chain: {{gains: [{{role: y, at: motor 2, gain: 1.05}}]}}\n")
+    text = STUDY.replace("simulated: {}", "simulated: {truth: {gain_y_motor_2: 1.1}}")
+    text = text.replace('"k_*": {}', '"k_*": {}, gain_y_motor_2: {prior: {std: 0.1}}, gain_u_motor_1: {start: 0.95}')
+    (tmp_path / "study.yml").write_text(text)
+    study = load(tmp_path / "study.yml").study
+    chosen = choose(study.fit, study.robot)
+    assert chosen["gain_y_motor_2"].prior is not None
+    assert chosen["gain_y_motor_2"].prior.mean == 1.05
+    assert chosen["gain_u_motor_1"].value == 0.95
+    assert study.experiment.as_simulated().truth == {"gain_y_motor_2": 1.1}
