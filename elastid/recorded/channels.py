@@ -18,8 +18,10 @@ from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, link_side
+from elastid.recorded.period import found_period, period_samples
 from elastid.recorded.repair.delay import MIN_CORRELATION, delay
 from elastid.recorded.repair.finding import Finding, Log
+from elastid.recorded.repair.gaps import bridged_gaps
 from elastid.recorded.repair.missing import filled
 from elastid.recorded.repair.sample_times import at_times, on_grid
 from elastid.robot import Robot
@@ -36,12 +38,15 @@ _PASS_BAND = 0.45
 
 @dataclass(frozen=True)
 class GatheredChannels:
-    """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file."""
+    """Signals (n, c) of channels, NaN where missing, at rate_hz (1 where unknown), from sample `first` of the file.
+
+    period: in samples, not always whole; None without one.
+    """
 
     signals: FloatArray
     channels: tuple[ChannelSpec, ...]
     rate_hz: float
-    period_samples: int
+    period: float | None
     first: int
     notes: tuple[Note, ...]
     findings: tuple[Finding, ...]
@@ -73,7 +78,7 @@ class _Experiment:
     @property
     def rate_hz(self) -> float:
         """The study's rate, 1 where unknown."""
-        return 1.0 if isinstance(self.recorded.rate_hz, str) else float(self.recorded.rate_hz)
+        return self.recorded.known_rate_hz
 
     def key(self, channel: ChannelSpec) -> tuple[int, float]:
         """File and rate of a channel."""
@@ -84,7 +89,7 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: R
     """Read the logs of one experiment.
 
     Raises StudyError for rates without a whole number of samples in a period, DataError for channels that cannot be
-    read, never change, or belong to logs without a common excitation.
+    read, never change, or belong to logs without a common excitation, and for a period that is not found.
     """
     experiment = _Experiment(recorded, file, tuple(base / path for path in (file.path, *file.also)))
     channels, rate_hz = recorded.channels, experiment.rate_hz
@@ -97,11 +102,13 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: R
         pairs = [link_side(channels[i], columns[i], robot) for i in part.members]
         notes += [note for _, on_signal in pairs for note in on_signal]
         converted.append(replace(part, signals=np.stack([signal for signal, _ in pairs], axis=1)))
-    period_s = period_samples(recorded, rate_hz) / rate_hz
     lowest = min(part.rate_hz for part in parts)
-    N = whole_samples(period_s, lowest, recorded)
+    period_s = _period_s(converted, experiment)
     at_rate = [_at_rate(part, lowest, period_s, experiment) for part in converted]
-    aligned, shifts = _aligned(at_rate, N, experiment)
+    period = None if period_s is None else own_samples(period_s, lowest, recorded, file)
+    known_hz = None if recorded.rate_hz == "unknown" else lowest
+    found = (found_period(period, known_hz),) if period is not None and recorded.period_of(file) == "find" else ()
+    aligned, shifts = _aligned(at_rate, period, experiment)
     n = min(len(part.signals) for part in aligned)
     signals = np.full((n, len(channels)), np.nan)
     for part in aligned:
@@ -111,30 +118,40 @@ def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: R
         signals=signals[:, keep],
         channels=tuple(channels[i] for i in keep),
         rate_hz=lowest,
-        period_samples=N,
+        period=period,
         first=0 if file.samples is None else file.samples[0],
         notes=tuple(notes),
-        findings=(*(finding for part in at_rate for finding in part.findings), *shifts),
+        findings=(*found, *(finding for part in at_rate for finding in part.findings), *shifts),
     )
 
 
-def period_samples(recorded: RecordedSpec, rate_hz: float) -> int:
-    """Samples of a period at the study's rate."""
-    if recorded.period is not None:
-        return round(recorded.period * rate_hz)
-    assert recorded.period_samples is not None  # the section has exactly one of the two
-    return recorded.period_samples
-
-
-def whole_samples(period_s: float, rate_hz: float, recorded: RecordedSpec) -> int:
-    """Samples of a period at a channel's own rate; StudyError where they are not whole."""
-    samples = period_s * rate_hz
-    if abs(samples - round(samples)) > _WHOLE_TOLERANCE * samples:
+def own_samples(period_s: float, rate_hz: float, recorded: RecordedSpec, file: FileSpec) -> float:
+    """Samples of a period at a channel's own rate; StudyError where only those at the study's rate are whole."""
+    samples, stated = period_s * rate_hz, period_s * recorded.known_rate_hz
+    if _is_whole(samples):
+        return float(round(samples))
+    if _is_whole(stated) and recorded.period_of(file) != "find":
         raise StudyError(
             f"at {rate_hz:g} Hz the period of {period_s:g} s is {samples:.6g} samples, not a whole number, so that "
             f"its channels and those at {recorded.rate_hz} Hz have no grid in common; check rate_hz of the channels"
         )
-    return round(samples)
+    return samples
+
+
+def _is_whole(samples: float) -> bool:
+    return abs(samples - round(samples)) <= _WHOLE_TOLERANCE * samples
+
+
+def _period_s(parts: Sequence[_Part], experiment: _Experiment) -> float | None:
+    """The period in s (in samples where the rate is unknown), stated or found in the torques; None without one."""
+    for role in ("r", "u"):
+        for part in parts:
+            drivers = [j for j, i in enumerate(part.members) if experiment.channels[i].role == role]
+            if part.file == 1 and drivers:
+                signals = part.signals[:, drivers]
+                samples = period_samples(experiment.recorded, experiment.file, part.rate_hz, signals)
+                return None if samples is None else samples / part.rate_hz
+    raise AssertionError("the first file of an experiment has an acting torque")
 
 
 def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
@@ -169,29 +186,36 @@ def _cut(values: FloatArray, file: FileSpec, path: Path, ratio: float) -> FloatA
     return values[first:last]
 
 
-def _at_rate(part: _Part, rate_hz: float, period_s: float, experiment: _Experiment) -> _Part:
+def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:
     """The part at the lowest of all rates, frequencies above its range filtered out."""
     if part.rate_hz == rate_hz:
         return part
     names = tuple(experiment.channels[i].full_name for i in part.members)
-    N, ratio = whole_samples(period_s, part.rate_hz, experiment.recorded), part.rate_hz / rate_hz
+    ratio, log = part.rate_hz / rate_hz, Log(str(experiment.paths[part.file - 1]), names, part.rate_hz)
     signals, findings = part.signals, part.findings
+    # Without a period each end is continued by the other one, moved so that there is no jump.
+    period = float(len(signals))
+    if period_s is not None:
+        period = own_samples(period_s, part.rate_hz, experiment.recorded, experiment.file)
     if not np.isfinite(signals).all():
-        repaired = filled(signals, N, 1, Log(str(experiment.paths[part.file - 1]), names, part.rate_hz))
+        repaired = bridged_gaps(signals, log) if period_s is None else filled(signals, round(period), 1, log)
         signals, findings = repaired.signals, (*findings, *repaired.findings)
     times = np.arange(int(len(signals) / ratio), dtype=np.float64) * ratio
     text = (
         f"{', '.join(names)}: brought from {part.rate_hz:g} to {rate_hz:g} Hz, exact up to {_PASS_BAND * rate_hz:g} Hz"
     )
     findings = (*findings, Finding(RATE_CHANGED, len(names), text))
-    return _Part(part.file, rate_hz, part.members, at_times(signals, times, N, 1 / ratio), findings)
+    return _Part(part.file, rate_hz, part.members, at_times(signals, times, period, 1 / ratio), findings)
 
 
-def _aligned(parts: Sequence[_Part], N: int, experiment: _Experiment) -> tuple[list[_Part], tuple[Finding, ...]]:
+def _aligned(
+    parts: Sequence[_Part], period: float | None, experiment: _Experiment
+) -> tuple[list[_Part], tuple[Finding, ...]]:
     """All parts in step with the first file, the start of which is cut where another log started later; the shifts."""
     paths, channels = experiment.paths, experiment.channels
     base = [part for part in parts if part.file == 1]
     n = min(len(part.signals) for part in base)
+    N = None if period is None else round(period)
     shifts = {
         number: _delay_of(base, [part for part in parts if part.file == number], N, channels, paths[number - 1])
         for number in sorted({part.file for part in parts} - {1})
@@ -200,8 +224,8 @@ def _aligned(parts: Sequence[_Part], N: int, experiment: _Experiment) -> tuple[l
         Finding(
             ALIGNED,
             1,
-            f"{paths[number - 1].name} lags {paths[0].name} by {shift:.3f} samples (up to whole "
-            "periods): shifted into step",
+            f"{paths[number - 1].name} lags {paths[0].name} by {shift:.3f} samples"
+            f"{'' if N is None else ' (up to whole periods)'}: shifted into step",
         )
         for number, shift in shifts.items()
     )
@@ -209,18 +233,20 @@ def _aligned(parts: Sequence[_Part], N: int, experiment: _Experiment) -> tuple[l
     result = [replace(part, signals=part.signals[start:]) for part in base]
     for part in (part for part in parts if part.file != 1):
         shift, signals = shifts[part.file], part.signals
-        if _is_one_period(part, N, channels):
+        if N is not None and _is_one_period(part, N, channels):
             signals = np.tile(signals[:N], (n // N + 3, 1))
         times = np.arange(start, n, dtype=np.float64) + shift
         inside = times[(times >= 0) & (times <= len(signals) - 1)]
         whole = np.allclose(inside, np.round(inside), atol=_WHOLE_SHIFT_TOLERANCE)
-        moved = signals[np.round(inside).astype(int)] if whole else at_times(signals, inside, N)
+        moved = (
+            signals[np.round(inside).astype(int)] if whole else at_times(signals, inside, period or float(len(signals)))
+        )
         result.append(replace(part, signals=moved))
     return result, findings
 
 
 def _delay_of(
-    base: Sequence[_Part], here: Sequence[_Part], N: int, channels: Sequence[ChannelSpec], path: Path
+    base: Sequence[_Part], here: Sequence[_Part], N: int | None, channels: Sequence[ChannelSpec], path: Path
 ) -> float:
     """Samples by which a file lags the first one, from the motor whose excitation agrees best in both."""
     sent = _by_motor(base, "r", N, channels)
@@ -238,15 +264,17 @@ def _delay_of(
     return shift if best in sent else float(round(shift))
 
 
-def _by_motor(parts: Sequence[_Part], role: str, N: int, channels: Sequence[ChannelSpec]) -> dict[str, FloatArray]:
-    """The complete signals of a role that hold a period, by their motor."""
+def _by_motor(
+    parts: Sequence[_Part], role: str, N: int | None, channels: Sequence[ChannelSpec]
+) -> dict[str, FloatArray]:
+    """The complete signals of a role that hold a period, if there is one, by their motor."""
     found = {
         channels[i].at: column
         for part in parts
         for i, column in zip(part.members, part.signals.T, strict=True)
         if channels[i].role == role
     }
-    return {at: column for at, column in found.items() if len(column) >= N and np.isfinite(column).all()}
+    return {at: column for at, column in found.items() if len(column) >= (N or 1) and np.isfinite(column).all()}
 
 
 def _is_one_period(part: _Part, N: int, channels: Sequence[ChannelSpec]) -> bool:

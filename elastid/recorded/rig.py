@@ -2,31 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
-import numpy as np
-
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import StudyError
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.record import Motion, Record
-from elastid.recorded.channels import GatheredChannels, gather_channels, period_samples
+from elastid.recorded.channels import GatheredChannels, gather_channels
+from elastid.recorded.drive_notes import drive_notes
 from elastid.recorded.files.formats import is_log
 from elastid.recorded.link_side import link_side_factor, to_joints
-from elastid.recorded.periodicity import repetition
-from elastid.recorded.repair.delay import MIN_CORRELATION, delay
-from elastid.recorded.repair.finding import Log, counts
-from elastid.recorded.repair_order import repair
+from elastid.recorded.period import advised_period, grid_samples
+from elastid.recorded.repair.finding import Log, Repaired, counts
+from elastid.recorded.repair.stops import STOPPED
+from elastid.recorded.repair_order import repair, repair_without_period
+from elastid.recorded.repeat_check import check_repeat
 from elastid.recorded.torque_hold import check_holds, hold_samples
 from elastid.robot import Robot
-
-# A lag of u behind r, in samples, from which on it is reported.
-_MIN_REPORTED_LAG = 0.75
 
 
 @dataclass(frozen=True)
@@ -47,10 +45,10 @@ class RecordedRig:
         _check_files(self.spec, self._recorded.files, self.base)
         _check_channels(self._recorded.channels, self.robot)
         check_holds(self._recorded, self.robot)
-        rate_hz = 1.0 if isinstance(self._recorded.rate_hz, str) else self._recorded.rate_hz
-        samples = period_samples(self._recorded, rate_hz)
-        if self._recorded.half_wave and samples % 2:
-            raise StudyError(f"half_wave needs an even number of samples per period, not {samples}")
+        for file in self._recorded.files:
+            samples = self._recorded.period_of(file)
+            if self._recorded.half_wave and isinstance(samples, float) and samples % 2 == 1:
+                raise StudyError(f"half_wave needs an even number of samples per period, not {samples:g}")
 
     @property
     def _recorded(self) -> RecordedSpec:
@@ -70,50 +68,45 @@ class RecordedRig:
         gathered = gather_channels(recorded, file, self.base, self.robot)
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(c.full_name for c in gathered.channels), rate_hz, gathered.first)
-        record = _record(experiment, recorded, gathered, log, self.robot)
+        record = _record(experiment, recorded, file, gathered, log, self.robot)
         return replace(record, sliding=self.robot.sliding((*record.inputs, *record.outputs)))
 
 
 def _record(
-    experiment: Experiment, recorded: RecordedSpec, gathered: GatheredChannels, log: Log, robot: Robot
+    experiment: Experiment,
+    recorded: RecordedSpec,
+    file: FileSpec,
+    gathered: GatheredChannels,
+    log: Log,
+    robot: Robot,
 ) -> Record:
-    channels, N = gathered.channels, gathered.period_samples
+    channels = gathered.channels
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
     at = [channel.at for channel in channels]
     # r in the order of the inputs that it acts on.
     roles["r"].sort(key=lambda i: [at[j] for j in roles["u"]].index(at[i]))
-
-    def check(excitation: FloatArray) -> None:
-        _check_repeat(excitation, recorded, N, log)
-
-    drivers = np.array(roles["r"] or roles["u"])
-    repaired = repair(gathered.signals, drivers, N, recorded.half_wave, log, check)
-    signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
     where = f"record {experiment.name}"
+    repaired, N, rate_hz = _repaired(gathered, roles, recorded, log)
+    signals, findings = repaired.signals, (*gathered.findings, *repaired.findings)
     notes = [replace(note, place=where) for note in gathered.notes]
     notes += [finding.note(where) for finding in findings]
-    notes += _lag_notes(channels, signals, N, where)
-    lost = len(gathered.signals) - len(signals)
-    if lost > 0:
-        notes.append(
-            Note(
-                "incomplete-period",
-                f"the last {lost} of {len(gathered.signals)} samples are no whole period of {_repeat(recorded, N)} "
-                "samples and are left out",
-                where,
-            )
-        )
+    notes += drive_notes(channels, signals, N, where)
+    if N is not None:
+        notes += _end_notes(gathered, repaired, N // 2 if recorded.half_wave else N, N, where)
+    elif "none" not in (file.period, recorded.period):
+        notes += _period_notes(signals[:, roles["r"] or roles["u"]], where)
     rate_is_known = not isinstance(recorded.rate_hz, str)
     signals = signals @ to_joints(channels, robot).T
-    held = hold_samples(recorded, channels, gathered.rate_hz)
+    held = hold_samples(recorded, channels, rate_hz)
     alike = set(held) <= {0.0} or set(held) == {1.0}
     return Record(
         name=experiment.name,
         configuration=experiment.configuration,
         realisation=experiment.realisation,
         experiment=experiment.experiment,
-        rate_hz=gathered.rate_hz,
-        period_samples=N,
+        rate_hz=rate_hz,
+        period_samples=N or len(signals),
+        is_periodic=N is not None,
         inputs=tuple(at[i] for i in roles["u"]),
         outputs=tuple(at[i] for i in roles["y"]),
         quantities=tuple(cast(Motion, channels[i].quantity) for i in roles["y"]),
@@ -130,72 +123,42 @@ def _record(
     )
 
 
-def _lag_notes(channels: tuple[ChannelSpec, ...], signals: FloatArray, N: int, where: str) -> list[Note]:
-    """A note on each u that lags r: a delay of the drive, or of one of the two channels."""
-    notes = []
-    u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
-    for i, channel in enumerate(channels):
-        if channel.role != "r":
-            continue
-        lag, correlation = delay(signals[:, i], signals[:, u[channel.at]], N)
-        if correlation >= MIN_CORRELATION and abs(lag) >= _MIN_REPORTED_LAG:
-            said = (
-                f"u at {channel.at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
-                "estimated with the reference only if it changes from experiment to experiment"
-            )
-            notes.append(Note("late-torque", said, where))
-    return notes
+def _repaired(
+    gathered: GatheredChannels, roles: Mapping[str, Sequence[int]], recorded: RecordedSpec, log: Log
+) -> tuple[Repaired, int | None, float]:
+    """The repaired signals, the samples of their period (None without one), and their rate."""
+    period, half_wave = gathered.period, recorded.half_wave
+    if period is None:
+        return repair_without_period(gathered.signals, log), None, gathered.rate_hz
+    N = grid_samples(period, half_wave)
+
+    def check(excitation: FloatArray) -> None:
+        check_repeat(excitation, N, half_wave, log)
+
+    repaired = repair(gathered.signals, roles, period, half_wave, log, check)
+    return repaired, N, gathered.rate_hz if period == N else gathered.rate_hz * N / period
 
 
-def _repeat(recorded: RecordedSpec, N: int) -> int:
-    return N // 2 if recorded.half_wave else N
+def _end_notes(gathered: GatheredChannels, repaired: Repaired, repeat: int, N: int, where: str) -> list[Note]:
+    """A note on samples after the last whole repetition."""
+    n = len(gathered.signals)
+    lost = int(n * N / (gathered.period or N)) - len(repaired.signals)
+    if lost <= 0 or any(finding.kind == STOPPED for finding in repaired.findings):
+        return []
+    said = f"the last {lost} of {n} samples are no whole period of {repeat} samples and are left out"
+    return [Note("incomplete-period", said, where)]
 
 
-def _check_repeat(excitation: FloatArray, recorded: RecordedSpec, period: int, log: Log) -> None:
-    """DataError where the excitation (n, n_u) does not repeat as stated, or holds less than two repetitions."""
-    n, path = len(excitation), log.where
-    repeat, sign = _repeat(recorded, period), -1 if recorded.half_wave else 1
-    if n < 2 * repeat:
-        needed = "one period is" if recorded.half_wave else "two periods are"
-        raise DataError(
-            f"{path}: {_span(n, log)} are {n / period:.3g} periods of {_span(period, log)}; at least "
-            f"{needed} needed{_half_wave_hint(excitation, period, recorded, log)}"
-        )
-    found = repetition(excitation, repeat, sign)
-    if found.is_as_stated:
-        return
-    stated = "second half minus first" if recorded.half_wave else "one period to the next"
-    problem = (
-        f"{path}: the excitation does not repeat with the period of {_span(period, log)} that the study states "
-        f"(correlation {found.correlation:.3f}, {stated})"
+def _period_notes(drivers: FloatArray, where: str) -> list[Note]:
+    """A note on a period of the drivers (n, d) that the study does not state."""
+    advised = advised_period(drivers)
+    if advised is None:
+        return []
+    said = (
+        f"no period is stated, but the torques repeat every {round(advised, 2):.8g} samples: with period: find "
+        "the scatter of the periods gives the noise; period: none says that the record is meant as one transient"
     )
-    if found.best_samples:
-        raise DataError(
-            f"{problem}; it repeats every {_span(found.best_samples, log)} (correlation "
-            f"{found.best_correlation:.3f}): correct the period or the rate"
-        )
-    raise DataError(
-        f"{problem}, nor at any other lag (best correlation {found.best_correlation:.3f})"
-        f"{_half_wave_hint(excitation, 2 * repeat, recorded, log)}; elastid needs a periodic excitation"
-    )
-
-
-def _half_wave_hint(excitation: FloatArray, period: int, recorded: RecordedSpec, log: Log) -> str:
-    """The end of a message where the second half of a period is minus its first, so that one period is enough."""
-    if recorded.half_wave or period % 2 or len(excitation) < period:
-        return ""
-    if not repetition(excitation[:period], period // 2, sign=-1).is_as_stated:
-        return ""
-    return (
-        f". The second half of {_span(period, log)} is minus the first: with period_samples: {period} and "
-        "half_wave: true one period is enough"
-    )
-
-
-def _span(samples: float, log: Log) -> str:
-    shown = round(samples, 2)
-    seconds = "" if log.rate_hz is None else f" ({shown / log.rate_hz:.6g} s)"
-    return f"{shown:.8g} samples{seconds}"
+    return [Note("unstated-period", said, where)]
 
 
 def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) -> None:

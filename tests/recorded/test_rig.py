@@ -166,7 +166,7 @@ def _with(name: str, at: Any, value: float) -> Change:
         ),
         (_with("phi", slice(None), np.nan), r"phi \(y at motor 1\): none of its 800 samples is a finite number"),
         (_with("w2", slice(None), 0.25), r"w2 \(y at joint 2\) is constant at 0.25 over all 800 samples"),
-        (lambda log: {k: v[:390] for k, v in log.items()}, r"390 samples \(3.9 s\) are 1.95 periods of 200 samples"),
+        (lambda log: {k: v[:370] for k, v in log.items()}, r"370 samples \(3.7 s\) are 1.85 periods of 200 samples"),
     ],
 )
 def test_data_that_cannot_be_used_are_refused_with_channel_and_place(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from elastid.base.section import section
 from elastid.base.units import Frequency, Time, TorqueConstant, factor, of_translation
@@ -10,6 +10,8 @@ from elastid.record import MOTION_UNIT, Hold
 
 # SI units of a channel's quantity.
 QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
+
+Period: TypeAlias = Time | Literal["find", "none"]
 
 
 @section
@@ -110,6 +112,7 @@ class FileSpec:
     experiment: of the realisation, from 0.  samples: [first, last) to use of it.
     also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
     it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
+    period, period_samples: of this file where they differ from those of the others.
     """
 
     path: str
@@ -118,6 +121,12 @@ class FileSpec:
     experiment: int = 0
     samples: tuple[int, int] | None = None
     also: tuple[str, ...] = ()
+    period: Period | None = None
+    period_samples: float | None = None
+
+    def __post_init__(self) -> None:
+        """At most one period."""
+        _check_period(self.period, self.period_samples)
 
 
 @section
@@ -125,7 +134,9 @@ class RecordedSpec:
     """A rig that is a folder of lab logs.
 
     rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  channels: the signals.  files: the logs.
-    period: of the excitation.  period_samples: the same in samples, in place of period.
+    period: of the excitation, `find` where it is to be found in the torques, or `none`, as without the key: the whole
+    record is then one transient (noise, a sweep from rest).  period_samples: the same in samples, in place of period,
+    whole or not.
     text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
     of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
     time: name of the channel that holds the time in s; gaps in it are missing samples.
@@ -137,32 +148,51 @@ class RecordedSpec:
     rate_hz: Frequency | Literal["unknown"]
     channels: tuple[ChannelSpec, ...]
     files: tuple[FileSpec, ...]
-    period: Time | None = None
-    period_samples: int | None = None
+    period: Period | None = None
+    period_samples: float | None = None
     text: TextFormatSpec = TextFormatSpec()
     half_wave: bool = False
     time: str = ""
     hold: Hold = "band-limited"
 
     def __post_init__(self) -> None:
-        """Exactly one period; at least one input and one output; a whole number of samples per period."""
+        """One period at most; at least one input and one output."""
         self._check_files_and_rates()
-        if (self.period is None) == (self.period_samples is None):
-            raise ValueError("give either period (s) or period_samples")
-        if self.rate_hz == "unknown" and self.period is not None:
+        _check_period(self.period, self.period_samples)
+        periods = (self.period, *(file.period for file in self.files))
+        if self.rate_hz == "unknown" and any(isinstance(period, float | int) for period in periods):
             raise ValueError("with rate_hz: unknown give period_samples instead of period")
         for role, name in (("u", "input"), ("y", "output")):
             if not any(channel.role == role for channel in self.channels):
                 raise ValueError(f"no channel has role {role} (an {name})")
         if not self.files:
             raise ValueError("files is empty; list at least one log file")
-        if self.period is not None and not isinstance(self.rate_hz, str):
-            samples = self.period * self.rate_hz
-            if samples < 2 or abs(samples - round(samples)) > 1e-6 * samples:
+        for file in self.files:
+            samples = self.period_of(file)
+            if samples is None and self.half_wave:
                 raise ValueError(
-                    f"period {self.period:g} s is {samples:.6g} samples at {self.rate_hz:g} Hz, not a whole number; "
-                    "check both, or give period_samples"
+                    f"half_wave says that {file.path} repeats with opposite sign, but it has no period; give period or "
+                    "period_samples, or leave half_wave out"
                 )
+            if isinstance(samples, float) and samples < 2:
+                raise ValueError(
+                    f"the period of {file.path} is {samples:.6g} samples; it must be 2 at least: check period and "
+                    "rate_hz"
+                )
+
+    @property
+    def known_rate_hz(self) -> float:
+        """The sampling rate, 1 where unknown."""
+        return 1.0 if isinstance(self.rate_hz, str) else float(self.rate_hz)
+
+    def period_of(self, file: FileSpec) -> float | Literal["find"] | None:
+        """Samples of the period of a file at the study's rate, whole or not; `find` as stated, None without one."""
+        place = self if file.period is None and file.period_samples is None else file
+        if place.period_samples is not None:
+            return float(place.period_samples)
+        if place.period is None or place.period == "none":
+            return None
+        return "find" if place.period == "find" else float(place.period) * self.known_rate_hz
 
     def _check_files_and_rates(self) -> None:
         last = 1 + min((len(file.also) for file in self.files), default=0)
@@ -175,3 +205,8 @@ class RecordedSpec:
                 raise ValueError("the acting torques (role u) must be in the first file of an experiment")
         if self.rate_hz == "unknown" and (self.time or any(channel.rate_hz is not None for channel in self.channels)):
             raise ValueError("with rate_hz: unknown time and a channel's own rate_hz have no meaning; leave them out")
+
+
+def _check_period(period: Period | None, samples: float | None) -> None:
+    if period is not None and samples is not None:
+        raise ValueError("give either period (s) or period_samples")

@@ -19,6 +19,10 @@ _MIN_PLACES = 3
 # Parts of a channel at its limits from which on they are reported, and from which on the response is spoilt.
 _MIN_CLIPPED_SHARE = 0.002
 _MAX_CLIPPED_SHARE = 0.05
+# A rounded signal that turns exceeds its limit by so many steps of rounding at most, by a parabola through at least so
+# many samples on each side.
+_MAX_ROUNDING = 2.0
+_MIN_BESIDE = 3
 # Values this close, as a part of the span, are equal.
 _EQUAL_TOLERANCE = 1e-9
 # Steps of more than this part of the span make flat peaks that cannot be distinguished from clipped ones.
@@ -31,7 +35,7 @@ def find_clipping(signals: FloatArray, L: int, log: Log) -> tuple[Finding, ...]:
     for c, name in enumerate(log.names):
         x = signals[:, c]
         at_limit = _at_limit(x)
-        runs = _long_runs(at_limit)
+        runs = _long_runs(at_limit) & ~_dwells(x, at_limit)
         places = _visits(x, runs)
         share = float(runs.mean())
         if share < _MIN_CLIPPED_SHARE or places < _MIN_PLACES * max(1, len(x) // L):
@@ -50,6 +54,24 @@ def _at_limit(x: FloatArray) -> BoolArray:
     if step(x) > _MAX_STEP_SHARE * span:
         return np.zeros(len(x), dtype=np.bool_)
     return np.asarray((np.max(x) - x <= _EQUAL_TOLERANCE * span) | (x - np.min(x) <= _EQUAL_TOLERANCE * span))
+
+
+def _dwells(x: FloatArray, at_limit: BoolArray) -> BoolArray:
+    """Flags (n,) of the runs in which a rounded signal turns: a parabola beside them goes no further than rounding."""
+    gaps = np.diff(np.sort(x))
+    gaps = gaps[gaps > _EQUAL_TOLERANCE * float(np.ptp(x))]
+    rounding = float(gaps.min()) if gaps.size else 0.0
+    edges = np.diff(np.concatenate([[0], at_limit.astype(int), [0]]))
+    dwells = np.zeros(len(x), dtype=np.bool_)
+    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        reach = max(_MIN_BESIDE, int(end - start))
+        beside = np.r_[max(0, start - reach) : start, end : min(len(x), end + reach)]
+        if len(beside) < 2 * reach:
+            continue
+        t = (beside - (start + end - 1) / 2) / reach
+        peak = np.linalg.lstsq(np.vander(t, 3), x[beside] - x[start], rcond=None)[0][2]
+        dwells[start:end] = abs(peak) <= _MAX_ROUNDING * rounding
+    return dwells
 
 
 def _long_runs(flags: BoolArray) -> BoolArray:

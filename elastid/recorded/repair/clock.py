@@ -22,7 +22,7 @@ from elastid.recorded.repair.sample_times import at_times
 
 RESAMPLED = "samples resampled"
 # Quartz clocks differ by less; a period that is off by more is stated wrong.
-_MAX_CLOCK_ERROR = 5e-4
+MAX_CLOCK_ERROR = 5e-4
 # A smaller shift over the whole record, in samples, does no harm.
 _MIN_SHIFT = 0.02
 # Resampling must leave at most this part of the power that does not repeat.
@@ -54,7 +54,7 @@ def clock_drift(drivers: FloatArray, N: int) -> ClockDrift:
     far = max(1, len(Z) // 2)
     C, power = _cross(Z, 1)
     C_far, power_far = _cross(Z, far)
-    limit = _MAX_CLOCK_ERROR * N + 1
+    limit = MAX_CLOCK_ERROR * N + 1
     grid = np.arange(-limit, limit + _SEARCH_STEP, _SEARCH_STEP)
     excess = refined_shift(C, N, float(grid[np.argmax([correlation(C, N, e) for e in grid])]))
     excess = refined_shift(C_far, N, far * excess) / far
@@ -75,7 +75,7 @@ def resampled(signals: FloatArray, drivers: FloatArray, N: int, log: Log) -> Rep
     if P < 2:
         return Repaired(signals)
     drift = clock_drift(drivers, N)
-    is_small = abs(drift.excess) <= _MAX_CLOCK_ERROR * N
+    is_small = abs(drift.excess) <= MAX_CLOCK_ERROR * N
     if abs(drift.excess) * P < _MIN_SHIFT or not is_small or drift.left > _MAX_REMAINING_SHARE * drift.unexplained:
         return Repaired(signals)
     T = _period(drivers, N, drift)

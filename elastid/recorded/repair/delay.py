@@ -12,11 +12,15 @@ MIN_CORRELATION = 0.5
 _NEWTON_STEPS = 5
 
 
-def delay(first: FloatArray, second: FloatArray, N: int) -> tuple[float, float]:
+def delay(first: FloatArray, second: FloatArray, N: int | None) -> tuple[float, float]:
     """Delay of the second signal (n,) against the first, in samples from -N/2 to N/2, and their correlation there.
 
-    Of the mean periods; the fraction of a sample comes from the phase of their cross-spectrum.
+    Of the mean periods, or of the whole signals without a period (N None); the fraction of a sample comes from the
+    phase of their cross-spectrum.
     """
+    if N is None:
+        N = 2 * max(len(first), len(second))
+        first, second = (np.concatenate([x - x.mean(), np.zeros(N - len(x))]) for x in (first, second))
     X, Y = (np.fft.rfft(blocks(x, N).mean(axis=0)) for x in (first, second))
     C = Y * X.conj()
     C[0] = 0.0

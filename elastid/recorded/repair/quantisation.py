@@ -49,7 +49,7 @@ def find_steps(signals: FloatArray, L: int, sign: int, log: Log) -> tuple[Findin
         size, noise = float(X.mean(axis=0).std()), q / np.sqrt(12)
         if noise < _MIN_NOISE_SHARE * size:
             continue
-        change = np.diff(blocks(signals[:, c], L, sign), axis=0).std() / np.sqrt(2)
+        change = np.diff(blocks(signals[:, c], L, sign), axis=0).std() / np.sqrt(2) if len(X) > 1 else np.inf
         hidden = " that repeats with the signal, so that the scatter of the periods hides it" if change < noise else ""
         text = (
             f"{name}: steps of {q:.4g} make noise of {noise:.3g}, {100 * noise / max(size, 1e-300):.2g} % of the "

@@ -29,6 +29,8 @@ def expected(x: FloatArray, L: int, sign: int, good: BoolArray, robust: bool) ->
     for _ in range(_ROUNDS):
         away = X - _average(X - line, robust=True)
         from_line = np.abs(away - line)
+        # A repetition without a good sample has no line of its own.
+        from_line[~np.isfinite(from_line).any(axis=1)] = 0.0
         near = from_line <= _MAX_MEDIAN_DISTANCES * np.nanmedian(from_line, axis=1, keepdims=True) + 1e-300
         line = _lines(np.where(near, away, np.nan), t)
     common = line + _average(X - line, robust)

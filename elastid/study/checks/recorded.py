@@ -14,15 +14,18 @@ from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
 
+# Methods that need no period.
+WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2", "hv")
 # A folder with more files than this is not listed in a message.
 MAX_LISTED = 20
 
 
 def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
-    """Log files exist, no run of the robot is given twice; channels are on the robot."""
+    """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
     path: KeyPath = ("experiment", "recorded")
     yield from _check_files(study, recorded.files, path, base)
     yield from _check_channels(study, recorded.channels, path)
+    yield from _check_method(study, recorded)
     seen: dict[tuple[str, int, int], str] = {}
     for i, file in enumerate(recorded.files):
         run = (file.configuration, file.realisation, file.experiment)
@@ -33,6 +36,18 @@ def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator
                 f"{run[2]}; give each file its own realisation or experiment",
             )
         seen[run] = file.path
+
+
+def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+    """A record without a period goes with estimators that need none."""
+    without = [file.path for file in recorded.files if recorded.period_of(file) is None]
+    if without and study.estimator.method not in WITHOUT_PERIOD:
+        yield Problem(
+            ("estimator", "method"),
+            f"{study.estimator.method} compares periods, and {without[0]} is recorded without one; give "
+            "experiment.recorded.period (a time, or find), or take a method that needs none: "
+            f"{', '.join(WITHOUT_PERIOD)}",
+        )
 
 
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:

@@ -1,0 +1,75 @@
+"""The torque that acts against the one that was injected: the same signal twice, late, or of the other sign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
+from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.recorded.repair.delay import MIN_CORRELATION, delay
+from elastid.recorded.repair.repeats import blocks
+
+# A lag of u behind r, in samples, from which on it is reported.
+_MIN_REPORTED_LAG = 0.75
+# The lines with this part of the power of r decide after which part of a period r repeats.
+_MAIN_POWER_SHARE = 0.995
+# The other sign fits better where its correlation is so much higher, or as high with a shorter lag.
+_MIN_CORRELATION_GAIN = 0.02
+
+
+def drive_notes(channels: Sequence[ChannelSpec], signals: FloatArray, N: int | None, where: str) -> list[Note]:
+    """Notes on each r of signals (n, c) and the u at its motor.  N: samples of the period, None without one."""
+    u = {c.at: i for i, c in enumerate(channels) if c.role == "u"}
+    notes = []
+    for i, channel in enumerate(channels):
+        if channel.role == "r":
+            notes += _compared(channel.at, signals[:, i], signals[:, u[channel.at]], N, where)
+    return notes
+
+
+def _compared(at: str, r: FloatArray, u: FloatArray, N: int | None, where: str) -> list[Note]:
+    if np.ptp(r) > 0 and np.array_equal(r, u):
+        said = (
+            f"u at {at} equals r to the last bit: the command was logged twice, so that feedback, the drive's limits "
+            "and its delay are not in u; log the torque that acts, or leave the channel of role r out if nothing feeds "
+            "back"
+        )
+        return [Note("same-signal", said, where)]
+    lag, correlation = _lag(r, u, N)
+    turned, negative = _lag(r, -u, N)
+    is_better = negative > correlation + _MIN_CORRELATION_GAIN
+    is_as_good = negative > correlation - _MIN_CORRELATION_GAIN and abs(turned) < abs(lag)
+    if negative >= MIN_CORRELATION and (is_better or is_as_good):
+        said = (
+            f"u at {at} moves against r (correlation {-negative:.2f} after {turned:.1f} samples): the motor is "
+            "mirrored or one of the two channels has the other sign; give that channel sign: -1"
+        )
+        return [Note("mirrored-torque", said, where)]
+    if correlation >= MIN_CORRELATION and abs(lag) >= _MIN_REPORTED_LAG:
+        said = (
+            f"u at {at} lags r by {lag:.1f} samples; responses of y to u do not depend on it, those "
+            "estimated with the reference only if it changes from experiment to experiment"
+        )
+        return [Note("late-torque", said, where)]
+    return []
+
+
+def _lag(r: FloatArray, u: FloatArray, N: int | None) -> tuple[float, float]:
+    """The shortest lag of u behind r in samples, and the correlation there."""
+    lag, correlation = delay(r, u, N)
+    if N is None:
+        return lag, correlation
+    after = N / _common_divisor(blocks(r, N).mean(axis=0))
+    return lag - after * round(lag / after), correlation
+
+
+def _common_divisor(period: FloatArray) -> int:
+    """The common divisor of the lines with nearly all power of a period (N,): it repeats so often within itself."""
+    power = np.abs(np.fft.rfft(period)) ** 2
+    power[0] = 0.0
+    order = np.argsort(power)[::-1]
+    n_main = int(np.searchsorted(np.cumsum(power[order]), _MAIN_POWER_SHARE * power.sum())) + 1
+    return max(1, int(np.gcd.reduce(order[:n_main])))

@@ -1,0 +1,95 @@
+"""A stop within a record, such as an emergency stop: no torque and no motion where other repetitions have both.
+
+A repetition with a stop in it is missing (NaN), so that it is left out; what follows a stop for good is cut off.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import DataError
+from elastid.recorded.periodicity import repetition
+from elastid.recorded.repair.finding import Finding, Log, Repaired
+
+STOPPED = "stops"
+# Windows of a repetition, and samples of one at least; so many in a row stand still in a stop.
+_N_WINDOWS = 20
+_MIN_WINDOW = 8
+_MIN_STILL_WINDOWS = 2
+# A signal stands still where it scatters by less than this part of what it does at that phase in other repetitions.
+_MAX_STILL_SHARE = 0.1
+# A signal moves at a phase where it scatters by this part of its median there.
+_MIN_MOVING_SHARE = 0.2
+
+
+def without_stops(signals: FloatArray, roles: Mapping[str, Sequence[int]], L: int, sign: int, log: Log) -> Repaired:
+    """Signals (n, c), NaN in the repetitions of L samples with a stop, and cut where the last stop has no end.
+
+    roles: the columns of u and y, which stand still together in a stop.  Unchanged where the rest does not repeat.
+    Raises DataError where fewer than two repetitions are left.
+    """
+    P, width = len(signals) // L, max(_MIN_WINDOW, L // _N_WINDOWS)
+    if P < 2 or width * _MIN_STILL_WINDOWS > L:
+        return Repaired(signals)
+    still = _still(signals, roles["u"], P, L, width, all_of_them=True)
+    still &= _still(signals, roles["y"], P, L, width, all_of_them=False)
+    flat = _in_rows(still.ravel(), _MIN_STILL_WINDOWS)
+    if not flat.any():
+        return Repaired(signals)
+    stopped = flat.reshape(P, -1)
+    bad = np.flatnonzero(stopped.any(axis=1))
+    row = int(bad[0])
+    at = row * L + int(np.argmax(stopped[row])) * width
+    good, ends = P - len(bad), len(bad) == P - row
+    result = signals.copy()
+    for p in bad:
+        first = p * L + int(np.argmax(stopped[p])) * width
+        result[first : (p + 1) * L] = np.nan
+    if not repetition(result[:, list(roles["u"])], L, sign).is_as_stated:
+        return Repaired(signals)
+    what = f"the torques and the robot stand still from {log.at(at)} on"
+    if good < 2:
+        raise DataError(
+            f"{log.where}: {what}, as after an emergency stop, and {good} of {P} repetitions is whole, where two are "
+            f"needed: measure again, or take samples: [{log.first}, {log.first + at}] with period: none and "
+            "estimator.method local_rational"
+        )
+    numbers = ", ".join(str(p + 1) for p in bad)
+    text = f"{what}, as after an emergency stop: repetitions {numbers} of {P} are left out"
+    if ends:
+        return Repaired(signals[: row * L], (Finding(STOPPED, len(bad), text),))
+    for p in bad:
+        result[p * L : (p + 1) * L] = np.nan
+    return Repaired(result, (Finding(STOPPED, len(bad), text),))
+
+
+def _still(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: int, all_of_them: bool) -> BoolArray:
+    """Flags (P, W) of the windows in which all of the moving columns, or one of them, stand still."""
+    W = L // width
+    flags = []
+    for c in columns:
+        windows = signals[: P * L, c].reshape(P, L)[:, : W * width].reshape(P, W, width)
+        t = np.linspace(-1.0, 1.0, width)
+        away = windows - windows.mean(axis=2, keepdims=True)
+        away = away - (away @ t / (t @ t))[:, :, None] * t
+        scatter = np.where(np.isfinite(away).all(axis=2), np.sqrt(np.mean(away**2, axis=2)), np.inf)
+        usual = np.median(scatter, axis=0) if P > 2 else np.where(np.isfinite(scatter), scatter, 0.0).max(axis=0)
+        level = float(np.median(usual[np.isfinite(usual)])) if np.isfinite(usual).any() else 0.0
+        if level == 0:
+            continue
+        flags.append((scatter < _MAX_STILL_SHARE * usual) & (usual > _MIN_MOVING_SHARE * level))
+    if not flags:
+        return np.zeros((P, W), dtype=np.bool_)
+    return np.asarray(np.all(flags, axis=0) if all_of_them else np.any(flags, axis=0))
+
+
+def _in_rows(flags: BoolArray, least: int) -> BoolArray:
+    """The flags that stand in a row of at least so many."""
+    edges = np.diff(np.concatenate([[0], flags.astype(int), [0]]))
+    result = np.zeros(len(flags), dtype=np.bool_)
+    for start, end in zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True):
+        result[start:end] = end - start >= least
+    return result
