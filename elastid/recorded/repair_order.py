@@ -13,7 +13,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.recorded.period import at_whole_samples, grid_samples, with_whole_end
-from elastid.recorded.periodicity import MIN_PERIODS
+from elastid.recorded.periodicity import MIN_PERIODS, repetition
 from elastid.recorded.repair.clipping import find_clipping
 from elastid.recorded.repair.clock import resampled
 from elastid.recorded.repair.drift import find_drift
@@ -45,7 +45,7 @@ def repair(
     N, drivers = grid_samples(period, half_wave), np.array(roles["r"] or roles["u"])
     L, sign = (N // 2, -1) if half_wave else (N, 1)
     start = _in_whole_samples(signals, period, N, L)
-    going = without_stops(start.signals, roles, L, sign, log)
+    going = without_stops(start.signals, roles, L, lambda x: repetition(x, L, sign).is_as_stated, log)
     bridged = _bridged(going.signals)
     clock = _at_the_clock(going.signals, bridged, drivers, N, log)
     in_step = realigned(clock.signals, _bridged(clock.signals)[:, drivers], N, log)

@@ -5,13 +5,12 @@ A repetition with a stop in it is missing (NaN), so that it is left out; what fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair.finding import Finding, Log, Repaired
 
 STOPPED = "stops"
@@ -25,10 +24,13 @@ _MAX_STILL_SHARE = 0.1
 _MIN_MOVING_SHARE = 0.2
 
 
-def without_stops(signals: FloatArray, roles: Mapping[str, Sequence[int]], L: int, sign: int, log: Log) -> Repaired:
+def without_stops(
+    signals: FloatArray, roles: Mapping[str, Sequence[int]], L: int, repeats: Callable[[FloatArray], bool], log: Log
+) -> Repaired:
     """Signals (n, c), NaN in the repetitions of L samples with a stop, and cut where the last stop has no end.
 
-    roles: the columns of u and y, which stand still together in a stop.  Unchanged where the rest does not repeat.
+    roles: the columns of u and y, which stand still together in a stop.  repeats: whether signals (n, d), NaN where
+    missing, repeat as stated.  Unchanged where the rest does not.
     Raises DataError where fewer than two repetitions are left.
     """
     P, width = len(signals) // L, max(_MIN_WINDOW, L // _N_WINDOWS)
@@ -48,7 +50,7 @@ def without_stops(signals: FloatArray, roles: Mapping[str, Sequence[int]], L: in
     for p in bad:
         first = p * L + int(np.argmax(stopped[p])) * width
         result[first : (p + 1) * L] = np.nan
-    if not repetition(result[:, list(roles["u"])], L, sign).is_as_stated:
+    if not repeats(result[:, list(roles["u"])]):
         return Repaired(signals)
     what = f"the torques and the robot stand still from {log.at(at)} on"
     if good < 2:
