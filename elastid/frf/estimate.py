@@ -28,7 +28,10 @@ from elastid.frf.distortion import Detected, detect, detection_lines, fast_total
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.local.response import local_response
+from elastid.frf.matrices import power
 from elastid.frf.methods import METHODS, Estimate
+from elastid.frf.negligible_transient import TotalError
+from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
 from elastid.frf.spec import EstimatorSpec, Method
 from elastid.frf.spectra import RecordSpectra, refuse_uncomputable
 from elastid.frf.without_period import response_without_period
@@ -85,7 +88,7 @@ def _from_periods(
     spectra = [[RecordSpectra(r) if known else RecordSpectra(r).with_driver() for r in group] for group in groups]
     lines = analysed_lines([each for group in spectra for each in group], spec, planned_lines)
     detection = detection_lines(lines, first.half_wave)
-    everything = gather_spectra(spectra, lines, detection, spec, with_reference=method == "joint")
+    everything = _gathered(spectra, lines, detection, spec, method)
     excited = np.isin(np.union1d(lines, detection), lines)
     data = everything.on(excited)
     notes = [*reason, *(note for group in groups for record in group for note in record.notes), *data.notes]
@@ -111,6 +114,30 @@ def _from_periods(
     response, of_form = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])
     notes += [*found.notes, *of_form, *input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
+
+
+def _gathered(
+    spectra: Sequence[Sequence[RecordSpectra]], lines: IntArray, detection: IntArray, spec: EstimatorSpec, method: str
+) -> MeanSpectra:
+    """Mean spectra; where transients were left out and realisations scatter, again with those that do not matter."""
+
+    def gather(total: TotalError | None) -> MeanSpectra:
+        return gather_spectra(spectra, lines, detection, spec, with_reference=method == "joint", total=total)
+
+    everything = gather(None)
+    if len(spectra) < 2 or not any(note.code == TRANSIENT_LEFT_OUT for note in everything.notes):
+        return everything
+    groups = [[each.record for each in group] for group in spectra]
+    data = everything.on(np.isin(np.union1d(lines, detection), lines))
+    usable = separated_lines(data.blocks, groups, method)
+    if not usable.any():
+        return everything
+    data = data.on(usable)
+    found = _estimate(method, data, groups[0][0])
+    error = total_error(data, found)
+    if error is None:
+        return everything
+    return gather(TotalError(found.G, power(error[0]) / len(groups), usable))
 
 
 def _estimate(method: str, data: MeanSpectra, first: Record) -> Estimate:

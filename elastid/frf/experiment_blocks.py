@@ -11,6 +11,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
 from elastid.frf.matrices import added, adjoint
+from elastid.frf.negligible_transient import TotalError
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra, RecordSpectra, amplitude_scale, period_spectra, reference_spectrum
@@ -145,10 +146,12 @@ def gather_spectra(
     detection: IntArray,
     spec: EstimatorSpec,
     with_reference: bool,
+    total: TotalError | None = None,
 ) -> MeanSpectra:
     """Mean spectra at lines (F,) and detection lines (K,), all in order, of one record after another.
 
     The excited lines decide which periods can be trusted.  with_reference: the spectra of r are needed, too.
+    total: the error of an estimate before, against which transients are judged.
     """
     everywhere = np.union1d(lines, detection)
     excited = np.isin(everywhere, lines)
@@ -160,7 +163,7 @@ def gather_spectra(
         means, R, periods = [], [], []
         for each in group:
             spectra = period_spectra(each, everywhere, spec.quantity)
-            kept = trusted(spectra.on(excited), spec)
+            kept = trusted(spectra.on(excited), spec, total)
             notes += kept.notes
             periods.append(len(kept.periods))
             means.append(sums.add(spectra.only(kept.periods)))

@@ -4,7 +4,8 @@ Each channel of each period has a distance from the other periods, relative to t
 
     D_p = median over q of ||X_p - X_q|| / ||X||,   ||X||^2 = sum_k |X(k)|^2
 
-and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.
+and is far where D_p exceeds the median distance by outlier_sigma robust standard deviations.  A transient that is
+negligible against the total standard deviation stays (negligible_transient).
 """
 
 from __future__ import annotations
@@ -17,9 +18,11 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.frf.negligible_transient import TotalError, is_negligible
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import PeriodSpectra
 
+TRANSIENT_LEFT_OUT = "transient-left-out"
 # An outlier cannot be identified among fewer periods.
 _MIN_PERIODS = 5
 # A period this close to the others is as good as they are, however exactly they agree.
@@ -67,8 +70,10 @@ class Compared:
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)))
 
 
-def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
+def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | None = None) -> PeriodSpectra:
     """The periods that can be used, at least two; notes report those left out and their distances.
+
+    total: where it is known, a transient is left out only if it matters against it.
 
     Raises DataError where transient_periods leaves fewer than two.
     """
@@ -85,7 +90,10 @@ def trusted(spectra: PeriodSpectra, spec: EstimatorSpec) -> PeriodSpectra:
         )
     settled = np.arange(leading, P)
     far, more = _outliers(spectra, compared, settled, spec.outlier_sigma)
-    return replace(spectra.only(np.setdiff1d(settled, far)), notes=(*spectra.notes, *notes, *more))
+    used = settled
+    if notes and total is not None and is_negligible(spectra, leading, total):
+        used, notes = np.arange(P), (_kept_note(spectra, leading),)
+    return replace(spectra.only(np.setdiff1d(used, far)), notes=(*spectra.notes, *notes, *more))
 
 
 def _without_left_out(spectra: PeriodSpectra) -> PeriodSpectra:
@@ -135,7 +143,7 @@ def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float)
     leading = int(np.argmin(np.append(found.far[: later[0]], False)))
     if leading == 0:
         return 0, ()
-    note = _note(spectra, np.arange(leading), found, "a transient")
+    note = replace(_note(spectra, np.arange(leading), found, "a transient"), code=TRANSIENT_LEFT_OUT)
     if leading == later[0]:
         note = replace(note, text=f"{note.text}; it may last longer than half of the record: measure more periods")
     return leading, (note,)
@@ -172,6 +180,13 @@ def _note(spectra: PeriodSpectra, left_out: IntArray, found: Distances, what: st
         f"where {100 * found.typical[worst]:.2g} % is usual",
         f"record {record.name}",
     )
+
+
+def _kept_note(spectra: PeriodSpectra, leading: int) -> Note:
+    count = f"first {leading} of {len(spectra.periods)} periods" if leading > 1 else "first period"
+    text = f"the {count} hold a transient" if leading > 1 else f"the {count} holds a transient"
+    text = f"{text}, which is kept: it changes the response by less than a fifth of its total standard deviation"
+    return Note("transient-kept", text, f"record {spectra.record.name}", severity="information")
 
 
 def _listed(items: Sequence[str]) -> str:
