@@ -65,6 +65,21 @@ def test_each_file_has_its_own_period(tmp_path: Path) -> None:
     assert [rig.measure(e).period_samples for e in rig.experiments] == [200, 150]
 
 
+def test_periods_that_differ_by_the_clocks_of_their_logs_are_estimated_together(tmp_path: Path) -> None:
+    """200.3 and 200.31 samples, found in each; the same lines, and the response of the axis that moves alone."""
+    channels = (CHANNELS[1], ChannelSpec("y", "motor 1", "phi", quantity="position"))
+    for name, T in (("a", 200.3), ("b", 200.31)):
+        log = _log_of_period(T, 1203)
+        save_csv(tmp_path / f"{name}.csv", {"i1": log["i1"], "phi": 0.2 * log["i1"] * 0.5e-3 * -50.0})
+    files = (FileSpec("a.csv", "home"), FileSpec("b.csv", "home", 1))
+    rig = RecordedRig(ROBOT, study_of("", channels, files=files, period_samples=None, period="find"), tmp_path)
+    records = [rig.measure(e) for e in rig.experiments]
+    assert 1e-5 < abs(records[1].rate_hz / records[0].rate_hz - 1) < 1e-4
+    G = estimate(records, EstimatorSpec(quantity="position"))
+    assert G.n_lines == len(LINES)
+    np.testing.assert_allclose(G.G[:, 0, 0], 0.2, rtol=1e-3)
+
+
 @pytest.mark.parametrize("T", [200.0, 160.4])
 def test_a_period_is_found(T: float, tmp_path: Path) -> None:
     """Whole or not, and the record says which."""

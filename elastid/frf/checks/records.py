@@ -8,6 +8,9 @@ from elastid.base.errors import DataError
 from elastid.frf.methods import AVERAGED
 from elastid.record import Record
 
+# Clocks of logs differ by so little that their lines are the same ones.
+_MAX_CLOCK_DIFFERENCE = 1e-4
+
 
 def refuse_mismatch(records: Sequence[Record]) -> None:
     """DataError where the records of a configuration do not fit together."""
@@ -17,7 +20,8 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
         # Without a period each record has its own length.
         for name in [*names, "period_samples"] if first.is_periodic else names:
             a, b = getattr(first, name), getattr(record, name)
-            if a != b:
+            is_same = abs(a - b) <= _MAX_CLOCK_DIFFERENCE * a if name == "rate_hz" else a == b
+            if not is_same:
                 raise DataError(
                     f"records {first.name} and {record.name} of configuration {first.configuration.name} do not fit "
                     f"together: {name} is {a} and {b}; make two configurations of them"
