@@ -33,9 +33,17 @@ def motion_unit(quantity: Motion, slides: bool) -> str:
     return of_translation(MOTION_UNIT[quantity]) if slides else MOTION_UNIT[quantity]
 
 
+def drive_unit(slides: bool) -> str:
+    """The SI unit of what drives a motion: a force where it translates, else a torque."""
+    return of_translation("N*m") if slides else "N*m"
+
+
 @frozen_value
 class Configuration:
-    """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name."""
+    """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name.
+
+    Of a structure without joints: one of its states, with no angles.
+    """
 
     name: str
     angles: FloatArray
@@ -60,7 +68,7 @@ class Record:
     the log.
     left_out: repetitions, counted from 0, that are mostly filled in and so no measurement.  sliding: inputs and outputs
     that translate, in N and m instead of Nm and rad.  is_periodic: False for a record without a period (noise, a sweep
-    from rest): period_samples is then its length.
+    from rest): period_samples is then its length.  input_units: of each input, where one is a voltage or a current.
 
     Raises ValueError where shapes disagree or the record holds no whole period.
     """
@@ -86,6 +94,7 @@ class Record:
     sliding: tuple[str, ...] = ()
     is_periodic: bool = True
     hold_samples: tuple[float, ...] = ()
+    input_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes, names and length."""
@@ -119,6 +128,11 @@ class Record:
         """The unit of each output."""
         pairs = zip(self.quantities, self.outputs, strict=True)
         return tuple(motion_unit(quantity, place in self.sliding) for quantity, place in pairs)
+
+    @property
+    def units_of_inputs(self) -> tuple[str, ...]:
+        """The unit of each input."""
+        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
 
     @property
     def n_samples(self) -> int:

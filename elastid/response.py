@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.note import Note
-from elastid.record import MOTION_ORDER, Configuration, Motion, motion_unit
+from elastid.record import MOTION_ORDER, Configuration, Motion, drive_unit, motion_unit
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 # Arrays of a Quality with the lines of its response.
@@ -132,7 +132,8 @@ class FrequencyResponse:
     distortion together (from realisations), or None.  distortion: of one realisation by stochastic nonlinear
     distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
     quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
-    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.
+    sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
+    is a voltage or a current.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -151,6 +152,7 @@ class FrequencyResponse:
     quality: Quality | None = None
     repairs: Mapping[str, int] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check the arrays."""
@@ -176,8 +178,12 @@ class FrequencyResponse:
     @property
     def unit(self) -> str:
         """Unit of G; several where some places rotate and others slide."""
-        torques = dict.fromkeys("N" if place in self.sliding else "N*m" for place in self.inputs)
-        return f"({self.output_unit})/({' or '.join(torques)})"
+        return f"({self.output_unit})/({' or '.join(dict.fromkeys(self.units_of_inputs))})"
+
+    @property
+    def units_of_inputs(self) -> tuple[str, ...]:
+        """The unit of each input."""
+        return self.input_units or tuple(drive_unit(place in self.sliding) for place in self.inputs)
 
     @property
     def output_unit(self) -> str:

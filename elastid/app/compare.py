@@ -69,7 +69,7 @@ def finish(run: Run, comparison: Comparison) -> None:
 def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:
     """The study's own model, its variants, and those of other studies; StudyError where one cannot be made."""
     study = loaded.study
-    yield ComparedVariant(study.name, study.robot, study.seeded_fit, study.model)
+    yield ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
     for spec in study.compare.variants or _default(study, bool(others)):
         try:
             yield variant(loaded, spec)
@@ -77,7 +77,7 @@ def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterato
             raise StudyError(f"compare.variants: {spec.name}: {error}") from None
     for other in others:
         name = other.study.name if other.study.name != study.name else str(other.path)
-        yield ComparedVariant(name, other.study.robot, _weighed_as(study, other.study), other.study.model)
+        yield ComparedVariant(name, other.study.as_robot(), _weighed_as(study, other.study), other.study.model)
 
 
 def comparison_table(comparison: Comparison) -> list[list[str]]:
@@ -103,7 +103,7 @@ def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
     """
     if has_others:
         return ()
-    robot = study.robot
+    robot = study.as_robot()
     riding = any(joint.motor is not None and joint.motor.on for joint in robot.driven)
     coupling = [VariantSpec("without motor coupling", motor_coupling=False)] if riding else []
     rigid = [VariantSpec(f"{name} rigid", rigid=(name,)) for name in further_elastic(robot)]
@@ -118,7 +118,7 @@ def _default(study: Study, has_others: bool) -> tuple[VariantSpec, ...]:
 
 def _of_loops(study: Study) -> tuple[VariantSpec, ...]:
     """The approximations in use for a robot with loops, as far as they leave anything out, and the exact equations."""
-    robot, own = study.robot, study.model
+    robot, own = study.as_robot(), study.model
     if not robot.loops:
         return ()
     rods = [loop.rod for loop in robot.loops if loop.rod is not None]
@@ -144,9 +144,9 @@ def variant(loaded: LoadedStudy, spec: VariantSpec) -> ComparedVariant:
     """The study's own model but for what is given; StudyError where there is no such model."""
     own = loaded.study
     study = load(loaded.path, (*loaded.overrides, *spec.set)).study if spec.set else own
-    robot = study.robot if spec.motor_coupling else without_motor_coupling(study.robot)
+    robot = study.as_robot() if spec.motor_coupling else without_motor_coupling(study.as_robot())
     robot = stiffened(robot, spec.rigid)
-    fit = restricted(_weighed_as(own, study), robot, study.robot)
+    fit = restricted(_weighed_as(own, study), robot, study.as_robot())
     if study.model != own.model:
         fit = held(fit, robot, unseen(robot, study.model.variant))
     choose(fit, robot)

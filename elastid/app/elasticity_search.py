@@ -74,7 +74,7 @@ def trial_table(trials: Sequence[Trial]) -> list[list[str]]:
 
 def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     """What can be elastic or rigid, label to name, and the labels of what is elastic to begin with: the gears."""
-    robot, unknown = loaded.study.robot, unseen(loaded.study.robot, loaded.study.model.variant)
+    robot, unknown = loaded.study.as_robot(), unseen(loaded.study.as_robot(), loaded.study.model.variant)
     coordinates = [each for each in elastic_coordinates(robot) if f"k_{each.name}" not in unknown]
     if not coordinates:
         raise StudyError(
@@ -102,7 +102,7 @@ def _fitted(
         except StudyError as error:
             if model in (start, tuple(coordinates)):
                 raise StudyError(f"search: {name}: {error}") from None
-            own = ComparedVariant(name, run.study.robot, run.study.fit, run.study.model)
+            own = ComparedVariant(name, run.study.as_robot(), run.study.fit, run.study.model)
             cannot[model] = own, 2 * [Refit("failed", str(error), 0, math.inf, 0, {})]
     fits = refitted(run, list(made.values()), responses)
     return dict(zip(made, zip(made.values(), fits, strict=True), strict=True)) | cannot

@@ -29,7 +29,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[FrequencyResponse]:
     """
     spec, estimator = study.experiment.responses, study.estimator
     assert spec is not None  # the kind of the experiment is `responses`
-    configurations = {c.name: c for c in checked_configurations(study.experiment, study.robot)}
+    configurations = {c.name: c for c in checked_configurations(study.experiment, study.as_robot())}
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":
@@ -40,7 +40,7 @@ def imported_responses(study: Study, base: Path) -> Iterator[FrequencyResponse]:
                     f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
                 )
             table = read_table(path, spec, file.response)
-            response = link_side_response(table, spec, configuration, study.robot, estimator.quantity)
+            response = link_side_response(table, spec, configuration, study.as_robot(), estimator.quantity)
         if estimator.band_hz is not None:
             low, high = estimator.band_hz
             inside = (response.freq_hz >= low) & (response.freq_hz <= high)
@@ -60,11 +60,11 @@ def _of_another_run(
     response = found[name]
     angles = response.configuration.angles
     if angles.shape != configuration.angles.shape or np.any(np.abs(angles - configuration.angles) > _SAME_ANGLE):
-        units = ", ".join(dict.fromkeys(joint.unit for joint in study.robot.driven))
+        units = ", ".join(dict.fromkeys(joint.unit for joint in study.as_robot().driven))
         raise StudyError(
             f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
             f"{configuration.angles.tolist()}; correct experiment.configurations"
         )
     for place in (*response.inputs, *response.outputs):
-        study.robot.check_location(place)
+        study.as_robot().check_location(place)
     return replace(response, configuration=configuration)

@@ -37,14 +37,14 @@ def truth(study: Study) -> dict[str, float] | None:
     simulated = study.experiment.simulated
     if simulated is None:
         return None
-    robot = study.robot
+    robot = study.as_robot()
     named = (*robot.geometry, *(name for name in robot.gains if name in study.fit.parameters))
     numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
     # Dry friction looks viscous to a multisine: the fitted number is then not the motor's viscous number alone,
     # nor that of a joint which turns rigidly with its motor.
-    rough = {law.place for law in frictions(study.robot)}
+    rough = {law.place for law in frictions(study.as_robot())}
     sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
-    rigid = {joint.name for joint in study.robot.driven if joint not in study.robot.flexible}
+    rigid = {joint.name for joint in study.as_robot().driven if joint not in study.as_robot().flexible}
     sticking |= {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
 
@@ -162,7 +162,7 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
     best = failure(study, f"interrupted after {len(ends)} of {study.fit.starts} starts; run the fit again to resume it")
     if not ends:
         return best | {"status": "interrupted"}
-    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     values, x_start = parameters.as_dict(ends[0].x), parameters.as_dict()
     rows = {
         p.name: {"value": values[p.name], "std": None, "interval95": [None, None], "unit": p.unit, "at_bound": False}

@@ -109,6 +109,7 @@ def _from_periods(
         configuration=first.configuration,
         rate_is_known=first.rate_is_known,
         sliding=first.sliding,
+        input_units=first.input_units,
     )
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
     response, of_form = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])

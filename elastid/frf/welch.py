@@ -81,6 +81,7 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         total=covariance,
         rate_is_known=first.rate_is_known,
         sliding=first.sliding,
+        input_units=first.input_units,
         quality=quality,
         notes=tuple(notes),
     )

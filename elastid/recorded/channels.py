@@ -16,6 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.structure import Places
 from elastid.recorded.files.formats import read_channels
 from elastid.recorded.link_side import check_values, link_side
 from elastid.recorded.period import found_period, period_samples
@@ -24,7 +25,6 @@ from elastid.recorded.repair.finding import Finding, Log
 from elastid.recorded.repair.gaps import bridged_gaps
 from elastid.recorded.repair.missing import filled
 from elastid.recorded.repair.sample_times import at_times, on_grid
-from elastid.robot import Robot
 
 ALIGNED = "logs shifted"
 RATE_CHANGED = "channels brought to another rate"
@@ -85,7 +85,7 @@ class _Experiment:
         return channel.file, float(channel.rate_hz or self.rate_hz)
 
 
-def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Robot) -> GatheredChannels:
+def gather_channels(recorded: RecordedSpec, file: FileSpec, base: Path, robot: Places) -> GatheredChannels:
     """Read the logs of one experiment.
 
     Raises StudyError for rates without a whole number of samples in a period, DataError for channels that cannot be

@@ -19,7 +19,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec
-from elastid.robot import Robot
+from elastid.experiment.specs.structure import Places
 
 # A jump between two samples this close to a whole turn, in rad, is an encoder that starts again.
 _TURN_TOLERANCE = 1.0
@@ -27,12 +27,12 @@ _TURN_TOLERANCE = 1.0
 _MIN_COUPLING = 1e-12
 
 
-def link_side_factor(channel: ChannelSpec, robot: Robot) -> float:
+def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
     """Factor from the file's numbers to SI on the link side; StudyError where unit or side are wrong."""
     return _own_side_factor(channel, robot) * _gear_factor(channel, robot)
 
 
-def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[FloatArray, tuple[Note, ...]]:
+def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[FloatArray, tuple[Note, ...]]:
     """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
     signal = values * _own_side_factor(channel, robot)
     turns = 0
@@ -46,7 +46,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Robot) -> tuple[F
     return signal * _gear_factor(channel, robot), (note,) if turns else ()
 
 
-def to_joints(channels: Sequence[ChannelSpec], robot: Robot) -> FloatArray:
+def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     """T (n_c, n_c) from channels by their own ratio to channels on the link side: the identity without couplings.
 
     StudyError where a channel with side: motor needs another that is not there.
@@ -91,7 +91,7 @@ def _another_moves(channel: ChannelSpec, channels: Sequence[ChannelSpec], column
     return any(c.role == channel.role and np.nanmax(v) > np.nanmin(v) for c, v in zip(channels, columns, strict=True))
 
 
-def _own_side_factor(channel: ChannelSpec, robot: Robot) -> float:
+def _own_side_factor(channel: ChannelSpec, robot: Places) -> float:
     try:
         unit = channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
     except ValueError as error:
@@ -99,7 +99,7 @@ def _own_side_factor(channel: ChannelSpec, robot: Robot) -> float:
     return channel.sign * channel.scale * unit * (channel.torque_constant or 1.0)
 
 
-def _gear_factor(channel: ChannelSpec, robot: Robot) -> float:
+def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
     if channel.side == "link":
         return 1.0
     kind, _, joint = channel.at.partition(" ")
@@ -109,7 +109,7 @@ def _gear_factor(channel: ChannelSpec, robot: Robot) -> float:
             f"there are {', '.join(robot.motor_locations)}"
         )
     ratio = robot.ratio(joint)
-    return ratio if channel.quantity in ("torque", "current") else 1 / ratio
+    return ratio if channel.role != "y" else 1 / ratio
 
 
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, at: str) -> int:

@@ -13,6 +13,7 @@ from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.structure import Places, channel_refusal, input_units
 from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes
@@ -24,7 +25,6 @@ from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
 from elastid.recorded.repeat_check import check_repeat
 from elastid.recorded.torque_hold import check_holds, hold_samples
-from elastid.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class RecordedRig:
     cannot be used.
     """
 
-    robot: Robot
+    robot: Places
     spec: ExperimentSpec
     base: Path
 
@@ -69,7 +69,8 @@ class RecordedRig:
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(c.full_name for c in gathered.channels), rate_hz, gathered.first)
         record = _record(experiment, recorded, file, gathered, log, self.robot)
-        return replace(record, sliding=self.robot.sliding((*record.inputs, *record.outputs)))
+        sliding = self.robot.sliding((*record.inputs, *record.outputs))
+        return replace(record, sliding=sliding, input_units=input_units(gathered.channels, self.robot))
 
 
 def _record(
@@ -78,7 +79,7 @@ def _record(
     file: FileSpec,
     gathered: GatheredChannels,
     log: Log,
-    robot: Robot,
+    robot: Places,
 ) -> Record:
     channels = gathered.channels
     roles = {role: [i for i, c in enumerate(channels) if c.role == role] for role in ("r", "u", "y")}
@@ -182,9 +183,11 @@ def _check_files(spec: ExperimentSpec, files: tuple[FileSpec, ...], base: Path) 
                 raise StudyError(f"log file {base / path} is not there; paths are relative to the study's folder")
 
 
-def _check_channels(channels: tuple[ChannelSpec, ...], robot: Robot) -> None:
+def _check_channels(channels: tuple[ChannelSpec, ...], robot: Places) -> None:
     for channel in channels:
         robot.check_location(channel.at)
+        if refused := channel_refusal(channel, channels, robot)[1]:
+            raise StudyError(f"{channel.full_name}: {refused}")
         link_side_factor(channel, robot)
         if channel.role in ("r", "u") and channel.at not in robot.motor_locations:
             raise StudyError(

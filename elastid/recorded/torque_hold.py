@@ -8,8 +8,8 @@ import numpy as np
 
 from elastid.base.errors import StudyError
 from elastid.experiment.specs.recorded import ChannelSpec, RecordedSpec
+from elastid.experiment.specs.structure import Places
 from elastid.recorded.link_side import to_joints
-from elastid.robot import Robot
 
 
 def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_hz: float) -> tuple[float, ...]:
@@ -23,7 +23,7 @@ def hold_samples(recorded: RecordedSpec, channels: Sequence[ChannelSpec], rate_h
     return tuple(rate_hz / rate if kind == "zero-order" else 0.0 for kind, rate in zip(kinds, own, strict=True))
 
 
-def check_holds(recorded: RecordedSpec, robot: Robot) -> None:
+def check_holds(recorded: RecordedSpec, robot: Places) -> None:
     """StudyError where gears mix torques of different holds, so that the torque of a joint has neither."""
     torques = [channel for channel in recorded.channels if channel.role == "u"]
     held = hold_samples(recorded, torques, 1.0)

@@ -194,6 +194,16 @@ def read_sliding(group: Any) -> tuple[str, ...]:
     return texts(group, "sliding")
 
 
+def write_input_units(group: Any, units: tuple[str, ...]) -> None:
+    """The unit of each input, where one is a voltage or a current."""
+    scale(group, "input_units", units, "unit of each input, where one is neither torque nor force")
+
+
+def read_input_units(group: Any) -> tuple[str, ...]:
+    """The unit of each input, where one is a voltage or a current; of none in a file without them."""
+    return texts(group, "input_units") if "input_units" in group else ()
+
+
 def kind_of(path: Path) -> str | None:
     """The kind of artefact in a file; None where it is none of elastid."""
     try:

@@ -17,11 +17,13 @@ from elastid.store.files import (
     created,
     key,
     opened,
+    read_input_units,
     read_notes,
     read_sliding,
     scale,
     texts,
     variable,
+    write_input_units,
     write_notes,
     write_sliding,
 )
@@ -75,12 +77,14 @@ def _write_record(group: Any, record: Record) -> None:
     inputs = scale(group, "input", record.inputs, "input")
     outputs = scale(group, "output", record.outputs, "output")
     variable(group, "quantity", record.quantities, [outputs], "quantity of each output")
-    variable(group, "u", record.u, [time, inputs], "torque that acts, link side", "N*m")
+    drives = ", ".join(dict.fromkeys(record.units_of_inputs))
+    variable(group, "u", record.u, [time, inputs], "torque that acts, link side", drives)
     variable(group, "y", record.y, [time, outputs], "motion, link side", ", ".join(dict.fromkeys(record.output_units)))
     if record.r is not None:
-        variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", "N*m")
+        variable(group, "r", record.r, [time, inputs], "torque that was injected, link side", drives)
     _write_configuration(group, record.configuration)
     write_sliding(group, record.sliding)
+    write_input_units(group, record.input_units)
     write_notes(group, record.notes)
     scale(group, "left_out", np.array(record.left_out, dtype=np.int64), "repetitions that do not count")
     if record.hold_samples:
@@ -105,6 +109,7 @@ def _read_record(group: Any, name: str) -> Record:
         left_out=tuple(group["left_out"][:].tolist()),
         sliding=read_sliding(group),
         hold_samples=tuple(group["hold_samples"][:].tolist()) if "hold_samples" in group else (),
+        input_units=read_input_units(group),
         **{field: known[field] for field in _RECORD_ATTRIBUTES},
     )
 
@@ -155,6 +160,7 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
     _write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
     write_sliding(group, response.sliding)
+    write_input_units(group, response.input_units)
     write_notes(group, response.notes)
     _write_repairs(group, response.repairs)
 
@@ -176,6 +182,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         _read_quality(group),
         repairs=attributes(group["repairs"]),
         sliding=read_sliding(group),
+        input_units=read_input_units(group),
     )
 
 
@@ -193,6 +200,7 @@ def _write_quality(group: Any, response: FrequencyResponse, frequency: Any, outp
     if quality is None:
         return
     part, unit = group.create_group("quality"), response.output_unit
+    drives = " or ".join(dict.fromkeys(response.units_of_inputs))
     ranks = scale(part, "rank", list(range(quality.singular_values.shape[1])), "singular value, largest first")
     input_ranks = scale(part, "input_rank", list(range(len(response.inputs))), "singular value, largest first")
     for name, axes, what, units in (
@@ -200,7 +208,7 @@ def _write_quality(group: Any, response: FrequencyResponse, frequency: Any, outp
         ("multiple_coherence", [frequency, outputs], "coherence of one output and all inputs", ""),
         ("singular_values", [frequency, ranks], "singular values of G", response.unit),
         ("input_singular_values", [frequency, input_ranks], "singular values of the inputs over their RMS", ""),
-        ("input_noise", [frequency, inputs], "noise variance of the inputs in one period", "(N*m)^2"),
+        ("input_noise", [frequency, inputs], "noise variance of the inputs in one period", f"({drives})^2"),
         ("output_noise", [frequency, outputs], "noise variance of the outputs in one period", f"({unit})^2"),
     ):
         variable(part, name, getattr(quality, name), axes, what, units)

@@ -38,7 +38,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
     """
     source, robot_errors = _read(path, overrides)
     study, found = validate(source.data, Study)
-    if found:  # of a robot whose file cannot be read, the errors of that file alone count
+    if found or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
         found = [problem for problem in found if not robot_errors or problem.path != ("robot",)]
         raise make_error(source, found, robot_errors)
     study, unresolved = convert_to_si(study)

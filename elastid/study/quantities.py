@@ -27,6 +27,8 @@ _TRUTH: KeyPath = ("experiment", "simulated", "truth")
 
 def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
     """The study with every quantity a float in SI; and unknown names, wrong units, and what `choose` refuses."""
+    if study.robot is None:
+        return study, []
     found: list[Problem] = []
     numbers = study.robot.parameters(study.robot.on_demand)
     named = named_on_demand(study.fit.parameters, study.robot)
@@ -91,7 +93,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     """The numbers of the truth are possible for a robot, each by itself."""
     for name, value in truth.items():
         try:
-            study.robot.with_parameters({name: float(value)})
+            study.as_robot().with_parameters({name: float(value)})
         except ValueError as error:
             return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
     return []
@@ -100,7 +102,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
 def _check_choice(study: Study) -> list[Problem]:
     """What `choose` refuses of all parameters together, at the key that its message names."""
     try:
-        choose(study.fit, study.robot, tuple(study.experiment.configurations))
+        choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     except StudyError as error:
         message = str(error).removeprefix("fit.parameters").lstrip(".: ")
         named = re.match(r"[^\s:.]+", message)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
+from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.design.spec import DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.structure import Places, Structure
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.model.spec import ModelSpec
@@ -23,7 +26,8 @@ MAX_NAME_LENGTH = 100
 class Study:
     """One identification, from the excitation to the report.
 
-    name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself.
+    name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself; left out where
+    responses of recorded logs are all that is asked for: places are then names.
     experiment: configurations, repetitions and the rig.  excitation: needed where the rig is simulated.
     design: chooses further configurations.  seed: of everything that is drawn; the same seed gives the same results,
     bit for bit, for any number of processes.
@@ -32,8 +36,8 @@ class Study:
     """
 
     name: str
-    robot: Robot
     experiment: ExperimentSpec
+    robot: Robot | None = None
     excitation: MultisineSpec | None = None
     design: DesignSpec | None = None
     seed: int = 0
@@ -49,6 +53,26 @@ class Study:
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")
         check_file_name(self.name)
+
+    def as_robot(self) -> Robot:
+        """The robot; StudyError for a study without one."""
+        if self.robot is None:
+            raise StudyError(
+                f"study {self.name} has no robot: its stages are measure, estimate and report; to fit a model give "
+                "robot (the path of its file) and fit.parameters"
+            )
+        return self.robot
+
+    @property
+    def places(self) -> Places:
+        """The robot, or what stands in for it: the structure that the channels of the logs name."""
+        recorded = self.experiment.recorded
+        return self.robot or Structure.of(recorded.channels if recorded is not None else ())
+
+    @property
+    def kind(self) -> Literal["simulated", "recorded", "responses", "frf"]:
+        """The kind of study, which decides its stages: that of its experiment, or frf without a robot."""
+        return "frf" if self.robot is None else self.experiment.kind
 
     @property
     def seeded_fit(self) -> FitSpec:

@@ -32,7 +32,7 @@ def design(run: Run) -> None:
         found = design_experiments(design_problem(run.loaded), execution)
     plan, forecast, limit_use = found.plan, found.forecast, found.limit_use
     carrier = run.study.experiment.as_simulated().carrier
-    movements = references(plan, carrier, feed_forward_of(model_of(run.study.robot)))
+    movements = references(plan, carrier, feed_forward_of(model_of(run.study.as_robot())))
     _write_references(run, found, movements)
     write_plan(run.path("design"), plan, run.stamps["design"], movements, limit_use, forecast, found.nearest)
     run.console.notes(limit_use.notes)
@@ -78,7 +78,7 @@ def design_problem(loaded: LoadedStudy) -> DesignProblem:
         if study.design.noise.frf:
             like = read_responses(responses_file(loaded.base, study.design.noise.frf))
     return DesignProblem(
-        robot=study.robot,
+        robot=study.as_robot(),
         excitation=study.excitation,
         experiment=study.experiment,
         fit=study.fit,

@@ -34,7 +34,7 @@ def fit(run: Run) -> None:
     unfinished = run.resumed("fit")
     try:
         with run.execution("fit", unfinished) as execution:
-            result = identify(fitted, study.robot, study.seeded_fit, model=study.model, execution=execution)
+            result = identify(fitted, study.as_robot(), study.seeded_fit, model=study.model, execution=execution)
     except FitError as error:
         write_summary(path, failure(study, str(error)))
         unfinished.clear()
@@ -62,7 +62,7 @@ def conclude(run: Run) -> None:
 
 
 def _summary(run: Run, result: FitResult, responses: Sequence[FrequencyResponse]) -> dict[str, Any]:
-    fitted = FittedModel.of(result, run.study.robot, responses, run.study.model)
+    fitted = FittedModel.of(result, run.study.as_robot(), responses, run.study.model)
     left_out = run.study.validation.left_out
     agreements = [
         agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, fitted.responses, strict=True)

@@ -24,12 +24,12 @@ from elastid.study import LoadedStudy
 def simulate(run: Run) -> None:
     """records.h5 of the simulated rig, which carries out the plan."""
     study = run.study
-    _measure(run, SimulatedRig(study.robot, study.experiment, read_plan(run.path("design")), study.seed))
+    _measure(run, SimulatedRig(study.as_robot(), study.experiment, read_plan(run.path("design")), study.seed))
 
 
 def import_logs(run: Run) -> None:
     """records.h5 of the logs that the study names."""
-    _measure(run, RecordedRig(run.study.robot, run.study.experiment, run.loaded.base))
+    _measure(run, RecordedRig(run.study.places, run.study.experiment, run.loaded.base))
 
 
 def planned_for_the_fit(loaded: LoadedStudy, inputs: Mapping[str, str]) -> str | None:

@@ -39,7 +39,7 @@ def _content(run: Run) -> ReportContent:
     study, stamp = run.study, run.stamps["report"]
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     validation = read_validation(run.path("validate"))
-    fitted = FittedModel.of(result, study.robot, responses, study.model)
+    fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
     plan = run.path("design") if "design" in run.stages else None
     return ReportContent(
         title=study.name,
@@ -60,7 +60,7 @@ def _content(run: Run) -> ReportContent:
         forecast=read_forecast(plan) if plan is not None else None,
         limit_use=read_peaks(plan) if plan is not None else None,
         nearest_run=read_rehearsal(plan) if plan is not None else None,
-        robot=study.robot,
+        robot=study.as_robot(),
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
         model_std=fitted.response_std,
     )

@@ -37,7 +37,7 @@ def _validation(run: Run, execution: Execution) -> Validation:
     """How far the fitted model carries, why its cost is what it is, and the records replayed through it."""
     study, left_out = run.study, run.study.validation.left_out
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    fitted = FittedModel.of(result, study.robot, responses, study.model)
+    fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
     modelled = fitted.responses
     judged = validate_responses(responses, modelled, left_out)
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
@@ -59,7 +59,7 @@ def _folds(run: Run, responses: Sequence[FrequencyResponse], execution: Executio
     parts = divide([r.configuration.name for r in responses], study.validation.folds) if study.validation.folds else ()
     if not parts:
         return ()
-    own = ComparedVariant(study.name, study.robot, study.seeded_fit, study.model)
+    own = ComparedVariant(study.name, study.as_robot(), study.seeded_fit, study.model)
     tasks = [RefitTask(own, part) for part in parts]
     names = [f"refit-{i}" for i in range(len(tasks))]
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))

@@ -16,6 +16,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.torque_spectra import PredictClosedLoop, torque_spectra
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.structure import Places
 from elastid.record import Configuration
 from elastid.robot import Robot
 
@@ -111,7 +112,7 @@ class Plan:
         return 2 * self.first_sample + (self.transient_periods + self.periods) * self.period_samples
 
 
-def checked_configurations(experiment: ExperimentSpec, robot: Robot) -> tuple[Configuration, ...]:
+def checked_configurations(experiment: ExperimentSpec, robot: Places) -> tuple[Configuration, ...]:
     """The configurations of a study; StudyError for a wrong number of angles or a joint outside its limits."""
     for name, angles in experiment.configurations.items():
         if refused := robot.count_refusal(len(angles)):

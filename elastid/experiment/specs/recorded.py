@@ -9,24 +9,25 @@ from elastid.base.units import Frequency, Time, TorqueConstant, factor, of_trans
 from elastid.record import MOTION_UNIT, Hold
 
 # SI units of a channel's quantity.
-QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "current": "A"}
+QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
+MOTIONS = tuple(MOTION_UNIT)
 
 Period: TypeAlias = Time | Literal["find", "none"]
 
 
 @section
 class ChannelSpec:
-    """One signal of the log files: its place in the file, and its place and quantity on the robot.
+    """One signal of the log files: its place in the file, and its place and quantity on the robot or structure.
 
     Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
 
     role: r injected torque, u acting torque, y motion.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
-    feels gravity).
+    feels gravity); without a robot any name, such as `shaker` or `tip x`.
     channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
     of an HDF5 dataset.  column: which column of a matrix, the first is 1.
-    quantity: that the channel holds.  unit: of the file after `scale`; default SI.  scale: factor of the file's
-    numbers.
+    quantity: that the channel holds; voltage, and a current without torque_constant, in studies without a robot alone.
+    unit: of the file after `scale`; default SI, needed without a robot.  scale: factor of the file's numbers.
     sign: -1 where the sensor counts the other way.  torque_constant: of a current.
     side: of the gear that it is measured on (`motor` refers to motors that gears couple all together).
     file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.
@@ -38,7 +39,7 @@ class ChannelSpec:
     at: str
     channel: str = ""
     column: int | None = None
-    quantity: Literal["torque", "current", "position", "velocity", "acceleration"] = "torque"
+    quantity: Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration"] = "torque"
     unit: str = ""
     scale: float = 1.0
     sign: Literal[1, -1] = 1
@@ -56,14 +57,11 @@ class ChannelSpec:
             raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
         if self.column is not None and self.column < 1:
             raise ValueError(f"column is {self.column}; the first column is 1")
-        is_torque = self.quantity in ("torque", "current")
-        if is_torque == (self.role == "y"):
+        if (self.quantity in MOTIONS) != (self.role == "y"):
             raise ValueError(
                 f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion"
             )
-        if self.quantity == "current" and self.torque_constant is None:
-            raise ValueError("a current needs torque_constant (N*m/A) to become a torque")
-        if self.at.startswith("accelerometer ") and self.quantity not in ("acceleration", "torque"):
+        if self.at.startswith("accelerometer ") and self.quantity in ("position", "velocity"):
             raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
         if self.hold is not None and self.role != "u":
             raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
@@ -80,6 +78,13 @@ class ChannelSpec:
     def full_name(self) -> str:
         """The channel as it is called in the file, and its role and place on the robot."""
         return f"channel {self.name_in_file} ({self.role} at {self.at})"
+
+    @property
+    def drive(self) -> str:
+        """The unit of an input that stays neither torque nor force; empty for one that is or becomes one."""
+        if self.quantity == "voltage" or (self.quantity == "current" and self.torque_constant is None):
+            return QUANTITY_UNIT[self.quantity]
+        return ""
 
     def unit_factor(self, slides: bool) -> float:
         """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a wrong unit."""

@@ -98,6 +98,7 @@ def local_response(
         total=total,
         rate_is_known=first.rate_is_known,
         sliding=first.sliding,
+        input_units=first.input_units,
         notes=tuple(notes),
     )
 

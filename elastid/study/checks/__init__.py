@@ -17,6 +17,7 @@ from elastid.study.checks.model import check_model
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses
 from elastid.study.checks.simulated import check_simulated
+from elastid.study.checks.structure import check_structure
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 
@@ -26,6 +27,11 @@ __all__ = ["check_lines", "check_study"]
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
+    if study.robot is None:
+        yield from check_structure(study)
+        if experiment.recorded is not None:
+            yield from check_recorded(study, experiment.recorded, base)
+        return
     yield from check_experiment(study)
     yield from check_excitation(study)
     yield from check_design(study, base)

@@ -30,7 +30,7 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
         problem = "the experiment is recorded: what was measured cannot be chosen any more; drop this section"
         yield Problem(_DESIGN, problem, at_key=True)
     if study.excitation is not None and study.experiment.simulated is not None:
-        n_u = len(study.robot.driven)
+        n_u = len(study.as_robot().driven)
         if refused := robot_time_refusal(design, study.excitation, study.experiment, n_u):
             yield Problem((*_DESIGN, "robot_time"), refused)
     yield from _check_parameters(study, design)
@@ -52,7 +52,7 @@ def responses_file(base: Path, path: str) -> Path:
 
 def _check_parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
     try:
-        names = choose(study.fit, study.robot).free_names
+        names = choose(study.fit, study.as_robot()).free_names
     except StudyError:
         return  # reported where fit.parameters is checked
     for i, pattern in enumerate(design.parameters):
@@ -63,7 +63,7 @@ def _check_parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:
 
 
 def _check_candidates(study: Study, spec: CandidateSpec) -> Iterator[Problem]:
-    robot = study.robot
+    robot = study.as_robot()
     if isinstance(spec.grid, tuple) and (refused := robot.count_refusal(len(spec.grid), "numbers")):
         yield Problem((*_CANDIDATES, "grid"), refused)
     yield from check_units((*_CANDIDATES, "margin"), spec.margin, robot)

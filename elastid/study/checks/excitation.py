@@ -20,7 +20,7 @@ from elastid.study.yaml_source import KeyPath
 
 def check_excitation(study: Study) -> Iterator[Problem]:
     """Given where the rig is simulated; torques for each motor, in its unit; signals that the realisations need."""
-    excitation, robot = study.excitation, study.robot
+    excitation, robot = study.excitation, study.as_robot()
     if excitation is None:
         if study.experiment.simulated is not None:
             yield Problem(("excitation",), "this section is needed where the experiment is simulated", at_key=True)
@@ -49,12 +49,12 @@ def check_lines(study: Study) -> Iterator[Problem]:
     path: KeyPath = ("excitation", "lines" if excitation.grid == "lines" else "band_hz")
     try:
         planned = planned_lines(excitation, study.seed)
-        unknowns = len(choose(study.fit, study.robot).free)
+        unknowns = len(choose(study.fit, study.as_robot()).free)
     except StudyError as error:
         yield Problem(path, str(error))
         return
     lines = planned.excited
-    needed, noun = max((len(study.robot.driven), "motors"), (unknowns, "unknowns"))
+    needed, noun = max((len(study.as_robot().driven), "motors"), (unknowns, "unknowns"))
     if refused := line_count_refusal(len(lines), needed, noun):
         yield Problem(path, refused)
     freq_hz = lines / excitation.period
@@ -67,5 +67,5 @@ def check_lines(study: Study) -> Iterator[Problem]:
             )
     if simulated.carrier is not None:
         analysed = np.concatenate([lines, planned.detection])
-        if refused := carrier_refusal(simulated.carrier, analysed, 1 / excitation.period, len(study.robot.driven)):
+        if refused := carrier_refusal(simulated.carrier, analysed, 1 / excitation.period, len(study.as_robot().driven)):
             yield Problem(("experiment", "simulated", "carrier"), refused)

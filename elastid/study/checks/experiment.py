@@ -27,7 +27,7 @@ def check_experiment(study: Study) -> Iterator[Problem]:
 def _check_count(study: Study) -> Iterator[Problem]:
     """As many experiments in a realisation as motors at most, and enough for the estimator."""
     experiment, excitation, estimator = study.experiment, study.excitation, study.estimator
-    given, n_u, path = experiment.experiments, len(study.robot.driven), ("experiment", "experiments")
+    given, n_u, path = experiment.experiments, len(study.as_robot().driven), ("experiment", "experiments")
     if given is None:
         return
     if experiment.simulated is None:
@@ -61,7 +61,7 @@ def _check_count(study: Study) -> Iterator[Problem]:
 
 def _check_configurations(study: Study) -> Iterator[Problem]:
     """One angle for each driven joint, in its unit and within its limits, the swing of a carrier included."""
-    robot, swings = study.robot, _swings(study)
+    robot, swings = study.as_robot(), _swings(study)
     for name, angles in study.experiment.configurations.items():
         path: KeyPath = ("experiment", "configurations", name)
         yield from check_name(path)
@@ -75,7 +75,7 @@ def _check_configurations(study: Study) -> Iterator[Problem]:
 
 def _swings(study: Study) -> list[float]:
     """Amplitude of the carrier at each driven joint; 0 where there is none, or a wrong number of them."""
-    n_u, simulated = len(study.robot.driven), study.experiment.simulated
+    n_u, simulated = len(study.as_robot().driven), study.experiment.simulated
     carrier = simulated.carrier if simulated is not None else None
     if carrier is None or carrier.amplitude is None or np.size(carrier.amplitude) not in (1, n_u):
         return [0.0] * n_u

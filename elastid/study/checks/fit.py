@@ -74,7 +74,7 @@ def _check_profile(study: Study) -> Iterator[Problem]:
     from elastid.fit.uncertainty.intervals import match_names  # brings CasADi, which few checks need
 
     try:
-        parameters = choose(study.fit, study.robot, list(study.experiment.configurations))
+        parameters = choose(study.fit, study.as_robot(), list(study.experiment.configurations))
     except StudyError:
         return  # reported where the parameters are checked
     for i, pattern in enumerate(study.fit.profile):
@@ -86,18 +86,18 @@ def _check_profile(study: Study) -> Iterator[Problem]:
 
 def _check_geometry(study: Study) -> Iterator[Problem]:
     """Coordinates to be identified start where the robot can be assembled, and keep the ends of springs apart."""
-    if not named_geometry(study.fit.parameters, study.robot):
+    if not named_geometry(study.fit.parameters, study.as_robot()):
         return
     from elastid.fit.setup.geometry import geometry_problems  # brings CasADi, which few checks need
 
     configurations = study.experiment.configurations
-    if any(study.robot.count_refusal(len(angles)) for angles in configurations.values()):
+    if any(study.as_robot().count_refusal(len(angles)) for angles in configurations.values()):
         return  # reported where the configurations are checked
     try:
-        parameters = choose(study.fit, study.robot, tuple(configurations))
+        parameters = choose(study.fit, study.as_robot(), tuple(configurations))
     except StudyError:
         return  # reported where the parameters are checked
-    for name, message in geometry_problems(parameters, study.robot, configurations):
+    for name, message in geometry_problems(parameters, study.as_robot(), configurations):
         keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
         yield Problem((*_PARAMETERS, *keys[-1:]), message)
         return

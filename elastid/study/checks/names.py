@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.structure import Places
 from elastid.robot import Robot
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, check_file_name
@@ -35,10 +36,10 @@ def check_name(path: KeyPath) -> Iterator[Problem]:
         yield Problem(path, str(error), at_key=True)
 
 
-def check_place(path: KeyPath, location: str, robot: Robot) -> Iterator[Problem]:
-    """A location is on the robot."""
+def check_place(path: KeyPath, location: str, places: Places) -> Iterator[Problem]:
+    """A location is on the robot, or on the structure."""
     try:
-        robot.check_location(location)
+        places.check_location(location)
     except StudyError as error:
         yield Problem(path, str(error))
 
@@ -66,7 +67,7 @@ def list_configurations(study: Study) -> list[str]:
 
 def list_inputs(study: Study) -> list[str]:
     """Locations of the inputs."""
-    return [channel.at for channel in _channels(study) if channel.role == "u"] or list(study.robot.motor_locations)
+    return [channel.at for channel in _channels(study) if channel.role == "u"] or list(study.as_robot().motor_locations)
 
 
 def list_outputs(study: Study) -> list[str]:
@@ -74,7 +75,7 @@ def list_outputs(study: Study) -> list[str]:
     simulated, channels = study.experiment.simulated, _channels(study)
     if channels or study.experiment.kind == "responses":
         return [channel.at for channel in channels if channel.role == "y"]
-    return list(simulated.outputs if simulated is not None and simulated.outputs else study.robot.motor_locations)
+    return list(simulated.outputs if simulated is not None and simulated.outputs else study.as_robot().motor_locations)
 
 
 def _channels(study: Study) -> tuple[ChannelSpec, ...]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
 from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
+from elastid.experiment.specs.structure import channel_refusal
 from elastid.recorded.files.formats import is_log
 from elastid.study.checks.names import check_place, unknown
 from elastid.study.messages import Problem
@@ -87,18 +88,22 @@ def _check_files(
 
 def _check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
-    robot, motors = study.robot, study.robot.motor_locations
+    places, motors = study.places, study.places.motor_locations
     seen: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
         here: KeyPath = (*path, "channels", i)
         if channel.role != "y" and channel.at not in motors:
-            yield unknown((*here, "at"), "motor", channel.at, motors)
+            yield unknown((*here, "at"), "motor" if study.robot else "input", channel.at, motors)
         else:
-            yield from check_place((*here, "at"), channel.at, robot)
+            yield from check_place((*here, "at"), channel.at, places)
+        key, refused = channel_refusal(channel, channels, places)
+        if refused:
+            yield Problem((*here, key), refused)
         try:
-            channel.unit_factor(robot.slides(channel.at) and channel.side == "link")
+            channel.unit_factor(places.slides(channel.at) and channel.side == "link")
         except ValueError as error:
-            yield Problem((*here, "unit"), str(error))
+            if key != "unit":
+                yield Problem((*here, "unit"), str(error))
         # r may be in several files, which it synchronises.
         signal = (channel.role, channel.at, channel.file if channel.role == "r" else 1)
         if signal in seen:

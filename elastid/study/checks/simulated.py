@@ -18,7 +18,7 @@ _SIMULATED: KeyPath = ("experiment", "simulated")
 
 def check_simulated(study: Study, simulated: SimulatedSpec) -> Iterator[Problem]:
     """A rig that can be simulated with this robot."""
-    robot, carrier = study.robot, simulated.carrier
+    robot, carrier = study.as_robot(), simulated.carrier
     for i, output in enumerate(simulated.outputs):
         yield from check_place((*_SIMULATED, "outputs", i), output, robot)
     if simulated.saturation and (refused := saturation_refusal(robot)):
