@@ -1,0 +1,248 @@
+r"""Peaks of a measured response: frequency and damping of each resonance with their intervals, without a model.
+
+About a peak every element is a polynomial over one complex pole, which all elements share:
+
+.. math:: G_{ij}(\omega) \approx \frac{b_{ij,0} + b_{ij,1} x + b_{ij,2} x^2}{x - z}, \quad x = \omega - \omega_0
+
+The pole :math:`z + \omega_0 = \omega_n (\sqrt{1 - \zeta^2} + j \zeta)` is found by weighted least squares (Gauss-Newton
+with the polynomials projected out); these take up the other modes. The window is a few half-power widths, and ends half
+way to the next peaks. The variance of the pole is that of the response or that of the residuals from line to line (each
+over the part that the polynomials leave free), whichever is larger: elements of one line have noise in common, and a
+model that does not fit shows in the residuals alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import nnls
+from scipy.signal import find_peaks
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.response import Covariance, FrequencyResponse
+
+# A peak stands so much above the valleys beside it, in dB.
+MIN_PROMINENCE_DB = 3.0
+# Lines of a window: fewer do not tell a pole from its polynomials.
+MIN_LINES = 6
+# From so many lines on the polynomials are of degree 2, else 1.
+MIN_LINES_OF_DEGREE_2 = 9
+# Where the neighbours leave room a window has so many lines to either side.
+LINES_BESIDE_A_PEAK = 6
+# Half the window in half-power widths of the peak.
+WINDOW_WIDTHS = 2.0
+# Damping and so many of its standard deviations must not reach 0, nor a pole be found so far from its peak in windows.
+MIN_SIGNIFICANCE = 3.0
+MAX_DAMPING = 0.5
+# Variances with fewer complex degrees of freedom are smoothed over a window.
+MIN_DOF_OF_A_LINE = 20.0
+_REWEIGHTINGS = 3
+# Least part of a residual that is taken for free of the polynomials.
+_MIN_FREE = 0.1
+_STEPS = 30
+# A step of the pole below this part of the window has converged.
+_MIN_STEP = 1e-10
+# 95 % of a normal distribution.
+_SIGMAS_95 = 1.959964
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A resonance.  freq_hz and damping (ratio to critical) with standard deviations; lines: of the window it is from.
+
+    output, input: of the element that is largest there.  misfit: RMS of the residuals over what the variance of the
+    response explains; NaN for a response without a variance.
+    """
+
+    freq_hz: float
+    freq_std: float
+    damping: float
+    damping_std: float
+    output: str
+    input: str
+    lines: int
+    misfit: float
+
+    @property
+    def freq95(self) -> tuple[float, float]:
+        """95 % interval of the frequency."""
+        return self.freq_hz - _SIGMAS_95 * self.freq_std, self.freq_hz + _SIGMAS_95 * self.freq_std
+
+    @property
+    def damping95(self) -> tuple[float, float]:
+        """95 % interval of the damping."""
+        return self.damping - _SIGMAS_95 * self.damping_std, self.damping + _SIGMAS_95 * self.damping_std
+
+
+@dataclass(frozen=True)
+class _Pole:
+    """z in rad/s, its variance E|dz|^2, the number of lines, and the misfit."""
+
+    z: complex
+    variance: float
+    lines: int
+    misfit: float
+
+
+def peaks(response: FrequencyResponse) -> tuple[Peak, ...]:
+    """The resonances of a response by frequency; none where its lines are too few or its peaks too flat."""
+    power = _power(response.G)
+    tops, _ = find_peaks(10 * np.log10(power), prominence=MIN_PROMINENCE_DB)
+    if not len(tops):
+        return ()
+    borders = [0, *((a + b) // 2 for a, b in pairwise(tops.tolist())), response.n_lines - 1]
+    found: dict[float, Peak] = {}
+    for top, low, high in zip(tops.tolist(), borders[:-1], borders[1:], strict=True):
+        pole = _pole(response, top, low, high)
+        if pole is not None:
+            peak = _peak(response, pole, top)
+            found[peak.freq_hz] = peak
+    return tuple(found[freq_hz] for freq_hz in sorted(found))
+
+
+def _power(G: ComplexArray) -> FloatArray:
+    """Sum (F,) of |G|^2 over the elements, each in units of its median, so that units and places count alike."""
+    power = np.abs(G) ** 2
+    middle = np.median(power, axis=0)
+    return np.asarray(np.sum(power / np.where(middle > 0, middle, 1.0), axis=(1, 2))) + np.finfo(float).tiny
+
+
+def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole | None:
+    """The pole of a peak from lines low to high at most; None where the lines do not show one."""
+    f = response.freq_hz
+    width = _half_power_width(f, _power(response.G), top)
+    pole = None
+    for _ in range(2):
+        window = _window(f, top, low, high, WINDOW_WIDTHS * width)
+        if len(window) < MIN_LINES:
+            return None
+        pole = _fitted(response, window, f[top], width)
+        if pole is None:
+            return None
+        width = pole.z.imag / np.pi  # the half-power width 2 zeta f
+    assert pole is not None
+    damping, std = pole.z.imag / abs(pole.z), np.sqrt(pole.variance / 2) / abs(pole.z)
+    inside = f[window[0]] <= abs(pole.z) / (2 * np.pi) <= f[window[-1]]
+    return pole if inside and MIN_SIGNIFICANCE * std < damping < MAX_DAMPING else None
+
+
+def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:
+    """Width in Hz of the lines about a peak with at least half its power, at least one spacing."""
+    below = power < power[top] / 2
+    left = np.flatnonzero(below[:top])
+    right = np.flatnonzero(below[top:])
+    first = f[left[-1]] if left.size else f[0]
+    last = f[top + right[0]] if right.size else f[-1]
+    return float(last - first) / 2
+
+
+def _window(f: FloatArray, top: int, low: int, high: int, half_width: float) -> IntArray:
+    """The lines of a window about a peak: half_width in Hz to either side, or LINES_BESIDE_A_PEAK."""
+    least = LINES_BESIDE_A_PEAK
+    first = max(low, min(top - least, int(np.searchsorted(f, f[top] - half_width))))
+    last = min(high, max(top + least, int(np.searchsorted(f, f[top] + half_width, "right")) - 1))
+    return np.arange(first, last + 1)
+
+
+def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width: float) -> _Pole | None:
+    """The pole that all elements share on a window of lines, by Gauss-Newton from a peak and its half-power width."""
+    K, uncertainty = len(window), response.uncertainty
+    G = response.G[window].reshape(K, -1)
+    variance = None if uncertainty is None else _smooth(uncertainty, window, np.abs(G) ** 2)
+    known = variance is not None and bool(np.all(variance > 0))
+    weights = 1 / np.sqrt(variance) if variance is not None and known else np.ones(G.shape) / _largest(G)
+    omega = 2 * np.pi * response.freq_hz[window]
+    center, scale = 2 * np.pi * freq_hz, float(np.ptp(omega)) / 2
+    x = (omega - center) / scale
+    degree = 2 if K >= MIN_LINES_OF_DEGREE_2 else 1
+    z = complex(0.0, max(np.pi * width / scale, 1e-3))
+    cost, residuals, slopes, free = _projected(G, weights, x, z, degree)
+    for _ in range(_STEPS):
+        power = float(np.vdot(slopes, slopes).real)
+        if not power > 0:
+            return None
+        step = complex(np.vdot(slopes, residuals) / power)
+        while True:
+            trial = z + step
+            if trial.imag > 0 and (tried := _projected(G, weights, x, trial, degree))[0] <= cost:
+                break
+            step /= 2
+            if abs(step) < _MIN_STEP:
+                tried, trial = (cost, residuals, slopes, free), z
+                break
+        z, (cost, residuals, slopes, free) = trial, tried
+        if abs(step) < _MIN_STEP:
+            break
+    if not abs(z) < MIN_SIGNIFICANCE:  # far outside the window
+        return None
+    dof = G.size - G.shape[1] * (degree + 1) - 1
+    if dof < 1:
+        return None
+    misfit = cost / dof
+    stated = (max(misfit, 1.0) if known else misfit) / power
+    # Elements of one line share the noise of their inputs: its scatter from line to line shows that.
+    by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, _MIN_FREE), axis=(0, 2))) ** 2
+    scattered = float(by_line.sum()) / power**2
+    variance_of_z = max(stated, scattered)
+    return _Pole(center + scale * z, float(variance_of_z * scale**2), K, float(np.sqrt(misfit)) if known else np.nan)
+
+
+def _smooth(covariance: Covariance, window: IntArray, power: FloatArray) -> FloatArray:
+    """Variance (K, n) on a window; with few degrees of freedom as a + b |G|^2 of each element, by least squares.
+
+    a is from the outputs, b from the inputs: single variances of few degrees of freedom would weigh by chance.
+    """
+    variance = covariance.variance[window].reshape(power.shape)
+    if covariance.dof >= MIN_DOF_OF_A_LINE or not np.all(variance > 0):
+        return variance
+    smooth = np.empty(variance.shape)
+    for i, (v, p) in enumerate(zip(variance.T, power.T, strict=True)):
+        columns = np.stack([np.full(len(v), v.mean()), p * v.mean() / max(p.mean(), np.finfo(float).tiny)], axis=1)
+        level = np.full(len(v), v.mean())
+        for _ in range(_REWEIGHTINGS):
+            share, _ = nnls(columns / level[:, None], v / level)
+            level = columns @ share + np.finfo(float).eps * v.mean()
+        smooth[:, i] = level
+    return smooth
+
+
+def _largest(G: ComplexArray) -> FloatArray:
+    """The largest magnitude (n,) of each element, 1 where it is 0 throughout."""
+    size = np.abs(G).max(axis=0)
+    return np.where(size > 0, size, 1.0)
+
+
+def _projected(
+    G: ComplexArray, weights: FloatArray, x: FloatArray, z: complex, degree: int
+) -> tuple[float, ComplexArray, ComplexArray, FloatArray]:
+    """Cost, residuals (n, K, 1) and their slope by the pole, the share of the polynomials projected out of both.
+
+    And the part (n, K, 1) of the variance of each residual that the polynomials leave free.
+    """
+    basis = x[:, None] ** np.arange(degree + 1) / (x - z)[:, None]
+    Q, _ = np.linalg.qr(weights.T[:, :, None] * basis)  # (n, K, degree + 1) of each element
+    data = (weights * G).T[:, :, None]
+    inside = Q @ (Q.conj().swapaxes(1, 2) @ data)
+    slopes = inside / (x - z)[:, None]
+    slopes = slopes - Q @ (Q.conj().swapaxes(1, 2) @ slopes)
+    residuals = data - inside
+    free = 1 - np.sum(np.abs(Q) ** 2, axis=2, keepdims=True)
+    return float(np.vdot(residuals, residuals).real), residuals, slopes, free
+
+
+def _peak(response: FrequencyResponse, pole: _Pole, top: int) -> Peak:
+    """A pole as frequency and damping; both real components carry half of its variance."""
+    size, std = abs(pole.z), np.sqrt(pole.variance / 2)
+    row, column = np.unravel_index(int(np.argmax(np.abs(response.G[top]))), response.G[top].shape)
+    return Peak(
+        freq_hz=float(size / (2 * np.pi)),
+        freq_std=float(std / (2 * np.pi)),
+        damping=float(pole.z.imag / size),
+        damping_std=float(std / size),
+        output=response.outputs[int(row)],
+        input=response.inputs[int(column)],
+        lines=pole.lines,
+        misfit=pole.misfit,
+    )

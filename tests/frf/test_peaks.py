@@ -1,0 +1,68 @@
+"""Peaks of a measured response: their frequency and damping are those of the structure, within their intervals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.experiment.simulated.structure import shake, true_modes, true_response
+from elastid.frf.estimate import estimate
+from elastid.frf.peaks import peaks
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Configuration, Record
+from elastid.response import Covariance, FrequencyResponse
+
+BENCH = Configuration("bench", np.zeros(0))
+PLACES = ("1", "2", "3")
+
+
+def exact(freq_hz: np.ndarray, std: float | None = None) -> FrequencyResponse:
+    """The true response of the three masses, with noise of `std` times its median magnitude."""
+    G = true_response(freq_hz)
+    if std is None:
+        return FrequencyResponse(freq_hz, G, ("a", "b"), PLACES, "acceleration", BENCH)
+    random, sigma = np.random.default_rng(3), std * float(np.median(np.abs(G)))
+    noise = sigma * (random.standard_normal(G.shape) + 1j * random.standard_normal(G.shape)) / np.sqrt(2)
+    covariance = Covariance(np.full(G.shape, sigma**2), np.inf)
+    return FrequencyResponse(freq_hz, G + noise, ("a", "b"), PLACES, "acceleration", BENCH, noise=covariance)
+
+
+def test_an_exact_response_gives_frequency_and_damping() -> None:
+    """To the error of a local polynomial for the other modes: frequency to 1e-5, damping to 1e-3 of itself."""
+    natural, damping, _ = true_modes()
+    found = peaks(exact(np.arange(20, 800) / 8))
+    np.testing.assert_allclose([peak.freq_hz for peak in found], natural / (2 * np.pi), rtol=1e-5)
+    np.testing.assert_allclose([peak.damping for peak in found], damping, rtol=1e-3)
+
+
+@pytest.mark.parametrize("std", [0.01, 0.1])
+def test_noise_is_no_peak(std: float) -> None:
+    """Three masses have three peaks; those in the noise show no damping that differs from zero."""
+    assert len(peaks(exact(np.arange(20, 800) / 8, std))) == 3
+
+
+def test_a_response_without_peaks_has_none() -> None:
+    freq_hz = np.arange(1, 50) / 10
+    assert peaks(exact(freq_hz)) == ()
+    flat = exact(freq_hz)
+    assert peaks(replace(flat, G=np.zeros_like(flat.G))) == ()
+
+
+def test_the_intervals_hold_the_truth() -> None:
+    """Mean square of error over std of frequency and damping, 40 draws of the noise of whole records: at most 2."""
+    natural, damping, _ = true_modes()
+    errors = []
+    for draw in range(40):
+        logs = [log for m in range(2) for log in shake(256.0, 2048, 3, 100 + 2 * draw + m)]
+        records = [
+            Record(f"{i}", BENCH, i // 2, i % 2, 256.0, 2048, ("a", "b"), PLACES, ("acceleration",) * 3, *parts)
+            for i, parts in enumerate((log.force, log.acceleration) for log in logs)
+        ]
+        found = peaks(estimate(tuple(records), EstimatorSpec(), None))
+        errors.append(
+            [
+                ((peak.freq_hz - omega / (2 * np.pi)) / peak.freq_std, (peak.damping - zeta) / peak.damping_std)
+                for peak, omega, zeta in zip(found, natural, damping, strict=True)
+            ]
+        )
+    assert np.all(np.mean(np.square(errors), axis=0) < 2)
