@@ -16,11 +16,13 @@ from elastid.study import Study
 
 def overview(study: Study) -> str:
     """A page of plain text."""
+    if study.robot is None:
+        return "\n".join([*_structure(study), "", *_experiments(study), "", *_plan_of_work(study)])
     return "\n".join([*_robot(study), "", *_unknowns(study), "", *_experiments(study), "", *_plan_of_work(study)])
 
 
 def _robot(study: Study) -> Iterator[str]:
-    robot = study.robot
+    robot = study.as_robot()
     elastic = [joint.name for joint in robot.joints if joint.spring is not None or joint.is_flexible]
     yield f"study {study.name}, robot {robot.name}"
     bodies, joints = _count(robot.bodies, "body", "bodies"), _count(robot.joints, "joint")
@@ -46,20 +48,30 @@ def _robot(study: Study) -> Iterator[str]:
 
 def _nonlinear(study: Study) -> Iterator[str]:
     """Nonlinear springs and gravity compensators."""
-    springs = {joint.name: joint.spring for joint in study.robot.joints if joint.spring is not None}
+    springs = {joint.name: joint.spring for joint in study.as_robot().joints if joint.spring is not None}
     bent = [name for name, spring in springs.items() if not spring.is_linear]
     if bent:
         yield f"  nonlinear springs: {', '.join(bent)}; the fit uses their tangent under gravity"
     gaps = [f"{name} (+-{spring.backlash:.3g})" for name, spring in springs.items() if spring.backlash is not None]
     if gaps:
         yield f"  backlash: {', '.join(gaps)}; take configurations in which gravity loads these joints"
-    for compensator in study.robot.compensators:
+    for compensator in study.as_robot().compensators:
         kind = "coil" if compensator.coil is not None else "gas spring"
         yield f"  compensator {compensator.name}: {kind} from {' to '.join(end.body for end in compensator.ends)}"
 
 
+def _structure(study: Study) -> Iterator[str]:
+    """The places of a study without a robot, each with its unit."""
+    yield f"study {study.name}, no robot: responses of recorded logs"
+    channels = study.experiment.as_recorded().channels
+    for role, noun in (("u", "input"), ("y", "output")):
+        ours = [channel for channel in channels if channel.role == role]
+        places = (f"{channel.at} ({channel.quantity}{f', {channel.unit}' if channel.unit else ''})" for channel in ours)
+        yield f"  {_count(ours, noun)}: {', '.join(places)}"
+
+
 def _unknowns(study: Study) -> Iterator[str]:
-    parameters = choose(study.fit, study.robot, tuple(study.experiment.configurations))
+    parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
     robots = [f"{name} ({', '.join(names)})" for name, names in study.fit.robots.items()]
     if robots:
         yield f"{_plural(len(robots), 'robot')} of this type: {', '.join(robots)}"
@@ -87,7 +99,7 @@ def _experiments(study: Study) -> Iterator[str]:
         files = _count(experiment.responses.files, "frequency response")
         yield f"{files} from elsewhere of {_count(experiment.configurations, 'configuration')} ({names})"
         return
-    E, M = experiment.runs(len(study.robot.driven)), experiment.realisations
+    E, M = experiment.runs(len(study.as_robot().driven)), experiment.realisations
     Q = len(experiment.configurations)
     if study.design is not None:
         if study.design.robot_time is not None:
@@ -99,7 +111,7 @@ def _experiments(study: Study) -> Iterator[str]:
     factors = (f"{_plural(Q, 'configuration')} ({names})", _plural(M, "realisation"), _plural(E, "experiment"))
     yield f"{_plural(Q * M * E, 'experiment')}: {' x '.join(factors)}"
     if excitation is not None:
-        yield from _run(study.robot, experiment, excitation, Q * M * E)
+        yield from _run(study.as_robot(), experiment, excitation, Q * M * E)
         yield from _signal(study, excitation)
 
 
@@ -150,6 +162,9 @@ def _plan_of_work(study: Study) -> Iterator[str]:
         "recorded": "import the logs, estimate the responses",
         "responses": "import the responses",
     }[study.experiment.kind]
+    if study.robot is None:
+        yield f"will {first} in {study.estimator.quantity} per input, find their peaks, write the report"
+        return
     left_out = study.validation.left_out
     judged = f"judge it on {', '.join(left_out)}, not fitted" if left_out else "judge it on the fitted configurations"
     log_first = "logarithmic criterion first, then " if study.fit.log_first and study.fit.criterion != "log" else ""

@@ -20,7 +20,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     """For each stage the stamp that its result must carry to be the result that the study asks for."""
     study, code = loaded.study, code_hash()
     sections, inputs = asdict(study), dict[str, str]()
-    stages = stages_of(study.experiment.kind)
+    stages = stages_of(study.kind)
     for name, stage in stages.items():
         document: list[Any] = [name, [_read(sections, key) for key in stage.sections]]
         document += [inputs[before] for before in upstream(stages, stage) if stage.of_reads]

@@ -44,7 +44,7 @@ class Run:
     @cached_property
     def stages(self) -> dict[str, Stage]:
         """The stages that this study has, in order."""
-        return stages_of(self.study.experiment.kind)
+        return stages_of(self.study.kind)
 
     def path(self, stage: str) -> Path:
         """The file in which a stage leaves its result."""
@@ -87,18 +87,27 @@ class Run:
         return wanted.inputs in text and wanted.code in text
 
     def require(self, stage: str) -> None:
-        """Refuse to go on without the results that a stage reads; StudyError says which command makes them."""
+        """Refuse to go on without the results that a stage reads; StudyError says which command makes them.
+
+        Or that the study has no robot, where it lacks the stage for that.
+        """
+        if stage not in self.stages:
+            self.study.as_robot()
         for name in upstream(self.stages, self.stages[stage]):
-            path, found = self.path(name), read_stamp(self.path(name))
-            command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
-            if not path.is_file():
-                raise StudyError(f"{path} is missing: {command}")
-            if found is None:
-                raise StudyError(f"{path} cannot be read or is no result of elastid: {command}")
-            if found.inputs != self.stamps[name].inputs:
-                raise StudyError(f"{path} was made from another study, other data or other options: {command}")
-            if found.code != self.stamps[name].code:
-                self.console.warn(f"{path} was made by another version of elastid ({found.version}) and is used as is")
+            self.require_result(name)
+
+    def require_result(self, name: str) -> None:
+        """Refuse to go on without the result of a stage; StudyError says which command makes it."""
+        path, found = self.path(name), read_stamp(self.path(name))
+        command = f"run `elastid {name} {self.loaded.path}` first, with the same options"
+        if not path.is_file():
+            raise StudyError(f"{path} is missing: {command}")
+        if found is None:
+            raise StudyError(f"{path} cannot be read or is no result of elastid: {command}")
+        if found.inputs != self.stamps[name].inputs:
+            raise StudyError(f"{path} was made from another study, other data or other options: {command}")
+        if found.code != self.stamps[name].code:
+            self.console.warn(f"{path} was made by another version of elastid ({found.version}) and is used as is")
 
     @contextmanager
     def logged(self) -> Iterator[None]:
@@ -134,6 +143,7 @@ def run_all(run: Run) -> None:
 def run_stage(run: Run, name: str) -> None:
     """One stage, whether or not it is current; StudyError where a result that it reads is missing or out of date."""
     if name not in run.stages:
+        run.study.as_robot()
         kind = {"responses": "frequency responses from elsewhere"}.get(run.study.experiment.kind, "recorded")
         raise StudyError(
             f"{run.loaded.path}: the experiment is {kind}, there is nothing to {name}; the first stage is "

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
-# Keys of `experiment` that say from where its data come.
+# Keys of `experiment` that say from where its data come: the kinds of study with a robot.
 SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
-EVERY_KIND = (SIMULATED, RECORDED, RESPONSES)
+WITH_A_ROBOT = (SIMULATED, RECORDED, RESPONSES)
+# Responses of recorded logs alone: a study without a robot.
+FRF = "frf"
 
 
 @dataclass(frozen=True)
@@ -64,7 +66,7 @@ STAGES = (
     Stage(
         name="measure",
         help="Simulate the experiments or import the recorded logs: records.h5.",
-        kinds=(RECORDED,),
+        kinds=(RECORDED, FRF),
         sections=("seed", "robot", "experiment"),
         reads=(),
         leaves=("records.h5",),
@@ -74,7 +76,7 @@ STAGES = (
     Stage(
         name="estimate",
         help="Estimate the frequency responses with their covariance: frf.h5.",
-        kinds=(SIMULATED, RECORDED),
+        kinds=(SIMULATED, RECORDED, FRF),
         sections=("estimator",),
         reads=("measure",),
         leaves=("frf.h5",),
@@ -93,7 +95,7 @@ STAGES = (
     Stage(
         name="fit",
         help="Fit the elastic parameters: fit.h5 and summary.json.",
-        kinds=EVERY_KIND,
+        kinds=WITH_A_ROBOT,
         sections=("name", "seed", "robot", "model", "fit", "validation.left_out"),
         reads=("estimate",),
         leaves=("fit.h5", "summary.json"),
@@ -103,7 +105,7 @@ STAGES = (
     Stage(
         name="validate",
         help="Judge the fit on left-out configurations and by its residuals: validation.h5 and validation.json.",
-        kinds=EVERY_KIND,
+        kinds=WITH_A_ROBOT,
         sections=("robot", "model", "validation"),
         reads=("estimate", "fit"),
         leaves=("validation.h5", "validation.json"),
@@ -112,11 +114,21 @@ STAGES = (
     Stage(
         name="report",
         help="Write the page and the figures: report.html and figures/.",
-        kinds=EVERY_KIND,
+        kinds=WITH_A_ROBOT,
         sections=("name", "report"),
         reads=("design", "estimate", "fit", "validate"),
         leaves=("report.html", "figures"),
         function="report:report",
+        further="report:study_text",
+    ),
+    Stage(
+        name="report",
+        help="Write the page and the figures: report.html and figures/.",
+        kinds=(FRF,),
+        sections=("name", "report"),
+        reads=("estimate",),
+        leaves=("report.html", "figures", "peaks.csv"),
+        function="report_responses:report",
         further="report:study_text",
     ),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,7 +69,9 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
     replays = {replay.configuration: replay for replay in content.validation.replays}
     left_out = {agreement.configuration for agreement in content.validation.left_out}
     model_std = content.model_std or (None,) * len(content.frf)
-    for file, (measured, modelled), std in zip(_file_names(content), content.frf, model_std, strict=True):
+    for file, (measured, modelled), std in zip(
+        file_names([measured for measured, _ in content.frf]), content.frf, model_std, strict=True
+    ):
         name = measured.configuration.name
         title = configuration_title(measured, name in left_out)
         for kind, what, figure in (
@@ -77,19 +79,19 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
             ("phase", "phase of the frequency responses", frf_phase(measured, modelled, title)),
             ("singular-values", "singular values of the response matrix", singular_values(measured, modelled, title)),
         ):
-            yield _of(name, f"{file}-{kind}", f"{what}, measured and modelled.", figure)
+            yield of_configuration(name, f"{file}-{kind}", f"{what}, measured and modelled.", figure)
         if name in replays:
             caption = (
                 "the record with the worst fit, and the model under the measured torque; right: enlarged where the "
                 "error is largest."
             )
-            yield _of(name, f"{file}-replay", caption, replay_signals(replays[name]))
+            yield of_configuration(name, f"{file}-replay", caption, replay_signals(replays[name]))
         if name in modes:
             yield _modes(file, modes[name], title, measured.rate_is_known)
-        yield from _quality(file, measured, title)
+        yield from quality_drawings(file, measured, title)
 
 
-def _of(configuration: str, name: str, caption: str, figure: Figure) -> Drawing:
+def of_configuration(configuration: str, name: str, caption: str, figure: Figure) -> Drawing:
     """A figure of one configuration."""
     return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", figure)
 
@@ -107,17 +109,18 @@ def _modes(file: str, row: ModeRow, title: str, rate_is_known: bool) -> Drawing:
             "swing, enlarged to one size; motors, behind their gears, are not drawn."
         )
         figure = mode_sketches(row, row.drawing, title, rate_is_known)
-    return _of(row.configuration, f"{file}-modes", caption, figure)
+    return of_configuration(row.configuration, f"{file}-modes", caption, figure)
 
 
-def _quality(file: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:
+def quality_drawings(file: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:
+    """Levels and coherence of a measurement that has them."""
     name, quality = measured.configuration.name, measured.quality
     if quality is None:
         return
     caption = "levels of the outputs, of their nonlinear distortion and of noise."
-    yield _of(name, f"{file}-levels", caption, levels(measured, quality, title))
+    yield of_configuration(name, f"{file}-levels", caption, levels(measured, quality, title))
     caption = "share of each output that no input explains; singular values of responses and inputs."
-    yield _of(name, f"{file}-coherence", caption, coherence(measured, quality, title))
+    yield of_configuration(name, f"{file}-coherence", caption, coherence(measured, quality, title))
 
 
 def _plan(content: ReportContent) -> Iterator[Drawing]:
@@ -149,10 +152,10 @@ def _limits(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("limits", "plan", caption, figure)
 
 
-def _file_names(content: ReportContent) -> list[str]:
+def file_names(responses: Iterable[FrequencyResponse]) -> list[str]:
     """frf-<configuration> of letters, digits, dots and dashes; numbered where two would be the same file."""
     names: list[str] = []
-    for measured, _ in content.frf:
+    for measured in responses:
         name = "frf-" + re.sub(r"[^A-Za-z0-9._-]+", "-", measured.configuration.name)
         if name.lower() in (other.lower() for other in names):
             name = f"{name}-{len(names) + 1}"

@@ -1,4 +1,4 @@
-"""The response matrix of one configuration, measured beside modelled: magnitude, phase and singular values."""
+"""The response matrix of one configuration: magnitude, phase and singular values, beside a model where there is one."""
 
 from __future__ import annotations
 
@@ -20,14 +20,20 @@ NOISE_ROOM_DB, MAX_RANGE_DB = 30.0, 120.0
 MIN_BAND = 1e-3
 
 
+# The noun of an input by its unit.
+INPUT_NOUN = {"N": "force", "V": "voltage", "A": "current"}
+
+
 def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
-    """Name, angles of the driven joints, and whether the configuration was fitted."""
+    """Name, angles of the driven joints, and whether the configuration was fitted; of a structure the name."""
+    if not measured.configuration.angles.size:
+        return measured.configuration.name
     angles = ", ".join(f"{angle:.4g}°" for angle in np.degrees(measured.configuration.angles))
     return f"{measured.configuration.name} ({angles}), {'left out of the fit' if left_out else 'fitted'}"
 
 
 def frf_magnitude(
-    measured: FrequencyResponse, modelled: FrequencyResponse, title: str, std: FloatArray | None = None
+    measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str, std: FloatArray | None = None
 ) -> Figure:
     """|G| in dB of every element (n_y rows, n_u columns) on one y range.
 
@@ -37,7 +43,8 @@ def frf_magnitude(
     """
     above = above_2sigma(measured)
     f = measured.freq_hz
-    Ghat_db, G_db, E_db = (style.in_db(G) for G in (measured.G, modelled.G, measured.G - modelled.G))
+    Ghat_db = style.in_db(measured.G)
+    model = None if modelled is None else (style.in_db(modelled.G), style.in_db(measured.G - modelled.G))
     levels = {
         label: (style.in_db(smoothed_std(measured, covariance)[0]), color, dashes)
         for covariance, label, color, dashes in (
@@ -46,7 +53,7 @@ def frf_magnitude(
         )
         if covariance is not None
     }
-    band = None if std is None else _band_db(modelled.G, std)
+    band = None if std is None or modelled is None else _band_db(modelled.G, std)
     if std is not None:
         levels["std of the model"] = (style.in_db(std), style.START, "-.")
 
@@ -54,24 +61,28 @@ def frf_magnitude(
         style.plot_points(axes, f, Ghat_db[:, i, j], above[:, i, j])
         if band is not None:
             axes.fill_between(f, band[0][:, i, j], band[1][:, i, j], color=style.FITTED, alpha=0.25, lw=0)
-        axes.plot(f, G_db[:, i, j], color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
-        axes.plot(f, E_db[:, i, j], color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
+        if model is not None:
+            axes.plot(f, model[0][:, i, j], color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+            axes.plot(f, model[1][:, i, j], color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
         for label, (std_db, color, dashes) in levels.items():
             axes.plot(f, std_db[:, i, j], color=color, lw=1.0, ls=dashes, zorder=1.5, label=label)
 
     figure, corner = _matrix(measured, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}", draw)
     stds_db = [std_db for std_db, _, _ in levels.values()]
-    low, high = _db_range(np.where(above, Ghat_db, np.nan), np.where(above, G_db, np.nan), stds_db)
+    shown = [np.where(above, curve, np.nan) for curve in (Ghat_db, *(() if model is None else model[:1]))]
+    low, high = _db_range(shown, stds_db)
     style.set_db_ticks(corner, low, high, most=6 if len(measured.outputs) <= 3 else 4)
     return figure
 
 
-def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse, title: str) -> Figure:
+def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
     """Phase of G in degrees of every element, wrapped to (-180, 180]; the model's line is broken where it wraps."""
     above, f = above_2sigma(measured), measured.freq_hz
 
     def draw(axes: Axes, i: int, j: int) -> None:
         style.plot_points(axes, f, np.degrees(np.angle(measured.G[:, i, j])), above[:, i, j])
+        if modelled is None:
+            return
         phase = np.degrees(np.angle(modelled.G[:, i, j]))
         wraps = np.flatnonzero(np.abs(np.diff(phase)) > 180) + 1
         broken = np.insert(f, wraps, np.nan), np.insert(phase, wraps, np.nan)
@@ -83,19 +94,21 @@ def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse, title: s
     return figure
 
 
-def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse, title: str) -> Figure:
+def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
     """min(n_y, n_u) singular values of G in dB by frequency; grey below 2 sigma of the whole matrix.
 
     Noise lifts small singular values: below the Frobenius norm of sigma they cannot be distinguished from zero.
     """
     f = measured.freq_hz
-    s_measured, s_modelled = (np.asarray(np.linalg.svd(G.G, compute_uv=False), float) for G in (measured, modelled))
+    s_measured = np.asarray(np.linalg.svd(measured.G, compute_uv=False), float)
+    s_modelled = None if modelled is None else np.asarray(np.linalg.svd(modelled.G, compute_uv=False), float)
     noise = np.linalg.norm(sigma_of(measured)[0], axis=(1, 2))
     above = s_measured >= 2 * noise[:, None]
     figure, ((axes,),) = style.panels(1, 1, (7.5, 4.0))
     for k in range(s_measured.shape[1]):
         style.plot_points(axes, f, style.in_db(s_measured[:, k]), above[:, k])
-        axes.plot(f, style.in_db(s_modelled[:, k]), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+        if s_modelled is not None:
+            axes.plot(f, style.in_db(s_modelled[:, k]), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
     if noise.any():
         axes.plot(f, style.in_db(noise), color=style.TOTAL, lw=1, ls=":", label="sigma of the matrix")
     style.lighten(axes)
@@ -120,8 +133,8 @@ def _matrix(
         style.lighten(axes)
     for axes, output in zip(panels[:, -1], response.outputs, strict=True):
         style.label_row(axes, f"{response.quantity} at {output}" if n_y <= 3 else output)
-    for axes, source in zip(panels[0], response.inputs, strict=True):
-        style.label(axes, title=f"torque at {source}")
+    for axes, source, unit in zip(panels[0], response.inputs, response.units_of_inputs, strict=True):
+        style.label(axes, title=f"{INPUT_NOUN.get(unit, 'torque')} at {source}")
     corner: Axes = panels[0, 0]
     style.set_log_frequency(corner, response.freq_hz, most=6 if n_u <= 3 else 3)
     style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)
@@ -136,9 +149,9 @@ def _band_db(G: ComplexArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     return style.in_db(np.maximum(magnitude - 2 * std, MIN_BAND * magnitude)), style.in_db(magnitude + 2 * std)
 
 
-def _db_range(Ghat_db: FloatArray, G_db: FloatArray, stds_db: Iterable[FloatArray]) -> tuple[float, float]:
+def _db_range(curves_db: Iterable[FloatArray], stds_db: Iterable[FloatArray]) -> tuple[float, float]:
     """One range for the matrix: points above 2 sigma, the model there, and the noise down to 30 dB below them."""
-    shown = np.concatenate([Ghat_db.ravel(), G_db.ravel()])
+    shown = np.concatenate([curve.ravel() for curve in curves_db])
     shown = shown[np.isfinite(shown)]
     if shown.size == 0:
         return -100.0, 0.0

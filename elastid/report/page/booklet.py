@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import textwrap
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
+from elastid.base.note import NoteGroup
 from elastid.report.content import ReportContent
 from elastid.report.figures import style
 from elastid.report.modes.mode_row import ModeRow
@@ -34,7 +35,11 @@ def missing_glyphs_allowed() -> Iterator[None]:
 
 def front_pages(content: ReportContent) -> Iterator[Figure]:
     """Title, notes, verdict and the tables of parameters and modes, on as many pages as they take."""
-    lines = list(_text(content))
+    return text_pages(list(_text(content)))
+
+
+def text_pages(lines: Sequence[str]) -> Iterator[Figure]:
+    """Lines of text on as many pages as they take."""
     for start in range(0, len(lines), MAX_LINES):
         figure = Figure(figsize=PAPER)
         text = style.plain("\n".join(lines[start : start + MAX_LINES]))
@@ -43,7 +48,7 @@ def front_pages(content: ReportContent) -> Iterator[Figure]:
 
 
 @contextmanager
-def booklet(file: io.BytesIO, content: ReportContent) -> Iterator[Callable[[Figure], None]]:
+def booklet(file: io.BytesIO, front: Iterable[Figure]) -> Iterator[Callable[[Figure], None]]:
     """A PDF that begins with the front pages; the yielded function adds a page, so that no figure need be kept."""
     with PdfPages(file, metadata=PDF_METADATA) as pdf:
 
@@ -51,18 +56,13 @@ def booklet(file: io.BytesIO, content: ReportContent) -> Iterator[Callable[[Figu
             with missing_glyphs_allowed():
                 pdf.savefig(page)
 
-        for page in front_pages(content):
+        for page in front:
             add(page)
         yield add
 
 
 def _text(content: ReportContent) -> Iterator[str]:
-    yield from _wrapped(content.title)
-    yield ""
-    for note in content.notes:
-        yield from _wrapped(f"{'!' if note.first.severity == 'warning' else '-'} {note}", "  ")
-    if content.notes:
-        yield ""
+    yield from heading(content.title, content.notes)
     yield from _wrapped(content.verdict)
     if content.result.message != content.verdict:
         yield from _wrapped(content.result.message)
@@ -70,13 +70,23 @@ def _text(content: ReportContent) -> Iterator[str]:
         yield from _wrapped(words) if words else ()
     yield ""
     rows = parameter_rows(content.result, content.truth)
-    yield from _columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
+    yield from columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     modes = [line for row in content.modes for line in _modes(row)]
     if modes:
         yield ""
         unit = style.frequency_unit(rate_is_known)
-        yield from _columns([("configuration", "mode", unit, "damping", "energy in"), *modes])
+        yield from columns([("configuration", "mode", unit, "damping", "energy in"), *modes])
+
+
+def heading(title: str, notes: Sequence[NoteGroup]) -> Iterator[str]:
+    """Title and notes."""
+    yield from _wrapped(title)
+    yield ""
+    for note in notes:
+        yield from _wrapped(f"{'!' if note.first.severity == 'warning' else '-'} {note}", "  ")
+    if notes:
+        yield ""
 
 
 def _modes(row: ModeRow) -> Iterator[tuple[str, ...]]:
@@ -92,7 +102,8 @@ def _row(row: ParameterRow) -> tuple[str, ...]:
     return row.name, row.unit, number(row.estimate, places), number(row.std, 2), interval, bound_hit
 
 
-def _columns(table: list[tuple[str, ...]]) -> Iterator[str]:
+def columns(table: Sequence[Sequence[str]]) -> Iterator[str]:
+    """A table, its columns aligned."""
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     last = " " * min(sum(widths[:-1]) + 2 * len(widths[:-1]), MAX_LETTERS // 2)
     for row in table:

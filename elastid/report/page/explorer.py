@@ -34,11 +34,11 @@ class Explorer:
 
 
 def explorer(
-    pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse]],
-    left_out: Sequence[str],
+    pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse | None]],
+    left_out: Sequence[str] = (),
     model_std: Sequence[FloatArray] = (),
 ) -> Explorer:
-    """Measured and modelled response of every configuration, with the standard deviation (F, n_y, n_u) of the model."""
+    """Response of every configuration, measured and, where there is a model, modelled with its std (F, n_y, n_u)."""
     first = pairs[0][0]
     content = {
         "frequency_unit": "Hz" if first.rate_is_known else "of the sampling rate",
@@ -85,15 +85,21 @@ def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
 
 
 def _response(
-    measured: FrequencyResponse, modelled: FrequencyResponse, left_out: Sequence[str], model_std: FloatArray | None
+    measured: FrequencyResponse,
+    modelled: FrequencyResponse | None,
+    left_out: Sequence[str],
+    model_std: FloatArray | None,
 ) -> Mapping[str, Any]:
     curves = {
         "measured": _packed(style.in_db(measured.G), DB_STEP),
-        "fitted": _packed(style.in_db(modelled.G), DB_STEP),
-        "residual": _packed(style.in_db(measured.G - modelled.G), DB_STEP),
         "measured_phase": _packed(np.degrees(np.angle(measured.G)), DEGREE_STEP),
-        "fitted_phase": _packed(np.degrees(np.angle(modelled.G)), DEGREE_STEP),
     }
+    if modelled is not None:
+        curves |= {
+            "fitted": _packed(style.in_db(modelled.G), DB_STEP),
+            "residual": _packed(style.in_db(measured.G - modelled.G), DB_STEP),
+            "fitted_phase": _packed(np.degrees(np.angle(modelled.G)), DEGREE_STEP),
+        }
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
         if covariance is not None:
             curves[name] = _packed(style.in_db(smoothed_std(measured, covariance)[0]), DB_STEP)

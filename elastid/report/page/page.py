@@ -5,20 +5,20 @@ from __future__ import annotations
 import base64
 import io
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib.figure import Figure
 from PIL import Image
 
 from elastid.base.note import grouped
 from elastid.report.content import ReportContent
-from elastid.report.figures.drawings import CONFIGURATION, drawings
+from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
 from elastid.report.numbers import digits, interval_of, number, percent
-from elastid.report.page.booklet import PDF_METADATA, booklet, missing_glyphs_allowed
+from elastid.report.page.booklet import PDF_METADATA, booklet, front_pages, missing_glyphs_allowed
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer
 from elastid.report.page.mode_viewer import mode_viewer
@@ -52,24 +52,34 @@ def write_report(content: ReportContent, folder: Path, formats: Collection[Figur
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes.
     """
+    embedded = write_figures(drawings(content), front_pages(content), folder, formats)
+    page = folder / "report.html"
+    write_whole(page, html(content, embedded).encode("utf-8"))
+    return page
+
+
+def write_figures(
+    drawn: Iterable[Drawing], front: Iterable[Figure], folder: Path, formats: Collection[FigureFormat]
+) -> list[EmbeddedFigure]:
+    """folder/figures/*, and folder/report.pdf with the front pages before them; the same as figures of a page."""
     figures = folder / "figures"
     figures.mkdir(parents=True, exist_ok=True)
     embedded, paper = [], io.BytesIO()
-    with booklet(paper, content) as add:
-        for drawing in drawings(content):
+    with booklet(paper, front) as add:
+        for drawing in drawn:
             png = rendered(drawing.figure, "png")
             for kind in formats:
-                _write(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind))
+                write_whole(
+                    figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind)
+                )
             if "pdf" in formats:
                 add(drawing.figure)
             text = base64.b64encode(fewer_colors(png)).decode("ascii")
             file = f"figures/{drawing.name}.{'png' if 'png' in formats else 'pdf'}" if formats else ""
             embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file))
     if "pdf" in formats:
-        _write(folder / "report.pdf", paper.getvalue())
-    page = folder / "report.html"
-    _write(page, html(content, within(embedded, MAX_FIGURE_BYTES)).encode("utf-8"))
-    return page
+        write_whole(folder / "report.pdf", paper.getvalue())
+    return within(embedded, MAX_FIGURE_BYTES)
 
 
 def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]:
@@ -94,22 +104,13 @@ def fewer_colors(png: bytes) -> bytes:
 
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     """The page; every text from a study or a file is escaped."""
-    environment = Environment(
-        loader=PackageLoader("elastid.report", "page"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
-    environment.filters["grouped"] = grouped
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.left_out]
     frf = explorer(content.frf, left_out, content.model_std) if content.frf else None
     modes = mode_viewer(content.modes, rate_is_known)
     scripts = [*(frf.scripts if frf else ()), *([modes.script] if modes else ())]
-    return environment.get_template("template.html.j2").render(
+    return template("template.html.j2").render(
         content=content,
         result=content.result,
         rows=parameter_rows(content.result, content.truth),
@@ -124,6 +125,20 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     )
 
 
+def template(name: str) -> Template:
+    """A template of this package with the filters for numbers."""
+    environment = Environment(
+        loader=PackageLoader("elastid.report", "page"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
+    environment.filters["grouped"] = grouped
+    return environment.get_template(name)
+
+
 def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     """The figure as the bytes of a file."""
     buffer = io.BytesIO()
@@ -132,7 +147,7 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     return buffer.getvalue()
 
 
-def _write(path: Path, data: bytes) -> None:
+def write_whole(path: Path, data: bytes) -> None:
     """Under a temporary name first, so that a killed run leaves no half file."""
     temporary = path.with_name(f".{path.name}.part")
     try:
