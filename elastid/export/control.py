@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from elastid.fit.fitted_model import FittedModel
+from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
 
 _LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration.
@@ -36,6 +38,61 @@ def load(path=Path(__file__).with_name("{npz}")):
 '''
 
 
+_RESPONSES_LOADER = '''"""Loads {npz}: the measured responses of {name}, one frd for each configuration.
+
+    responses = load()
+    control.bode_plot(responses["{first}"])
+
+Outputs per inputs in {unit}; the frequencies of an frd are in rad/s.
+"""
+
+from pathlib import Path
+
+import control
+import numpy as np
+
+
+def load(path=Path(__file__).with_name("{npz}")):
+    """FrequencyResponseData by configuration."""
+    with np.load(path, allow_pickle=False) as file:
+        names = [str(name) for name in file["configurations"]]
+        return {{
+            name: control.frd(
+                np.moveaxis(file[f"{{name}}/G"], 0, 2),
+                2 * np.pi * file[f"{{name}}/freq_hz"],
+                inputs=[str(u) for u in file[f"{{name}}/inputs"]],
+                outputs=[str(y) for y in file[f"{{name}}/outputs"]],
+                name=name,
+            )
+            for name in names
+        }}
+'''
+
+
+def write_responses_control(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+    """responses.npz and load_responses.py; arrays <configuration>/freq_hz, G (F, n_y, n_u), std, inputs, outputs."""
+    arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
+    for G in responses:
+        of = G.configuration.name
+        arrays |= {f"{of}/freq_hz": G.freq_hz, f"{of}/G": G.G}
+        arrays |= {f"{of}/inputs": np.array(G.inputs), f"{of}/outputs": np.array(G.outputs)}
+        if G.uncertainty is not None:
+            arrays[f"{of}/std"] = np.sqrt(G.uncertainty.variance)
+    data, loader = folder / "responses.npz", folder / "load_responses.py"
+    _save(data, arrays)
+    first = responses[0]
+    with text_file(loader) as script:
+        script.write(
+            _RESPONSES_LOADER.format(npz=data.name, name=name, first=first.configuration.name, unit=first.unit)
+        )
+    return data, loader
+
+
+def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
+
+
 def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s)."""
     systems = model.state_spaces
@@ -51,8 +108,7 @@ def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}
         arrays |= {f"{name}/delay": np.array(system.delay), f"{name}/angles": system.configuration.angles}
     data, loader = folder / "model.npz", folder / "load_model.py"
-    with replacing(data) as temporary, temporary.open("wb") as file:
-        np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
+    _save(data, arrays)
     with text_file(loader) as script:
         script.write(
             _LOADER.format(

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.export.peaks import write_peaks
 from elastid.fit.fitted_model import FittedModel
+from elastid.frf.peaks import peaks
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
@@ -30,9 +32,19 @@ def write_csv(folder: Path, model: FittedModel) -> tuple[Path, ...]:
         fitted = frequency_response(linear, model.theta, G.freq_hz)
         name = G.configuration.name
         paths.append(_table(folder / f"{name}-fitted.csv", _response(G, fitted, None)))
-        variance = None if G.uncertainty is None else G.uncertainty.variance
-        paths.append(_table(folder / f"{name}-measured.csv", _response(G, G.G, variance)))
+        paths.append(_measured(folder, G))
     return tuple(paths)
+
+
+def write_responses_csv(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+    """<configuration>-measured.csv for each response, and peaks.csv."""
+    found = [peaks(response) for response in responses]
+    return (*(_measured(folder, G) for G in responses), write_peaks(folder / "peaks.csv", responses, found))
+
+
+def _measured(folder: Path, G: FrequencyResponse) -> Path:
+    variance = None if G.uncertainty is None else G.uncertainty.variance
+    return _table(folder / f"{G.configuration.name}-measured.csv", _response(G, G.G, variance))
 
 
 def _parameters(model: FittedModel) -> Iterable[Sequence[Any]]:

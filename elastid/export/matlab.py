@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from scipy.io import savemat
 
 from elastid.fit.fitted_model import FittedModel
 from elastid.linear.response.transfer import frequency_response
+from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
 
 # A MAT-file of version 5 begins with 116 bytes of free text, in which SciPy writes the time.
@@ -23,6 +25,17 @@ for i = 1:numel(e.model)
     m = e.model(i);
     models{{i}} = ss(m.A, m.B, m.C, m.D, 'InputDelay', repmat(m.InputDelay, 1, size(m.B, 2)), ...
         'InputName', m.InputName, 'OutputName', m.OutputName, 'Name', m.configuration); %#ok<SAGROW>
+    f = e.measured(i);
+    measured{{i}} = idfrd(f.ResponseData, f.Frequency(:), 0, 'FrequencyUnit', f.FrequencyUnit, ...
+        'InputName', f.InputName, 'OutputName', f.OutputName); %#ok<SAGROW>
+end
+"""
+
+
+_RESPONSES_SCRIPT = """% Loads {mat}: the measured responses of {name}, {quantity}, {unit}.
+% measured{{i}} is an idfrd (System Identification Toolbox) of e.measured(i).configuration, measured at its lines.
+e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
+for i = 1:numel(e.measured)
     f = e.measured(i);
     measured{{i}} = idfrd(f.ResponseData, f.Frequency(:), 0, 'FrequencyUnit', f.FrequencyUnit, ...
         'InputName', f.InputName, 'OutputName', f.OutputName); %#ok<SAGROW>
@@ -52,15 +65,38 @@ def write_matlab(folder: Path, model: FittedModel) -> tuple[Path, ...]:
             ]
         ),
     }
-    written = io.BytesIO()
-    savemat(written, content, do_compression=True)
     data, script = folder / "model.mat", folder / "load_model.m"
-    with replacing(data) as temporary:
-        temporary.write_bytes(_HEADING + written.getvalue()[len(_HEADING) :])
+    _save(data, content)
     first = model.measured[0]
     with text_file(script) as file:
         file.write(_SCRIPT.format(mat=data.name, name=model.name, quantity=first.quantity, unit=first.unit))
     return data, script
+
+
+def write_responses_matlab(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+    """responses.mat (version 5) with the struct array `measured`, as in model.mat, and load_responses.m."""
+    data, script = folder / "responses.mat", folder / "load_responses.m"
+    _save(data, {"measured": _structs([_with_covariance(G) for G in responses])})
+    first = responses[0]
+    with text_file(script) as file:
+        file.write(_RESPONSES_SCRIPT.format(mat=data.name, name=name, quantity=first.quantity, unit=first.unit))
+    return data, script
+
+
+def _save(path: Path, content: dict[str, Any]) -> None:
+    written = io.BytesIO()
+    savemat(written, content, do_compression=True)
+    with replacing(path) as temporary:
+        temporary.write_bytes(_HEADING + written.getvalue()[len(_HEADING) :])
+
+
+def _with_covariance(G: FrequencyResponse) -> dict[str, Any]:
+    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    fields = _response(G.freq_hz, G.G, G)
+    if G.uncertainty is None:
+        return fields | {"CovarianceData": np.zeros((0, 0))}
+    half = np.moveaxis(G.uncertainty.variance, 0, 2) / 2
+    return fields | {"CovarianceData": half[..., None, None] * np.eye(2)}
 
 
 def _system(system: Any) -> dict[str, Any]:

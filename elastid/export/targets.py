@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from elastid.export.code import write_c, write_casadi
-from elastid.export.control import write_control
-from elastid.export.csv import write_csv
-from elastid.export.matlab import write_matlab
+from elastid.export.control import write_control, write_responses_control
+from elastid.export.csv import write_csv, write_responses_csv
+from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
+from elastid.export.uff import write_uff
 from elastid.fit.fitted_model import FittedModel
+from elastid.response import FrequencyResponse
 
 Writer = Callable[[Path, FittedModel], tuple[Path, ...]]
+ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
 
 TARGETS: dict[str, Writer] = {
     "control": write_control,
@@ -21,4 +24,12 @@ TARGETS: dict[str, Writer] = {
     "casadi": write_casadi,
     "c": write_c,
     "csv": write_csv,
+}
+
+# Of measured responses: all that a study without a robot has. uff takes those of any study.
+RESPONSE_TARGETS: dict[str, ResponseWriter] = {
+    "control": write_responses_control,
+    "matlab": write_responses_matlab,
+    "csv": write_responses_csv,
+    "uff": write_uff,
 }

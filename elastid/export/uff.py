@@ -1,0 +1,95 @@
+"""Export to universal files: the measured responses as data sets 58, by pyuff (the extra `uff`).
+
+A data set has room for ten letters of a name, so places become nodes: `3z` (or `tip 3z`) is node 3 along z, any other
+name the next free node, without a direction. nodes.csv lists them.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import warnings
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.errors import StudyError
+from elastid.record import Motion
+from elastid.response import FrequencyResponse
+from elastid.store import replacing, text_file
+
+_DIRECTIONS = ("", "x", "y", "z", "rx", "ry", "rz")
+# Types of ordinate of data set 58, by quantity and by the unit of an input; 0 is unknown.
+_ORDINATES: dict[Motion, int] = {"position": 8, "velocity": 11, "acceleration": 12}
+_FORCE, _UNKNOWN = 13, 0
+_FREQUENCY, _FREQUENCY_RESPONSE, _COMPLEX_DOUBLE = 18, 4, 6
+
+
+def write_uff(folder: Path, name: str, responses: Sequence[FrequencyResponse]) -> tuple[Path, ...]:
+    """<configuration>.uff for each response, and nodes.csv; StudyError where pyuff is not installed."""
+    try:
+        import pyuff
+    except ImportError:
+        raise StudyError(
+            "universal files are written by pyuff, which is not installed: pip install 'elastid[uff]', or export to csv"
+        ) from None
+    nodes = numbered(place for response in responses for place in (*response.outputs, *response.inputs))
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    for response in responses:
+        path = folder / f"{response.configuration.name}.uff"
+        with replacing(path) as temporary, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            # Written as text: pyuff overwrites binary files with headers alone.
+            pyuff.UFF(str(temporary)).write_sets(list(_sets(name, response, nodes)), "overwrite")
+        paths.append(path)
+    table = folder / "nodes.csv"
+    with text_file(table) as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("place", "node", "direction"))
+        rows.writerows((place, node, _DIRECTIONS[direction]) for place, (node, direction) in nodes.items())
+    return (*paths, table)
+
+
+def numbered(places: Iterable[str]) -> dict[str, tuple[int, int]]:
+    """Node and direction (0 none, 1 to 3 along x, y, z, 4 to 6 about them) of each place, all different."""
+    names = list(dict.fromkeys(places))
+    matches = {name: re.fullmatch(r"(?:.*\D)?(\d{1,9})(r?[xyz])", name) for name in names}
+    nodes = {name: (int(m[1]), _DIRECTIONS.index(m[2])) for name, m in matches.items() if m}
+    nodes = {name: node for i, (name, node) in enumerate(nodes.items()) if node not in list(nodes.values())[:i]}
+    first = 1 + max((node for node, _ in nodes.values()), default=0)
+    free = (name for name in names if name not in nodes)
+    return nodes | {name: (first + i, 0) for i, name in enumerate(free)}
+
+
+def _sets(name: str, response: FrequencyResponse, nodes: dict[str, tuple[int, int]]) -> Iterable[dict[str, Any]]:
+    for i, output in enumerate(response.outputs):
+        for j, input_ in enumerate(response.inputs):
+            unit = response.units_of_inputs[j]
+            yield {
+                "type": 58,
+                "binary": 0,
+                "func_type": _FREQUENCY_RESPONSE,
+                "id1": f"{output} to {input_}"[:80],
+                "id2": name[:80],
+                "id3": "NONE",
+                "id4": response.configuration.name[:80],
+                "id5": response.unit[:80],
+                "rsp_ent_name": "NONE",
+                "ref_ent_name": "NONE",
+                "rsp_node": nodes[output][0],
+                "rsp_dir": nodes[output][1],
+                "ref_node": nodes[input_][0],
+                "ref_dir": nodes[input_][1],
+                "abscissa_spec_data_type": _FREQUENCY,
+                "ordinate_spec_data_type": _ORDINATES[response.quantity],
+                "orddenom_spec_data_type": _FORCE if unit in ("N", "N*m") else _UNKNOWN,
+                "ord_data_type": _COMPLEX_DOUBLE,
+                "abscissa_spacing": 0,
+                "abscissa_min": float(response.freq_hz[0]),
+                "abscissa_inc": 0.0,
+                "data": np.asarray(response.G[:, i, j]),
+                "x": np.asarray(response.freq_hz),
+            }
