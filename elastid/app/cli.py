@@ -99,8 +99,8 @@ def _options(*names: str) -> Decorator:
 
 _RUN_HELP = "Where the results go (default: runs/<name of the study>)."
 _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
-# The keys of export.targets.TARGETS, which would bring CasADi and SciPy to every command.
-_TARGETS = ["control", "matlab", "mujoco", "casadi", "c", "csv"]
+# The keys of export.targets.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
+_TARGETS = ["control", "matlab", "mujoco", "casadi", "c", "csv", "uff"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
@@ -143,12 +143,15 @@ def demo(**options: Any) -> None:
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--template",
-    type=click.Choice(["serial", "parallel-linkage", "recorded", "responses"]),
+    type=click.Choice(["serial", "parallel-linkage", "recorded", "responses", "frf"]),
     default="serial",
     show_default=True,
 )
 def new(folder: Path, template: str) -> None:
-    """Write a study to edit, its robot and the schema for editors into a new folder."""
+    """Write a study to edit, its robot and the schema for editors into a new folder.
+
+    Templates recorded and frf (responses and their peaks, without a robot) come with a small simulated log in logs/.
+    """
     from elastid.app import scaffold
 
     study = scaffold.new(folder, template)
@@ -204,7 +207,10 @@ def run(study: Path, **options: Any) -> None:
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
 @_stage_options
 def export(study: Path, target: str, **options: Any) -> None:
-    """Write the identified model for another tool: export/<target>/ in the run folder."""
+    """Write the identified model for another tool: export/<target>/ in the run folder.
+
+    Of a study without a robot: its measured responses, to control, matlab, csv or uff. To uff those of any study.
+    """
     asked = _run(study, options)
     from elastid.app.export import export as export_model
 

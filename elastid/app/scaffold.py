@@ -6,6 +6,7 @@ import json
 from importlib.resources import files
 from pathlib import Path
 
+from elastid.app.example_logs import EXAMPLE_LOGS
 from elastid.base.errors import StudyError
 from elastid.study import SCHEMA_NAME, make_schema
 
@@ -14,13 +15,15 @@ STUDY = "study.yml"
 
 
 def new(folder: Path, template: str) -> Path:
-    """A new folder with a study, its robot and the schema for editors; returns the study's path.
+    """A new folder with a study, its robot, a small log where it is of logs, and the schema; returns the study's path.
 
     Raises StudyError where the folder holds anything already.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise StudyError(f"{folder} exists and is not empty; nothing was written. Give the name of a new folder")
     _write_template(folder, template)
+    if template in EXAMPLE_LOGS:
+        EXAMPLE_LOGS[template](folder)
     return folder / STUDY
 
 

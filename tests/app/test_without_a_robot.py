@@ -1,0 +1,156 @@
+"""A study without a robot: from `new` to the report and the exports, and what it refuses."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.app.cli import run_command
+from elastid.base.errors import StudyError
+from elastid.experiment.simulated.structure import true_modes
+from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.recorded.responses.reading import read_table
+from elastid.store import read_responses
+from elastid.study import load
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The template frf, run to its end."""
+    folder = tmp_path_factory.mktemp("frf") / "bench"
+    assert run_command(["new", str(folder), "--template", "frf"]) == 0
+    study = str(folder / "study.yml")
+    assert run_command(["run", study, "--run", str(folder / "run"), "--set", "report.formats=[png]", "-q"]) == 0
+    return folder
+
+
+def exported(bench: Path, target: str) -> Path:
+    run = bench / "run"
+    arguments = ["export", str(bench / "study.yml"), "--run", str(run), "--set", "report.formats=[png]", "-q"]
+    assert run_command([*arguments, "--to", target]) == 0
+    return run / "export" / target
+
+
+def refusal(study: Path, *overrides: str) -> str:
+    with pytest.raises(StudyError) as caught:
+        load(study, overrides)
+    return str(caught.value)
+
+
+def test_the_page_shows_responses_and_peaks_and_no_fit(bench: Path) -> None:
+    page = (bench / "run" / "report.html").read_text(encoding="utf-8")
+    assert "Frequency responses" in page
+    assert "tip x" in page
+    assert "(m/s²)/(N)" in page
+    assert "Parameters" not in page
+    assert "left out of the fit" not in page
+    names = {file.stem for file in (bench / "run" / "figures").iterdir()}
+    assert names == {f"frf-bench-{kind}" for kind in ("magnitude", "phase", "singular-values", "levels", "coherence")}
+
+
+def test_the_peaks_are_those_of_the_structure(bench: Path) -> None:
+    """Frequencies to 1e-4, damping to 1 % of itself."""
+    natural, damping, _ = true_modes()
+    rows = list(csv.DictReader((bench / "run" / "peaks.csv").read_text().splitlines()))
+    np.testing.assert_allclose([float(row["frequency"]) for row in rows], natural / (2 * np.pi), rtol=1e-4)
+    np.testing.assert_allclose([float(row["damping_ratio"]) for row in rows], damping, rtol=1e-2)
+
+
+def test_the_template_warns_of_nothing(bench: Path) -> None:
+    (response,) = read_responses(bench / "run" / "frf.h5")
+    assert [note for note in response.notes if note.code != "total-variances-only" and note.severity == "warning"] == []
+    assert response.repairs == {}
+    assert response.unit == "(m/s^2)/(N)"
+
+
+@pytest.mark.parametrize(
+    ("target", "file"), [("uff", "bench.uff"), ("matlab", "responses.mat"), ("csv", "bench-measured.csv")]
+)
+def test_exports_are_read_back(bench: Path, target: str, file: str) -> None:
+    """By the readers of responses from elsewhere: the same lines and the same G."""
+    pytest.importorskip("pyuff")
+    (response,) = read_responses(bench / "run" / "frf.h5")
+    channels = load(bench / "study.yml").study.experiment.as_recorded().channels
+    path = exported(bench, target) / file
+    spec = ResponsesSpec(files=({"path": file, "configuration": "bench"},), channels=())  # type: ignore[arg-type]
+    if target == "csv":
+        named = {"u": response.inputs, "y": response.outputs}
+        again = [c for c in channels if c.at in named[c.role]]
+        spec = replace(spec, channels=tuple(replace(c, channel=c.at) for c in again))
+    table = read_table(path, spec, "")
+    np.testing.assert_allclose(table.freq, response.freq_hz, rtol=1e-9)
+    np.testing.assert_allclose(table.G, response.G, rtol=1e-9)
+
+
+def test_control_gets_what_python_control_loads(bench: Path) -> None:
+    folder = exported(bench, "control")
+    compile((folder / "load_responses.py").read_text(), "load_responses.py", "exec")
+    (response,) = read_responses(bench / "run" / "frf.h5")
+    with np.load(folder / "responses.npz", allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(arrays["bench/G"], response.G)
+        assert tuple(arrays["bench/outputs"].tolist()) == response.outputs
+
+
+@pytest.mark.parametrize("command", [["fit"], ["validate"], ["design"], ["compare"], ["compare", "--search"]])
+def test_stages_of_a_robot_say_what_the_study_lacks(
+    bench: Path, command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One sentence with its remedy, and exit code 2."""
+    assert run_command([*command, str(bench / "study.yml"), "--run", str(bench / "run")]) == 2
+    said = capsys.readouterr().err
+    assert "has no robot" in said
+    assert "fit.parameters" in said
+    assert len(said.strip().splitlines()) == 1
+
+
+def test_models_are_exported_of_robots_alone(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study = str(bench / "study.yml")
+    assert run_command(["export", study, "--run", str(bench / "run"), "--to", "mujoco"]) == 2
+    assert "export its responses to control, matlab, csv, uff" in capsys.readouterr().err
+
+
+def test_check_describes_the_places(bench: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command(["check", str(bench / "study.yml")]) == 0
+    said = capsys.readouterr().out
+    assert "2 inputs: shaker table (force, N), shaker tip (force, N)" in said
+    assert "find their peaks" in said
+
+
+CHANNEL = "experiment.recorded.channels"
+
+
+@pytest.mark.parametrize(
+    ("override", "says"),
+    [
+        ("fit.starts=3", "fit: this section needs a robot"),
+        ("experiment.configurations={bench: [1]}", "1 angle, and a study without a robot has no joints; write []"),
+        (f"{CHANNEL}.2.unit=''", "nothing tells whether 'table x' translates; give unit: m/s^2 or rad/s^2"),
+        (f"{CHANNEL}.2.unit=deg", "units that fit here: m/s^2, rad/s^2, deg/s^2"),
+        (f"{CHANNEL}.2.side=motor", "has no gears; drop side"),
+        (f"{CHANNEL}.2={{role: y, at: shaker tip, column: 3, quantity: position, unit: rad}}", "another name"),
+        ("experiment={configurations: {bench: []}, simulated: {}}", "robot: the experiment is simulated"),
+        ("experiment={configurations: {a: []}, responses: {files: [{path: a.csv, configuration: a}]}}", "robot: the"),
+    ],
+)
+def test_contradictions_name_their_remedy(bench: Path, override: str, says: str) -> None:
+    assert says in refusal(bench / "study.yml", override)
+
+
+@pytest.mark.parametrize(("quantity", "unit"), [("voltage", "V"), ("current", "A"), ("current", "mA")])
+def test_what_drives_a_structure_may_be_electric(bench: Path, quantity: str, unit: str) -> None:
+    """The response is then per volt or ampere, and the other input keeps its unit."""
+    from elastid.experiment.specs.structure import input_units
+
+    study = load(bench / "study.yml", (f"{CHANNEL}.0.quantity={quantity}", f"{CHANNEL}.0.unit={unit}")).study
+    channels = study.experiment.as_recorded().channels
+    assert input_units(channels, study.places) == (unit[-1], "N")
+
+
+def test_a_robot_takes_no_voltage(tmp_path: Path) -> None:
+    folder = tmp_path / "joint"
+    assert run_command(["new", str(folder), "--template", "recorded"]) == 0
+    channel = f"{CHANNEL}.0={{role: u, at: motor 1, channel: current, quantity: "
+    assert "a voltage is not known as a torque" in refusal(folder / "study.yml", channel + "voltage}")
+    assert "needs torque_constant" in refusal(folder / "study.yml", channel + "current}")
