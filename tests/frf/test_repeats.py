@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from plants.notes import said
 
-from elastid.frf.local.repeats import merge_repeats
+from elastid.frf.local.repeats import independent_excitations, merge_repeats
 from elastid.frf.local.response import local_response
 from elastid.frf.local.transient import settled_spectra
 from elastid.frf.spec import EstimatorSpec
@@ -74,3 +74,28 @@ def test_different_excitations_stay_apart() -> None:
     plant, lines = study.TwoModes(N=1024, lines=(6, 300)), np.arange(6, 301)
     spectra = [settled_spectra(plant.from_rest(2, 40.0, np.random.default_rng(s)), lines, "velocity") for s in (0, 1)]
     assert merge_repeats(spectra, closed=False) == spectra
+
+
+@pytest.mark.parametrize("spec", [study.LPM, study.LRM], ids=lambda spec: spec.method)
+def test_repeats_that_start_a_little_later_each_time_are_better_than_one(spec: EstimatorSpec) -> None:
+    """0.1 s from one to the next: no gain makes their inputs equal, and within a window they are one excitation."""
+    plant, rng = study.SweptAxis(), np.random.default_rng(0)
+    spec = replace(spec, lines="full", band_hz=(2.0, 35.0))
+    records = []
+    for i, each in enumerate(plant.measured(3, 0.0, np.inf, rng)):
+        u, y = (np.roll(x, 20 * i, axis=0) for x in (each.u, each.y))
+        u[: 20 * i] = y[: 20 * i] = 0.0
+        records.append(replace(each, u=u, y=y + 0.03 * y.std() * rng.normal(size=y.shape)))
+    one, three = (local_response(some, spec) for some in (records[:1], records))
+    errors = [np.median(np.abs(each.G[:, 0, 0] / plant.G(each.freq_hz) - 1)) for each in (one, three)]
+    assert errors[1] < errors[0]
+
+
+def test_random_phases_are_independent_excitations_and_shifted_ones_are_not() -> None:
+    """Three experiments of 300 lines, in windows of 12."""
+    rng, lines = np.random.default_rng(0), np.arange(300)
+    R = np.exp(2j * np.pi * rng.random((3, 300, 1)))
+    shifted = R[:1] * np.exp(-2j * np.pi * lines[:, None] * np.array([0.0, 0.01, 0.03])[:, None, None])
+    assert independent_excitations(R, 12) == 3
+    assert independent_excitations(shifted, 12) == 1
+    assert independent_excitations(R[:1], 12) == 1

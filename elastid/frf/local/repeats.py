@@ -8,6 +8,9 @@ determines a transient of its own and nothing else.  The one combination with al
 
 has the noise of a mean of sum P_e c_e^2 periods and one transient, smooth as theirs.  So windows are as wide as for a
 single experiment, and their residual holds the errors of the local model, which repeats would hide.
+
+A repeat that starts a little later has R_e = exp(-j omega tau) R, which no common gain describes, but within a window
+it is as dependent.  Such records stay apart, and do not count where windows are sized.
 """
 
 from __future__ import annotations
@@ -21,6 +24,26 @@ from elastid.frf.local.transient import SettledSpectra
 
 # Inputs that differ by less than this part, after the best gain, are repeats.
 _MAX_DIFFERENCE = 0.2
+# Correlation of two inputs within a window from which on they count as one excitation; random phases have 0.3.
+_MAX_CORRELATION = 0.5
+
+
+def independent_excitations(R: ComplexArray, n_w: int) -> int:
+    """Number of the inputs R (E, F, n_u) that differ within windows of n_w lines, by more than a complex factor."""
+    E, F, _ = R.shape
+    if E == 1:
+        return 1
+    parts = np.array_split(R, max(1, F // n_w), axis=1)
+    grams = np.array([np.einsum("efu,gfu->eg", part, part.conj()) for part in parts])
+    powers = np.einsum("cee->ce", grams).real
+    both = np.sum(np.sqrt(powers[:, :, None] * powers[:, None, :]), axis=0)
+    # Where the inputs are strong counts most.
+    correlation = np.divide(np.abs(grams).sum(axis=0), both, out=np.zeros((E, E)), where=both > 0)
+    leaders: list[int] = []
+    for e in range(E):
+        if all(correlation[e, leader] < _MAX_CORRELATION for leader in leaders):
+            leaders.append(e)
+    return len(leaders)
 
 
 def merge_repeats(spectra: Sequence[SettledSpectra], closed: bool) -> list[SettledSpectra]:

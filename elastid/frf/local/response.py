@@ -28,7 +28,7 @@ from elastid.frf.local.bandwidth import local_modes, wide_windows
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.local.model_error import with_model_error
 from elastid.frf.local.regression import local_fit
-from elastid.frf.local.repeats import merge_repeats
+from elastid.frf.local.repeats import independent_excitations, merge_repeats
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
 from elastid.frf.local.windows import Windows, WindowTerms, windows
 from elastid.frf.matrices import adjoint, power
@@ -67,7 +67,7 @@ def local_response(
     spectra, repeated = merge_repeats(spectra, closed), len(spectra)
     ladder = _ladder(spec, len(first.inputs), transient=not all(each.settled for each in spectra))
     Z, R = _signals(spectra, closed)
-    where = _windows(all_lines, ladder[-1], spec, first, Z)
+    where = _windows(all_lines, ladder[-1], spec, first, (Z, R))
     fit = local_fit(Z, R, where, ladder)
     usable = _usable_lines(fit, closed, spec, first)
     lines = all_lines[_every(_step(spec, first))]
@@ -117,7 +117,7 @@ def _with_model_error(
     rational = replace(spec, method="local_rational", local_order="auto")
     ladder = _ladder(rational, len(first.inputs), transient=True)
     try:
-        where = _windows(lines, ladder[-1], rational, first, signals[0])
+        where = _windows(lines, ladder[-1], rational, first, signals)
     except DataError:
         return total
     fit = local_fit(*signals, where, ladder)
@@ -127,10 +127,17 @@ def _with_model_error(
     return with_model_error(total, G - other, variance.variance)
 
 
-def _windows(lines: IntArray, terms: WindowTerms, spec: EstimatorSpec, first: Record, Z: ComplexArray) -> Windows:
-    """The windows around the lines (F,) for Z (E, F, n_z); DataError where there are too few lines."""
+def _windows(
+    lines: IntArray, terms: WindowTerms, spec: EstimatorSpec, first: Record, signals: tuple[ComplexArray, ComplexArray]
+) -> Windows:
+    """The windows around the lines (F,) for Z (E, F, n_z) and R (E, F, n_u); DataError where there are too few lines.
+
+    Where each experiment has a transient of its own, only different excitations tell the response from it.
+    """
+    Z, R = signals
     dof = max(len(first.outputs) + spec.local_margin, _MIN_DOF)
-    n_w = terms.width(dof, len(Z), Z.shape[2])
+    E = independent_excitations(R, terms.width(dof, 1, Z.shape[2])) if terms.transient else len(Z)
+    n_w = terms.width(dof, E, Z.shape[2])
     if n_w > len(lines):
         raise DataError(
             f"configuration {first.configuration.name}: {spec.method} needs {n_w} lines in a window, "
