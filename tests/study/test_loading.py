@@ -61,13 +61,19 @@ def test_every_shipped_study_loads(path: Path) -> None:
         pytest.skip(f"its recorded data are not here: {error}")
 
 
-@pytest.mark.parametrize(("template", "file"), [("responses", "bench.csv")])
-def test_a_template_lacks_only_its_data(template: str, file: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("template", "section", "file"),
+    [
+        ("ros2", "recorded", "bag_1"),
+        ("responses", "responses", "bench.csv"),
+    ],
+)
+def test_a_template_lacks_only_its_data(template: str, section: str, file: str, tmp_path: Path) -> None:
     """A new study of measured data says which file to bring."""
     for source in (TEMPLATES / template).iterdir():
         (tmp_path / source.name).write_text(source.read_text())
     error, *_ = errors(tmp_path / "study.yml")
-    assert f"experiment.{template}.files[0].path: no such file" in error
+    assert f"experiment.{section}.files[0].path: no such file" in error
     assert file in error
 
 
