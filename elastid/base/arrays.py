@@ -16,7 +16,9 @@ IntArray: TypeAlias = NDArray[np.int64]
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """A read-only copy of an array."""
+    """A read-only copy of an array; what is mapped from a file and read-only already is not copied into memory."""
+    if isinstance(array, np.memmap) and not array.flags.writeable and array.dtype == dtype:
+        return array
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy

@@ -107,15 +107,44 @@ def _driver_power(spectra: Sequence[RecordSpectra], lines: IntArray) -> tuple[Fl
     """Power (F,) of the mean drivers, each relative to its total, and the noise (F,) in it."""
     power, noise, dof = [], [], 0
     for each in spectra:
-        U = each.amplitudes(each.driver_role, lines)
         # The first period holds the transient, if there are more than two.
-        U = U[1:] if len(U) > 2 else U
-        power.append(np.abs(U.mean(axis=0)) ** 2)
-        noise.append(_noise_of_mean(U))
-        dof += len(U) - 1
+        P = each.record.n_samples // each.record.repeat_samples
+        left_out = 1 if P > 2 else 0
+        if each.is_large:
+            mean, noise_of_mean = _in_groups(each, lines, left_out)
+        else:
+            U = each.amplitudes(each.driver_role, lines)[left_out:]
+            mean, noise_of_mean = U.mean(axis=0), _noise_of_mean(U)
+        power.append(np.abs(mean) ** 2)
+        noise.append(noise_of_mean)
+        dof += P - left_out - 1
     total = np.sum(power, axis=(0, 1))
     total[total == 0] = 1.0
     return np.sum(power, axis=0) @ (1 / total), smoothed_noise(np.sum(noise, axis=0) @ (1 / total), max(dof, 1))
+
+
+def _in_groups(spectra: RecordSpectra, lines: IntArray, left_out: int) -> tuple[ComplexArray, FloatArray]:
+    """Mean (F, c) of the driver's amplitudes over periods and its variance, from some periods at a time.
+
+    Sums of squares about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979).
+    """
+    n, mean, squares = 0, np.zeros(0, dtype=np.complex128), np.zeros(0)
+    for group in spectra.dft_groups(spectra.driver_role):
+        X = group[left_out:, lines] * (2 / spectra.record.repeat_samples)
+        left_out = max(0, left_out - len(group))
+        if not len(X):
+            continue
+        of_group = X.mean(axis=0)
+        around = np.sum(np.abs(X - of_group) ** 2, axis=0)
+        apart = of_group - mean if n else of_group
+        total = n + len(X)
+        mean, squares = (
+            (mean + apart * len(X) / total, squares + around + np.abs(apart) ** 2 * n * len(X) / total)
+            if n
+            else (of_group, around)
+        )
+        n = total
+    return mean, squares / max(n - 1, 1) / n
 
 
 def _noise_of_mean(X: ComplexArray) -> FloatArray:

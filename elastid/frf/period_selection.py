@@ -31,6 +31,8 @@ _NEGLIGIBLE_DISTANCE = 1e-4
 _MIN_SPREAD = 0.1
 # So many lines, evenly taken, give a distance as well as all.
 _MAX_LINES = 500
+# Likewise so many periods, with which each period of a longer record is compared: pairs would not fit into memory.
+_MAX_COMPARED = 512
 
 
 @dataclass(frozen=True)
@@ -51,23 +53,31 @@ class Distances:
 class Compared:
     """X (c, P, 2 K): real and imaginary parts of each channel at up to 500 lines.
 
-    power (c, P): sums of its squares; apart (c, P, P): the distance between any two periods.
+    power (c, P): sums of its squares; apart (c, P, Q): the distance of each period from Q of them, in general all.
+    others (Q,): their indices.
     """
 
     X: FloatArray
     power: FloatArray
     apart: FloatArray
+    others: IntArray
 
     @classmethod
     def of(cls, spectra: PeriodSpectra) -> Compared:
-        """All periods of a record with each other."""
+        """All periods of a record with each other, or of a long one with some."""
         few = spectra.on(slice(None, None, -(-len(spectra.scale) // _MAX_LINES)))
         Z = np.concatenate([few.y, few.u], axis=2) * few.scale
         X = np.ascontiguousarray(np.moveaxis(Z, 2, 0)).view(np.float64)
-        products = X @ np.swapaxes(X, 1, 2)
-        power = np.einsum("cpp->cp", products)
-        squares = power[:, :, None] + power[:, None, :] - 2 * products
-        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)))
+        P = X.shape[1]
+        if P <= _MAX_COMPARED:
+            products = X @ np.swapaxes(X, 1, 2)
+            power = np.einsum("cpp->cp", products)
+            squares = power[:, :, None] + power[:, None, :] - 2 * products
+            return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), np.arange(P))
+        others = np.linspace(0, P - 1, _MAX_COMPARED).round().astype(np.int64)
+        power = np.einsum("cpk,cpk->cp", X, X)
+        squares = power[:, :, None] + power[:, None, others] - 2 * (X @ np.swapaxes(X[:, others], 1, 2))
+        return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), others)
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | None = None) -> PeriodSpectra:
@@ -111,7 +121,7 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     lines as carry it.
     """
     size = np.sqrt(np.maximum(np.median(compared.power[:, good], axis=1), 1e-300))
-    D = _median_of_others(compared.apart, good) / size
+    D = _median_of_others(compared, good) / size
     typical = np.median(D[good], axis=0)
     spread = 1.4826 * np.median(np.abs(D[good] - typical), axis=0)
     V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
@@ -122,13 +132,15 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     return Distances(D, typical, typical + outlier_sigma * np.maximum(spread, least))
 
 
-def _median_of_others(apart: FloatArray, good: IntArray) -> FloatArray:
-    """Median (P, c) over the good periods of the distances apart (c, P, P) of each period from the others."""
-    of_good = apart[:, :, good]
-    of_good[:, good, np.arange(len(good))] = np.inf
+def _median_of_others(compared: Compared, good: IntArray) -> FloatArray:
+    """Median (P, c) over the good periods, of those compared with, of the distances of each period from the others."""
+    columns = np.flatnonzero(np.isin(compared.others, good))
+    itself = compared.others[columns]
+    of_good = compared.apart[:, :, columns]
+    of_good[:, itself, np.arange(len(itself))] = np.inf
     of_good.sort(axis=2)
-    others = np.full(apart.shape[1], len(good))
-    others[good] -= 1
+    others = np.full(compared.apart.shape[1], len(itself))
+    others[itself] -= 1
     low, high = ((others - 1) // 2)[None, :, None], (others // 2)[None, :, None]
     return np.asarray((np.take_along_axis(of_good, low, 2) + np.take_along_axis(of_good, high, 2))[:, :, 0].T / 2)
 

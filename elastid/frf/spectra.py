@@ -7,6 +7,7 @@ With this sign a delay turns the phase of Y / U down, and y = Re Y exp(j omega t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -15,6 +16,7 @@ from scipy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, release
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
 from elastid.record import MOTION_ORDER, Motion, Record
@@ -46,28 +48,47 @@ class RecordSpectra:
         return "u" if self.record.r is None else "r"
 
     def with_driver(self) -> RecordSpectra:
-        """The same with the DFT of its driver."""
-        return replace(self, driver=self.dft(self.driver_role))
+        """The same with the DFT of its driver, unless it is too large to be kept."""
+        return self if self.is_large else replace(self, driver=self.dft(self.driver_role))
+
+    @property
+    def is_large(self) -> bool:
+        """Whether the record is worked on in groups of periods."""
+        return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
 
     def dft(self, role: Role) -> ComplexArray:
         """The DFT of a signal as it was logged."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
+        return self._dft(role, 0, self.record.n_samples // self.record.repeat_samples)
+
+    def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
+        """The same, some periods (p, N // 2 + 1, c) at a time."""
+        L, P = self.record.repeat_samples, self.record.n_samples // self.record.repeat_samples
+        at_once = max(1, PIECE_VALUES // (L * len(self.record.inputs)))
+        for first in range(0, P, at_once):
+            yield self._dft(role, first, min(P, first + at_once))
+            release(getattr(self.record, role))
+
+    def _dft(self, role: Role, first: int, last: int) -> ComplexArray:
         record, L = self.record, self.record.repeat_samples
         signals: FloatArray = getattr(record, role)
         P = len(signals) // L
-        blocks = signals[: P * L].reshape(P, L, -1)
+        blocks = signals[first * L : last * L].reshape(last - first, L, -1)
         if not record.half_wave:
             return np.asarray(rfft(blocks, axis=1))
         # The mean of all whole periods is no part of what changes sign; half a period would see it at every odd line.
         blocks = blocks - signals[: P // 2 * 2 * L].mean(axis=0)
         halves: ComplexArray = rfft(blocks, n=2 * L, axis=1)
-        halves *= ((-1.0) ** np.arange(P))[:, None, None]
+        halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
         return halves
 
     def dft_at(self, role: Role, lines: IntArray) -> ComplexArray:
         """The DFT (P, F, c) of a signal at lines (F,), a view where no line between them is left out."""
-        return self.dft(role)[:, slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines]
+        wanted = slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines
+        if self.is_large:
+            return np.concatenate([group[:, wanted].copy() for group in self.dft_groups(role)])
+        return self.dft(role)[:, wanted]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""

@@ -6,7 +6,7 @@ are brought to the lowest. A start that all channels share does not matter: Y / 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -163,9 +163,10 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     has_time = bool(recorded.time) and key == (1, rate_hz)
     if has_time:
         channels = [*channels, ChannelSpec("y", "", recorded.time, quantity="position")]
-    values = read_channels(path, channels, recorded.text)
-    if number == 1:
-        values = _cut(values, file, path, own_rate_hz / rate_hz)
+    part = _part(file, own_rate_hz / rate_hz) if number == 1 else slice(None)
+    values = read_channels(path, channels, recorded.text, part)
+    if part != slice(None):
+        _check_part(part, len(values), path, lambda: len(read_channels(path, channels, recorded.text)))
     if not has_time:
         return _Part(number, own_rate_hz, members, np.where(np.isfinite(values), values, np.nan))
     log = Log(str(path), (), rate_hz, 0 if file.samples is None else file.samples[0])
@@ -174,16 +175,22 @@ def _read(experiment: _Experiment, key: tuple[int, float]) -> _Part:
     return _Part(number, own_rate_hz, members, signals, gridded.findings)
 
 
-def _cut(values: FloatArray, file: FileSpec, path: Path, ratio: float) -> FloatArray:
+def _part(file: FileSpec, ratio: float) -> slice:
+    """The samples to use of a file."""
     if file.samples is None:
-        return values
+        return slice(None)
     first, last = (round(sample * ratio) for sample in file.samples)
-    if not 0 <= first < last <= len(values):
+    return slice(first, last)
+
+
+def _check_part(part: slice, n_read: int, path: Path, length: Callable[[], int]) -> None:
+    """DataError where not all samples of a part are in the file."""
+    first, last = part.start, part.stop
+    if not 0 <= first < last or n_read < last - first:
         raise DataError(
-            f"{path}: samples [{first}, {last}] are outside the file; it has {len(values)} samples, the first is 0 and "
+            f"{path}: samples [{first}, {last}] are outside the file; it has {length()} samples, the first is 0 and "
             "last is not included"
         )
-    return values[first:last]
 
 
 def _at_rate(part: _Part, rate_hz: float, period_s: float | None, experiment: _Experiment) -> _Part:

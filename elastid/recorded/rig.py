@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import cast
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import StudyError
+from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment, checked_configurations
 from elastid.experiment.specs.experiment import ExperimentSpec
@@ -17,9 +17,10 @@ from elastid.experiment.specs.structure import Places, channel_refusal, input_un
 from elastid.record import Motion, Record
 from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes
-from elastid.recorded.files.formats import is_log
+from elastid.recorded.files.formats import is_log, rows_of
 from elastid.recorded.link_side import link_side_factor, to_joints
 from elastid.recorded.period import advised_period, grid_samples
+from elastid.recorded.pieces import joined, pieces, with_end
 from elastid.recorded.repair.finding import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
@@ -65,6 +66,30 @@ class RecordedRig:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
         recorded = self._recorded
         file = recorded.files[[e.name for e in self.experiments].index(experiment.name)]
+        return self._in_pieces(experiment, file) or self._as_a_whole(experiment, file)
+
+    def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
+        """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
+        recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
+        several_rates = any(channel.rate_hz is not None for channel in recorded.channels)
+        if not isinstance(period, float) or period % 1 or recorded.time or file.also or several_rates:
+            return None
+        n = rows_of(path, recorded.channels, recorded.text) or 0
+        start, end = file.samples or (0, n)
+        if not 0 <= start < end <= n:
+            return None
+        bounds = pieces(end - start, int(period), len(recorded.channels))
+        cuts = [replace(file, samples=(start + first, start + last)) for first, last in bounds]
+        try:
+            parts = (self._as_a_whole(experiment, cut) for cut in cuts)
+            record = joined(parts, tuple(last - first for first, last in bounds))
+        except DataError:
+            # Reading all of it tells whether that piece spoils the record.
+            return None
+        return None if record is None else with_end(record, end - start)
+
+    def _as_a_whole(self, experiment: Experiment, file: FileSpec) -> Record:
+        recorded = self._recorded
         gathered = gather_channels(recorded, file, self.base, self.robot)
         rate_hz = None if isinstance(recorded.rate_hz, str) else gathered.rate_hz
         log = Log(str(self.base / file.path), tuple(c.full_name for c in gathered.channels), rate_hz, gathered.first)

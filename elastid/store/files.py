@@ -13,6 +13,7 @@ import h5py
 import numpy as np
 
 from elastid.base.errors import DataError
+from elastid.base.mapped import PIECE_VALUES, release
 from elastid.base.note import Note
 
 _TEXT = h5py.string_dtype()
@@ -121,8 +122,7 @@ def read_stamp(path: Path) -> Stamp | None:
 
 def scale(group: Any, name: str, values: Sequence[Any] | np.ndarray[Any, Any], long_name: str, units: str = "") -> Any:
     """A dimension scale: an axis with its values, texts or numbers."""
-    texts = isinstance(values, tuple | list) and (not values or isinstance(values[0], str))
-    dataset = group.create_dataset(name, data=list(values) if texts else values, dtype=_TEXT if texts else None)
+    dataset = _dataset(group, name, values)
     dataset.make_scale(name)
     _label(dataset, long_name, units)
     return dataset
@@ -130,12 +130,25 @@ def scale(group: Any, name: str, values: Sequence[Any] | np.ndarray[Any, Any], l
 
 def variable(group: Any, name: str, values: Any, axes: Sequence[Any], long_name: str, units: str = "") -> None:
     """An array on named axes, each a scale."""
-    texts = isinstance(values, tuple | list) and (not values or isinstance(values[0], str))
-    dataset = group.create_dataset(name, data=list(values) if texts else values, dtype=_TEXT if texts else None)
+    dataset = _dataset(group, name, values)
     for dimension, axis in zip(dataset.dims, axes, strict=True):
         dimension.attach_scale(axis)
         dimension.label = axis.name.rsplit("/", 1)[-1]
     _label(dataset, long_name, units)
+
+
+def _dataset(group: Any, name: str, values: Any) -> Any:
+    """A dataset of texts or numbers; an array that is kept in a file is copied in pieces."""
+    if isinstance(values, tuple | list) and (not values or isinstance(values[0], str)):
+        return group.create_dataset(name, data=list(values), dtype=_TEXT)
+    if not isinstance(values, np.memmap):
+        return group.create_dataset(name, data=values)
+    dataset = group.create_dataset(name, values.shape, values.dtype)
+    rows = max(1, PIECE_VALUES * len(values) // values.size)
+    for first in range(0, len(values), rows):
+        dataset[first : first + rows] = values[first : first + rows]
+        release(values)
+    return dataset
 
 
 def _label(dataset: Any, long_name: str, units: str) -> None:

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
+from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, empty_in_file, mapped, release
 from elastid.record import Configuration, Record
 from elastid.response import LINE_ARRAYS, Covariance, FrequencyResponse, Levels, Quality
 from elastid.store.files import (
@@ -73,7 +75,7 @@ def read_configurations(path: Path) -> tuple[str, ...]:
 def _write_record(group: Any, record: Record) -> None:
     for name in _RECORD_ATTRIBUTES:
         group.attrs[name] = getattr(record, name)
-    time = scale(group, "time", np.arange(record.n_samples) / record.rate_hz, "time", _rate_unit(record, "s"))
+    time = scale(group, "time", _times(record), "time", _rate_unit(record, "s"))
     inputs = scale(group, "input", record.inputs, "input")
     outputs = scale(group, "output", record.outputs, "output")
     variable(group, "quantity", record.quantities, [outputs], "quantity of each output")
@@ -92,6 +94,25 @@ def _write_record(group: Any, record: Record) -> None:
     _write_repairs(group, record.repairs)
 
 
+def _times(record: Record) -> FloatArray:
+    """The times (n_samples,) of the samples; of a large record in a file."""
+    n = record.n_samples
+    if n < MIN_LARGE_VALUES // 8:
+        return np.arange(n) / record.rate_hz
+    times = empty_in_file((n,))
+    for first in range(0, n, PIECE_VALUES):
+        last = min(n, first + PIECE_VALUES)
+        times[first:last] = np.arange(first, last) / record.rate_hz
+        release(times)
+    return times
+
+
+def _signal(group: Any, name: str) -> FloatArray:
+    """A signal of a record; a large one stays in the file."""
+    in_place = mapped(Path(group.file.filename), group[name])
+    return group[name][:] if in_place is None else in_place
+
+
 def _read_record(group: Any, name: str) -> Record:
     # Files of earlier versions hold periodic records only.
     known = {"is_periodic": True} | attributes(group)
@@ -101,9 +122,9 @@ def _read_record(group: Any, name: str) -> Record:
         inputs=texts(group, "input"),
         outputs=texts(group, "output"),
         quantities=texts(group, "quantity"),  # type: ignore[arg-type]
-        u=group["u"][:],
-        y=group["y"][:],
-        r=group["r"][:] if "r" in group else None,
+        u=_signal(group, "u"),
+        y=_signal(group, "y"),
+        r=_signal(group, "r") if "r" in group else None,
         notes=read_notes(group),
         repairs=attributes(group["repairs"]),
         left_out=tuple(group["left_out"][:].tolist()),

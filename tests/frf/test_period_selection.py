@@ -10,6 +10,7 @@ from plants.notes import said
 from plants.steady_record import AUTO, LINES, N, periods_of, steady_record
 
 from elastid.base.errors import DataError
+from elastid.frf import period_selection
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
@@ -91,3 +92,16 @@ def test_noise_free_periods_that_differ_by_rounding_are_all_kept() -> None:
     y[: 2 * N] *= 1 + 1e-7
     y[4 * N : 5 * N] *= 1 + 1e-6
     assert _kept(replace(record, y=y))[0] == list(range(8))
+
+
+def test_periods_of_a_long_record_are_compared_with_some_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pairs of all would not fit into memory; the same bad periods are found, among those compared with or not."""
+    record = steady_record(60, noise=0.01)
+    y = record.y.copy()
+    for bad in (3, 30, 47):
+        y[bad * N : bad * N + 100] *= 1.5
+    spoilt = replace(record, y=y)
+    everything = _kept(spoilt)[0]
+    monkeypatch.setattr(period_selection, "_MAX_COMPARED", 12)
+    assert _kept(spoilt)[0] == everything
+    assert set(range(60)) - set(everything) == {3, 30, 47}

@@ -87,13 +87,22 @@ def contents(path: Path, text: TextFormatSpec) -> dict[str, tuple[int, ...]]:
         return log.shapes()
 
 
-def read_channels(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> FloatArray:
+def rows_of(path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec) -> int | None:
+    """Samples of the channels in a file that can be read in pieces; None of any other."""
+    with opened_log(path, text) as log:
+        return log.rows(channels) if isinstance(log, ArrayLog) else None
+
+
+def read_channels(
+    path: Path, channels: Sequence[ChannelSpec], text: TextFormatSpec, part: slice = slice(None)
+) -> FloatArray:
     """The file's values (n_samples, len(channels)) of the channels asked for, as they stand in the file.
 
+    part: of the samples; no more than that is read where the format allows it.
     Raises StudyError for a file that is not there, DataError for a damaged file or a channel that cannot be read.
     """
     with opened_log(path, text) as log:
-        return log.values(channels)
+        return log.values(channels, part) if isinstance(log, ArrayLog) else log.values(channels)[part]
 
 
 @contextmanager

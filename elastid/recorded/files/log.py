@@ -104,13 +104,19 @@ class ArrayLog:
         """Every numeric signal with its shape."""
         return {name: array.shape for name, array in self.arrays.items() if array.is_signal}
 
-    def values(self, channels: Sequence[ChannelSpec]) -> FloatArray:
-        """Values (n_samples, n_c) of the channels.
+    def rows(self, channels: Sequence[ChannelSpec]) -> int | None:
+        """Samples of the channels if each of them can be read in pieces; None otherwise."""
+        arrays = [self._array(channel) for channel in channels]
+        in_pieces = all(array.rows is not None and array.shape[0] == max(array.shape) for array in arrays)
+        return min(array.shape[0] for array in arrays) if in_pieces else None
+
+    def values(self, channels: Sequence[ChannelSpec], part: slice = slice(None)) -> FloatArray:
+        """Values (n_samples, n_c) of the channels, or a part of the samples.
 
         Raises DataError for a channel that is not in the file (with those that are), is not numeric, differs in length
         from the others, or names a column that it does not have.
         """
-        signals = [self._signal(channel) for channel in channels]
+        signals = [self._signal(channel, part) for channel in channels]
         lengths = [len(signal) for signal in signals]
         if len(set(lengths)) > 1:
             table = ", ".join(f"{c.name_in_file} {n}" for c, n in zip(channels, lengths, strict=True))
@@ -119,10 +125,8 @@ class ArrayLog:
             )
         return np.stack(signals, axis=1)
 
-    def _signal(self, channel: ChannelSpec) -> FloatArray:
-        name, shapes = channel.channel.strip("/"), self.shapes()
-        if not name and len(shapes) == 1:
-            (name,) = shapes
+    def _array(self, channel: ChannelSpec) -> StoredArray:
+        name, shapes = self._name(channel), self.shapes()
         if name not in self.arrays:
             raise DataError(missing_channel(self.path, channel, shapes))
         if name not in shapes:
@@ -131,11 +135,28 @@ class ArrayLog:
                 f"{self.path}: channel {name} is no signal but {array.dtype} of shape {array.shape}; "
                 f"there are {', '.join(shapes)}"
             )
-        values = np.squeeze(np.asarray(self.arrays[name], dtype=np.float64))
+        return self.arrays[name]
+
+    def _name(self, channel: ChannelSpec) -> str:
+        name, shapes = channel.channel.strip("/"), self.shapes()
+        return next(iter(shapes)) if not name and len(shapes) == 1 else name
+
+    def _signal(self, channel: ChannelSpec, part: slice) -> FloatArray:
+        array, name = self._array(channel), self._name(channel)
+        is_cut = part != slice(None) and array.rows is not None and array.shape[0] == max(array.shape)
+        if is_cut:
+            assert array.rows is not None
+            stored = np.asarray(array.rows(part), dtype=np.float64)
+            # A piece may hold fewer samples than signals.
+            return self._column(channel, name, stored.reshape(len(stored), -1))
+        values = np.squeeze(np.asarray(array, dtype=np.float64))
         if values.ndim > 2:
             raise DataError(f"{self.path}: channel {name} has {values.ndim} axes {values.shape}; it must have 1 or 2")
         # Samples outnumber signals: a matrix with its samples along a row is transposed.
         matrix = np.atleast_2d(values).T if values.ndim == 1 or values.shape[0] < values.shape[1] else values
+        return self._column(channel, name, matrix)[part]
+
+    def _column(self, channel: ChannelSpec, name: str, matrix: FloatArray) -> FloatArray:
         n, columns = matrix.shape
         if channel.column is None and columns > 1:
             raise DataError(

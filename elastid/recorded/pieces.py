@@ -1,0 +1,88 @@
+"""A log that is too large for memory: measured in pieces of whole periods, which must be in step with each other.
+
+A piece is read, repaired and checked as a log of its own, and its samples go to a file.  Where the pieces are not in
+step (lost samples, a clock that differs, a piece that is refused) the log must be measured as a whole.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from elastid.base import mapped
+from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
+from elastid.record import Record
+from elastid.recorded.repair.clock import RESAMPLED
+from elastid.recorded.repair.delay import MIN_CORRELATION, delay
+from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED
+
+# A median over fewer periods tells no spike from a signal.
+_MIN_PERIODS = 8
+# Pieces are in step where their excitations lag that of the first by no more than this part of a sample.
+_MAX_LAG = 0.05
+
+
+def pieces(n: int, N: int, n_channels: int) -> tuple[tuple[int, int], ...]:
+    """First and last sample of each piece of whole periods of N samples; none where the log fits into memory."""
+    if n * n_channels < mapped.MIN_LARGE_VALUES:
+        return ()
+    periods = max(_MIN_PERIODS, mapped.PIECE_VALUES // (N * n_channels))
+    count = n // N // periods
+    bounds = [i * periods * N for i in range(count)] + [n // N * N]
+    return tuple(pairwise(bounds)) if count > 1 else ()
+
+
+def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
+    """The record of all pieces, of so many samples each, its signals in files; None where they are not in step."""
+    whole: Record | None = None
+    signals: dict[str, FloatArray] = {}
+    first: FloatArray = np.zeros((0, 0))
+    notes: dict[Note, None] = {}
+    repairs: Counter[str] = Counter()
+    left_out: list[int] = []
+    done = 0
+    for part, size in zip(parts, sizes, strict=True):
+        driver = part.u if part.r is None else part.r
+        if whole is None:
+            whole, first = part, _mean_period(driver, part.period_samples)
+            roles = {role: getattr(part, role) for role in ("u", "y", "r")}
+            shapes = {role: (sum(sizes), x.shape[1]) for role, x in roles.items() if x is not None}
+            signals = {role: mapped.empty_in_file(shape) for role, shape in shapes.items()}
+        if part.n_samples != size or not _is_in_step(part, driver, first):
+            return None
+        for role, signal in signals.items():
+            signal[done : done + size] = getattr(part, role)
+            mapped.release(signal)
+        notes |= dict.fromkeys(part.notes)
+        repairs.update(part.repairs)
+        left_out += [done // part.repeat_samples + p for p in part.left_out]
+        done += size
+    if whole is None:
+        return None
+    kept = {role: mapped.read_only(signal) for role, signal in signals.items()}
+    return replace(whole, **kept, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))  # type: ignore[arg-type]
+
+
+def with_end(record: Record, n: int) -> Record:
+    """The same with a note on those of the log's n samples that are no whole repetition."""
+    lost = n - record.n_samples
+    if not lost:
+        return record
+    text = f"the last {lost} of {n} samples are no whole period of {record.repeat_samples} samples and are left out"
+    return replace(record, notes=(*record.notes, Note("incomplete-period", text, f"record {record.name}")))
+
+
+def _is_in_step(part: Record, driver: FloatArray, first: FloatArray) -> bool:
+    if {RESAMPLED, DROPPED, DOUBLED} & set(part.repairs):
+        return False
+    found = [delay(a, b, len(first)) for a, b in zip(first.T, _mean_period(driver, len(first)).T, strict=True)]
+    return all(abs(lag) <= _MAX_LAG for lag, correlation in found if correlation >= MIN_CORRELATION)
+
+
+def _mean_period(signals: FloatArray, N: int) -> FloatArray:
+    return np.asarray(signals[: len(signals) // N * N].reshape(-1, N, signals.shape[1]).mean(axis=0))

@@ -1,0 +1,147 @@
+"""A log that is too large for memory is measured in pieces: the same record, or all of it at once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from plants.lab_logs import N, measured, study_of, with_names
+
+from elastid.base import mapped
+from elastid.base.errors import DataError
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.frf import spectra as frf_spectra
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.record import Record
+from elastid.recorded import pieces as in_pieces
+from elastid.recorded.files.formats import rows_of
+from elastid.recorded.files.log import StoredArray
+from elastid.recorded.pieces import pieces
+from elastid.store import measured as store
+from elastid.store import read_records, write_records
+
+PERIODS = 40
+NAMES = {"i1": "drive", "i2": "drive", "phi": "phi", "w2": "w2"}
+
+
+@pytest.fixture
+def large(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Everything is large from 8000 values on, and worked on 6400 at a time."""
+    for module, names in {
+        mapped: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
+        frf_spectra: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
+        store: ("MIN_LARGE_VALUES", "PIECE_VALUES"),
+    }.items():
+        for name, value in zip(names, (8000, 6400), strict=True):
+            monkeypatch.setattr(module, name, value)
+
+
+def _write(base: Path, log: dict[str, np.ndarray], periods: int = PERIODS, extra: int = 0) -> ExperimentSpec:
+    """Currents as columns of one matrix, motions of their own, in single precision; noise in all of them."""
+    rng = np.random.default_rng(3)
+    long = {name: np.resize(x[-2 * N :], periods * N + extra) for name, x in log.items()}
+    noisy = {name: x + 1e-3 * np.std(x) * rng.standard_normal(len(x)) for name, x in long.items()}
+    with h5py.File(base / "log.h5", "w") as file:
+        file["drive"] = np.stack([noisy["i1"], noisy["i2"]], axis=1).astype(np.float32)
+        file["phi"], file["w2"] = (noisy[name].astype(np.float32) for name in ("phi", "w2"))
+    i2, i1, *others = with_names(NAMES)
+    return study_of("log.h5", (replace(i2, column=2), replace(i1, column=1), *others))
+
+
+def _same(a: Record, b: Record) -> None:
+    assert a.left_out == b.left_out
+    for role in ("u", "y"):
+        np.testing.assert_allclose(getattr(a, role), getattr(b, role), rtol=0, atol=1e-12 * np.ptp(getattr(b, role)))
+
+
+def test_pieces_are_whole_periods_and_cover_the_log(large: None) -> None:
+    """The last takes the rest; a log that fits has none."""
+    assert pieces(40 * N + 7, N, 4) == (
+        (0, 8 * N),
+        (8 * N, 16 * N),
+        (16 * N, 24 * N),
+        (24 * N, 32 * N),
+        (32 * N, 40 * N),
+    )
+    assert pieces(19 * N, N, 4) == ((0, 8 * N), (8 * N, 19 * N))
+    assert pieces(9 * N, N, 4) == ()
+
+
+def test_a_log_in_pieces_is_the_same_record(
+    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+) -> None:
+    """Sample by sample, with the note on the end that is no period; read from the file again it stays there."""
+    spec = _write(tmp_path, log, extra=7)
+    whole = measured(tmp_path, spec)
+    request.getfixturevalue("large")
+    parts = measured(tmp_path, spec)
+    assert isinstance(parts.u, np.memmap)
+    _same(parts, whole)
+    assert {note.code for note in parts.notes} == {note.code for note in whole.notes}
+    write_records(tmp_path / "records.h5", [parts])
+    (read,) = read_records(tmp_path / "records.h5")
+    assert isinstance(read.y, np.memmap)
+    _same(read, whole)
+    with h5py.File(tmp_path / "records.h5") as file:
+        np.testing.assert_array_equal(file[f"{read.name}/time"][:], np.arange(read.n_samples) / read.rate_hz)
+
+
+def test_a_large_record_has_the_same_response(
+    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+) -> None:
+    """Lines are found and spectra are gathered in groups of periods."""
+    record = measured(tmp_path, _write(tmp_path, log))
+    one_input = [replace(record, inputs=record.inputs[:1], u=record.u[:, :1])]
+    spec = EstimatorSpec()
+    expected = estimate(one_input, spec)
+    request.getfixturevalue("large")
+    found = estimate(one_input, spec)
+    np.testing.assert_array_equal(found.freq_hz, expected.freq_hz)
+    np.testing.assert_allclose(found.G, expected.G, rtol=1e-9)
+    assert found.noise is not None
+    assert expected.noise is not None
+    np.testing.assert_allclose(found.noise.variance, expected.noise.variance, rtol=1e-6)
+
+
+def test_pieces_that_are_not_in_step_are_measured_as_a_whole(
+    tmp_path: Path, log: dict[str, np.ndarray], large: None
+) -> None:
+    """Samples lost between two pieces are found where the whole log is looked at."""
+    spec = _write(tmp_path, log)
+    with h5py.File(tmp_path / "log.h5", "r+") as file:
+        for name in ("drive", "phi", "w2"):
+            values = np.delete(file[name][:], np.arange(16 * N, 16 * N + 3), axis=0)
+            del file[name]
+            file[name] = values
+    record = measured(tmp_path, spec)
+    assert record.repairs["lost samples put back"] == 3
+
+
+def test_no_more_is_read_than_a_piece(
+    tmp_path: Path, log: dict[str, np.ndarray], large: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No array of the file is read whole."""
+    spec = _write(tmp_path, log)
+
+    def refused(*_: object, **__: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(StoredArray, "__array__", refused)
+    assert measured(tmp_path, spec).n_samples == PERIODS * N
+    recorded = spec.as_recorded()
+    assert rows_of(tmp_path / "log.h5", recorded.channels, recorded.text) == PERIODS * N
+    assert in_pieces.pieces(PERIODS * N, N, 4)
+
+
+def test_samples_outside_a_file_in_pieces_are_refused(tmp_path: Path, log: dict[str, np.ndarray], large: None) -> None:
+    """As in a small one."""
+    spec = _write(tmp_path, log)
+    recorded = spec.as_recorded()
+    (file,) = recorded.files
+    beyond = replace(file, samples=(0, PERIODS * N + 1))
+    with pytest.raises(DataError, match=r"samples \[0, 8001\] are outside the file; it has 8000 samples"):
+        measured(tmp_path, replace(spec, recorded=replace(recorded, files=(beyond,))))
