@@ -192,6 +192,7 @@ def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> Comple
     for p in range(P):
         first, last = max(0, p * L - window), min(p * L + window + 1, (P - 1) * L)
         gain[p] = (x[first + L : last + L].mean(axis=0) - sign * x[first:last].mean(axis=0))[drifts]
+        release(record.y)
     if record.half_wave:  # the mean over whole periods is gone already
         gain -= gain[: P // 2 * 2].mean(axis=0)
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
