@@ -73,7 +73,8 @@ def _moves(x: FloatArray) -> bool:
     return bool(np.isfinite(x).any() and np.nanmax(x) > np.nanmin(x))
 
 
-def _repetition(x: FloatArray, lag: int, sign: int) -> Repetition:
+def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
+    """The verdict on one signal (n,); starts: its first repetition may hold the start from rest."""
     n = len(x)
     if n < MIN_PERIODS * lag or lag < 1:
         return Repetition(0.0, 0.0, 0.0)
@@ -86,6 +87,9 @@ def _repetition(x: FloatArray, lag: int, sign: int) -> Repetition:
         near = sign**repeats * rho[max(1, middle - lag // 2) : middle + lag // 2 + 1]
         here = replace(here, correlation=_at(rho, middle, sign**repeats), best_correlation=float(near.max(initial=0.0)))
         if not here.is_as_stated:
+            # Estimators leave the first repetition out where it differs.
+            if starts and n >= 3 * lag and (later := _repetition(x[lag:], lag, sign, starts=False)).is_as_stated:
+                return later
             other = max((_anywhere(flat), _found(x)), key=_rank)
             return replace(other, correlation=here.correlation)
     return here
@@ -126,7 +130,8 @@ def _rest_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     repeats = np.arange(1, int(n / lag) // 2 + 1)
     lags = np.round(repeats * lag).astype(int)
     # A lag that is not whole has its peak at one of two samples.
-    beside = np.max([(float(sign) ** repeats) * rho[np.maximum(lags + i, 0)] for i in (-1, 0, 1)], axis=0)
+    near = np.clip(lags + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
+    beside = np.max((float(sign) ** repeats) * rho[near], axis=0)
     return bool(np.all(np.abs(beside / max(beside[0], 1e-300) - 1) <= _MAX_CORRELATION_CHANGE))
 
 

@@ -74,6 +74,16 @@ def test_a_robot_that_rests_in_every_period_does_not_stop(tmp_path: Path) -> Non
     assert not any("stop" in text for text in said(record.notes))
 
 
+@pytest.mark.parametrize("periods", [3, 6])
+def test_a_log_that_begins_before_the_excitation_keeps_all_its_periods(periods: int, tmp_path: Path) -> None:
+    """Rest during 0.7 of the first period is a start, no stop, and later periods show that the period is right."""
+    log = {name: np.where(np.arange(periods * N) < 140, 0.0, x) for name, x in _log(periods).items()}
+    save_csv(tmp_path / "log.csv", log)
+    record = measured(tmp_path, study_of("log.csv"))
+    assert (record.n_periods, record.left_out) == (periods, ())
+    assert not any("stop" in text for text in said(record.notes))
+
+
 def _notes(r: np.ndarray, u: np.ndarray, N: int | None = N) -> list[str]:
     return [note.code for note in drive_notes((R, U), np.stack([r, u], axis=1), N, "record a")]
 

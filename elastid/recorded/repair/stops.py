@@ -39,6 +39,8 @@ def without_stops(
     still = _still(signals, roles["u"], P, L, width, all_of_them=True)
     still &= _still(signals, roles["y"], P, L, width, all_of_them=False)
     flat = _in_rows(still.ravel(), _MIN_STILL_WINDOWS)
+    # A robot that has not started yet does not stop.
+    flat[: int(np.argmin(flat))] = False
     if not flat.any():
         return Repaired(signals)
     stopped = flat.reshape(P, -1)
@@ -60,7 +62,9 @@ def without_stops(
             "estimator.method local_rational"
         )
     numbers = ", ".join(str(p + 1) for p in bad)
-    text = f"{what}, as after an emergency stop: repetitions {numbers} of {P} are left out"
+    text = (
+        f"{what}, as after an emergency stop or at the end of the excitation: repetitions {numbers} of {P} are left out"
+    )
     if ends:
         return Repaired(signals[: row * L], (Finding(STOPPED, len(bad), text),))
     for p in bad:
