@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
@@ -25,6 +26,11 @@ from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED
 _MIN_PERIODS = 8
 # Pieces are in step where their excitations lag that of the first by no more than this part of a sample.
 _MAX_LAG = 0.05
+
+
+def may_be_large(path: Path) -> bool:
+    """Whether a look at its signals is worth while: a value takes a byte of the file at least, unless compressed."""
+    return path.stat().st_size >= mapped.MIN_LARGE_VALUES
 
 
 def pieces(n: int, N: int, n_channels: int) -> tuple[tuple[int, int], ...]:

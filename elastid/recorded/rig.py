@@ -20,7 +20,7 @@ from elastid.recorded.drive_notes import drive_notes
 from elastid.recorded.files.formats import is_log, rows_of
 from elastid.recorded.link_side import link_side_factor, to_joints
 from elastid.recorded.period import advised_period, grid_samples
-from elastid.recorded.pieces import joined, pieces, with_end
+from elastid.recorded.pieces import joined, may_be_large, pieces, with_end
 from elastid.recorded.repair.finding import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
@@ -73,6 +73,8 @@ class RecordedRig:
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         several_rates = any(channel.rate_hz is not None for channel in recorded.channels)
         if not isinstance(period, float) or period % 1 or recorded.time or file.also or several_rates:
+            return None
+        if not may_be_large(path):
             return None
         n = rows_of(path, recorded.channels, recorded.text) or 0
         start, end = file.samples or (0, n)
