@@ -10,6 +10,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.findings import findings, status_and_message
+from elastid.fit.diagnosis.held_torque import find_held_torque
 from elastid.fit.diagnosis.misread_channels import (
     find_foreign_configurations,
     find_misread_channels,
@@ -84,7 +85,7 @@ def diagnose(
     notes: tuple[Note, ...],
     robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
-    """The same with notes: misread channels and foreign configurations first, which takes further fits.
+    """The same with notes: misread channels, a held torque and foreign configurations first, which takes further fits.
 
     notes: of the data and the search.  robots: of fit.robots.
     """
@@ -92,11 +93,13 @@ def diagnose(
     suspect = _is_suspect(result, optimum)
     misread = find_misread_channels(fit, end.x, end.cost) if suspect else ()
     apart = find_unlike_configurations(fit, end.x) if result.model_error > 1 else ()
-    if not apart and not misread and is_in_error(result.cost, result.cost_expected, result.dof):
+    in_error = is_in_error(result.cost, result.cost_expected, result.dof)
+    held = find_held_torque(fit, end.x, end.cost, result.cost_expected) if in_error and not misread else ()
+    if not apart and not misread and in_error:
         apart = find_two_groups(fit, end.x, end.cost, result.cost_expected, robots)
     apart = apart or (find_foreign_configurations(fit, end.x) if suspect and not misread else ())
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
-    words = (*misread, *find_wrong_frequency_unit(result), *apart, *notes, *found)
+    words = (*misread, *held, *find_wrong_frequency_unit(result), *apart, *notes, *found)
     return replace(with_status(result, optimum, uncertainty, bool(misread)), notes=words)
 
 

@@ -10,26 +10,23 @@ for an acceleration, units or gear ratios of channels. A few lines are enough.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.base.errors import FitError
+from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
+from elastid.fit.diagnosis.read_again import roughly_solved, thinned, times
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.result import FitResult
-from elastid.fit.solve.solvers import ROUGH, solve
 
 # Read the right way, responses have at most this share of the cost that they have read the wrong way.
 MAX_COST_RATIO = 0.1
 # The same with a scale of each channel found beside the parameters, which leaves some error.
 MAX_COST_RATIO_SCALED = 0.2
-# Lines of a configuration that are fitted, iterations of each solve, and rounds in which scales are found.
-MAX_LINES = 40
-MAX_ITERATIONS = 60
+# Rounds in which scales are found.
 SCALE_ROUNDS = 3
 # Up to so many configurations, two of them are left out at once.
 MAX_CONFIGURATIONS_IN_PAIRS = 6
@@ -54,7 +51,7 @@ def find_misread_channels(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[
 
     cost: V at x.  An output and an input that do the same, as those of a single motor do, are named together.
     """
-    thin = _thinned(fit)
+    thin = thinned(fit)
     here = thin.evaluate(x).cost
     costs = {kind: _costs(readings(thin), x) for kind, readings in _KINDS.items()}
     kind = min(costs, key=lambda one: min(costs[one].values()))
@@ -70,12 +67,12 @@ def find_misread_channels(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[
 
 def find_foreign_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
     """A note on one configuration, or two of a few, without which the model explains the others far better."""
-    thin, Q = _thinned(fit), len(fit.parts)
+    thin, Q = thinned(fit), len(fit.parts)
     for size in range(1, 3 if Q <= MAX_CONFIGURATIONS_IN_PAIRS else 2):
         found: dict[tuple[int, ...], float] = {}
         for left_out in combinations(range(Q), size) if Q - size >= 2 else ():
             rest = replace(thin, parts=tuple(part for i, part in enumerate(thin.parts) if i not in left_out))
-            here, V = rest.evaluate(x).cost, min(_solved(rest, start)[0] for start in (x, fit.parameters.x))
+            here, V = rest.evaluate(x).cost, min(roughly_solved(rest, start)[0] for start in (x, fit.parameters.x))
             if MAX_COST_RATIO * here >= V:
                 found[left_out] = V / here
         if found:
@@ -122,7 +119,7 @@ def _costs(readings: Iterable[Reading], x: FloatArray) -> dict[str, float]:
     """The lowest V of each way to read the responses, by its words."""
     costs: dict[str, float] = {}
     for reading in readings:
-        V = min(_solved(reading.fit, start)[0] for start in (x, reading.fit.parameters.x))
+        V = min(roughly_solved(reading.fit, start)[0] for start in (x, reading.fit.parameters.x))
         costs[reading.words] = min(V, costs.get(reading.words, math.inf))
     return costs
 
@@ -141,10 +138,10 @@ def _signs(fit: ElasticFit) -> Iterator[Reading]:
     models = [part.kernel.model for part in fit.parts]
     for at in dict.fromkeys(name for model in models for name in model.outputs):
         signs = [np.array([[-1.0 if name == at else 1.0] for name in model.outputs]) for model in models]
-        yield Reading(f"y at {at}", _times(fit, signs))
+        yield Reading(f"y at {at}", times(fit, signs))
     for at in dict.fromkeys(name for model in models for name in model.inputs):
         signs = [np.array([[-1.0 if name == at else 1.0 for name in model.inputs]]) for model in models]
-        yield Reading(f"u at {at}", _times(fit, signs))
+        yield Reading(f"u at {at}", times(fit, signs))
 
 
 def _phases(fit: ElasticFit) -> Iterator[Reading]:
@@ -155,19 +152,19 @@ def _phases(fit: ElasticFit) -> Iterator[Reading]:
     swapped = "with real and imaginary parts exchanged: check which column or field is which"
     conjugate = replace(fit, parts=tuple(_conjugate(part) for part in fit.parts))
     for sign in (1, -1):
-        yield Reading(turned, _times(conjugate, [np.full((1, 1), sign)] * len(fit.parts)))
-        yield Reading(swapped, _times(conjugate, [np.full((1, 1), sign * 1j)] * len(fit.parts)))
+        yield Reading(turned, times(conjugate, [np.full((1, 1), sign)] * len(fit.parts)))
+        yield Reading(swapped, times(conjugate, [np.full((1, 1), sign * 1j)] * len(fit.parts)))
 
 
 def _quantities(fit: ElasticFit) -> Iterator[Reading]:
     for power in (1, 2, -1, -2):
         factors = [np.power(2j * np.pi * part.kernel.freq_hz[:, None, None], power) for part in fit.parts]
-        times = "once" if abs(power) == 1 else "twice"
+        count = "once" if abs(power) == 1 else "twice"
         how = "less" if power < 0 else "more"
         yield Reading(
-            f"differentiated {times} {how} in time: check the quantity (position, velocity, acceleration) of the y "
+            f"differentiated {count} {how} in time: check the quantity (position, velocity, acceleration) of the y "
             "channels",
-            _times(fit, factors),
+            times(fit, factors),
         )
 
 
@@ -187,7 +184,7 @@ def _scale_words(fit: ElasticFit, x: FloatArray, cost: float) -> tuple[Note, ...
         c, z = np.zeros(len(scales)), start
         for _ in range(SCALE_ROUNDS):
             c = _scales(fit, z, outputs, inputs)
-            V, z = _solved(_scaled(fit, c, outputs, inputs), z)
+            V, z = roughly_solved(_scaled(fit, c, outputs, inputs), z)
             if best > V:
                 best, scales = V, c
     if best > MAX_COST_RATIO_SCALED * cost:
@@ -239,45 +236,9 @@ def _scaled(fit: ElasticFit, c: FloatArray, outputs: list[str], inputs: list[str
         y = [c[outputs.index(name)] for name in part.kernel.model.outputs]
         u = [c[len(outputs) + inputs.index(name)] for name in part.kernel.model.inputs]
         factors.append(np.exp(np.add.outer(y, u)))
-    return _times(fit, factors)
-
-
-def _times(fit: ElasticFit, factors: Sequence[ComplexArray | FloatArray]) -> ElasticFit:
-    """The fit to measured responses times a factor (F, n_y, n_u) each, relative weights kept."""
-    return replace(fit, parts=tuple(map(_part_times, fit.parts, factors)))
-
-
-def _part_times(part: Part, factor: ComplexArray | FloatArray) -> Part:
-    if part.criterion == "log":  # of the ratio, whose errors are relative already
-        return replace(part, measured=part.measured * factor)
-    size = np.broadcast_to(np.abs(factor), part.gain.shape)
-    mixing = part.mixing
-    if mixing is not None:
-        turn = np.broadcast_to(factor / np.abs(factor), part.gain.shape)
-        mixing = mixing * np.conj(turn).reshape(len(turn), 1, -1)
-    return replace(part, measured=part.measured * factor, gain=part.gain / size, mixing=mixing)
+    return times(fit, factors)
 
 
 def _conjugate(part: Part) -> Part:
     mixing = None if part.mixing is None else part.mixing.conj()
     return replace(part, measured=part.measured.conj(), mixing=mixing)
-
-
-def _thinned(fit: ElasticFit) -> ElasticFit:
-    """The fit on every so many lines."""
-
-    def thin(part: Part) -> Part:
-        keep = slice(None, None, math.ceil(len(part.measured) / MAX_LINES))
-        kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[keep])
-        mixing = None if part.mixing is None else part.mixing[keep]
-        return replace(part, kernel=kernel, measured=part.measured[keep], gain=part.gain[keep], mixing=mixing)
-
-    return replace(fit, parts=tuple(thin(part) for part in fit.parts))
-
-
-def _solved(fit: ElasticFit, x: FloatArray) -> tuple[float, FloatArray]:
-    try:
-        end = solve(fit.problem, x, ROUGH, MAX_ITERATIONS)
-    except FitError:
-        return math.inf, x
-    return end.cost, end.x
