@@ -61,7 +61,7 @@ def shown_values(values: NDArray[Any]) -> str:
             return "empty texts"
         texts = [_shortened(str(value)) for value in values.ravel()[:_MAX_SHOWN]]
         return ", ".join(texts) + (f" and {values.size - _MAX_SHOWN} more" if values.size > _MAX_SHOWN else "")
-    if values.ndim < 2 and values.size <= _MAX_SHOWN:
+    if values.size == 1 or (values.ndim < 2 and values.size <= _MAX_SHOWN):
         return ", ".join(str(v) if values.dtype.kind == "b" else f"{v:.6g}" for v in values.ravel())
     return shown_range(value_range([values]), values.dtype.kind == "c")
 
