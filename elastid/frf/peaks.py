@@ -36,6 +36,8 @@ WINDOW_WIDTHS = 2.0
 # Damping and so many of its standard deviations must not reach 0, nor a pole be found so far from its peak in windows.
 MIN_SIGNIFICANCE = 3.0
 MAX_DAMPING = 0.5
+# Mean power over variance of some element in the window (15 dB).
+MIN_SNR = 30.0
 # Variances with fewer complex degrees of freedom are smoothed over a window.
 MIN_DOF_OF_A_LINE = 20.0
 _REWEIGHTINGS = 3
@@ -124,8 +126,19 @@ def _pole(response: FrequencyResponse, top: int, low: int, high: int) -> _Pole |
         width = pole.z.imag / np.pi  # the half-power width 2 zeta f
     assert pole is not None
     damping, std = pole.z.imag / abs(pole.z), np.sqrt(pole.variance / 2) / abs(pole.z)
+    if not _stands_out(response, window):
+        return None
     inside = f[window[0]] <= abs(pole.z) / (2 * np.pi) <= f[window[-1]]
     return pole if inside and MIN_SIGNIFICANCE * std < damping < MAX_DAMPING else None
+
+
+def _stands_out(response: FrequencyResponse, window: IntArray) -> bool:
+    """Whether some element of a window is far above its noise: neighbouring lines may share theirs, which has bumps."""
+    if response.uncertainty is None:
+        return True
+    power = np.mean(np.abs(response.G[window]) ** 2, axis=0)
+    noise = np.mean(response.uncertainty.variance[window], axis=0)
+    return bool(np.any(power > MIN_SNR * noise))
 
 
 def _half_power_width(f: FloatArray, power: FloatArray, top: int) -> float:

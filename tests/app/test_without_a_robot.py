@@ -1,6 +1,7 @@
 """A study without a robot: from `new` to the report and the exports, and what it refuses."""
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 
 from elastid.app.cli import run_command
+from elastid.app.example_logs import TRUTH
 from elastid.base.errors import StudyError
-from elastid.experiment.simulated.structure import true_modes
+from elastid.experiment.simulated.structure import shake, true_modes
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.recorded.responses.reading import read_table
 from elastid.store import read_responses
@@ -22,7 +24,10 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("frf") / "bench"
     assert run_command(["new", str(folder), "--template", "frf"]) == 0
     study = str(folder / "study.yml")
-    assert run_command(["run", study, "--run", str(folder / "run"), "--set", "report.formats=[png]", "-q"]) == 0
+    assert (
+        run_command(["run", study, "--run", str(folder / "run"), "--jobs", "1", "--set", "report.formats=[png]", "-q"])
+        == 0
+    )
     return folder
 
 
@@ -154,3 +159,31 @@ def test_a_robot_takes_no_voltage(tmp_path: Path) -> None:
     channel = f"{CHANNEL}.0={{role: u, at: motor 1, channel: current, quantity: "
     assert "a voltage is not known as a torque" in refusal(folder / "study.yml", channel + "voltage}")
     assert "needs torque_constant" in refusal(folder / "study.yml", channel + "current}")
+
+
+def test_noise_without_a_period_leads_to_the_same_peaks(tmp_path: Path) -> None:
+    """One record of 32 s for each experiment, in which nothing repeats: frequencies to 1e-3."""
+    folder = tmp_path / "noise"
+    assert run_command(["new", str(folder), "--template", "frf"]) == 0
+    for i, log in enumerate((*shake(256.0, 8192, 1, 11), *shake(256.0, 8192, 1, 12)), start=1):
+        table = np.hstack([log.force, log.acceleration])
+        names = "force_1,force_3,acc_1,acc_2,acc_3"
+        np.savetxt(folder / "logs" / f"bench_{i}.csv", table, delimiter=",", header=names, comments="")
+    overrides = ("experiment.recorded.period=none", "estimator.method=auto", "report.formats=[]")
+    options = [part for override in overrides for part in ("--set", override)]
+    assert run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *options]) == 0
+    rows = list(csv.DictReader((folder / "run" / "peaks.csv").read_text().splitlines()))
+    expected = true_modes()[0] / (2 * np.pi)
+    np.testing.assert_allclose([float(row["frequency"]) for row in rows], expected, rtol=1e-3)
+
+
+def test_the_template_of_logs_runs_at_once(tmp_path: Path) -> None:
+    """From `new` to the end: the fit finds the numbers of the robot that was simulated."""
+    folder = tmp_path / "joint"
+    assert run_command(["new", str(folder), "--template", "recorded"]) == 0
+    options = ["--run", str(folder / "run"), "--jobs", "1", "-q", "--set", "fit.starts=2", "--set", "report.formats=[]"]
+    assert run_command(["run", str(folder / "study.yml"), *options]) == 0
+    found = json.loads((folder / "run" / "summary.json").read_text())
+    assert found["status"] == "converged"
+    for name, parameter in found["parameters"].items():
+        assert parameter["value"] == pytest.approx(TRUTH[name], abs=4 * parameter["std"])

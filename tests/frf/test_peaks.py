@@ -66,3 +66,14 @@ def test_the_intervals_hold_the_truth() -> None:
             ]
         )
     assert np.all(np.mean(np.square(errors), axis=0) < 2)
+
+
+def test_bumps_of_correlated_noise_are_no_peaks() -> None:
+    """Windows of a local method overlap, so that neighbouring lines share their noise."""
+    response = exact(np.arange(20, 800) / 8, 0.1)
+    random = np.random.default_rng(5)
+    white = random.standard_normal((response.n_lines + 10, 6)) + 1j * random.standard_normal((response.n_lines + 10, 6))
+    smooth = np.stack([np.convolve(column, np.ones(11), "valid") for column in white.T], axis=1).reshape(-1, 3, 2)
+    assert response.noise is not None
+    bumps = smooth * np.sqrt(response.noise.variance / np.mean(np.abs(smooth) ** 2))
+    assert peaks(replace(response, G=bumps)) == ()
