@@ -75,8 +75,11 @@ def _moves(x: FloatArray) -> bool:
 
 def _repetition(x: FloatArray, lag: int, sign: int, starts: bool = True) -> Repetition:
     """The verdict on one signal (n,); starts: its first repetition may hold the start from rest."""
+    # Repetitions at the end that are missing altogether show nothing.
+    known = np.flatnonzero(np.isfinite(x))
+    x = x[: max(int(known.max(initial=-1)) + 1, 2 * lag)]
     n = len(x)
-    if n < MIN_PERIODS * lag or lag < 1:
+    if n < MIN_PERIODS * lag or lag < 1 or known.size == 0:
         return Repetition(0.0, 0.0, 0.0)
     flat = without_ramps(x[:, None], lag)[:, 0] if n >= 2 * lag else _levelled(x, lag)
     rho = autocorrelation(flat)

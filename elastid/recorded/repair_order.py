@@ -51,8 +51,9 @@ def repair(
     in_step = realigned(clock.signals, _bridged(clock.signals)[:, drivers], N, log)
     check(in_step.signals[:, drivers])
     whole = filled(in_step.signals, L, sign, log)
-    if np.isfinite(signals).all() and len(start.signals) > len(signals) * N / period:
-        # The end of the second repetition, which is reported already.
+    is_reported = len(start.signals) > len(signals) * N / period or bool(going.findings)
+    if np.isfinite(signals).all() and is_reported and not in_step.findings:
+        # All that is missing is the end of the second repetition, or repetitions with a stop.
         whole = replace(whole, findings=())
     clean = despiked(whole.signals, L, sign, log)
     as_logged = bridged if clock.findings else clean.signals

@@ -50,7 +50,8 @@ def without_stops(
     good, ends = P - len(bad), len(bad) == P - row
     result = signals.copy()
     for p in bad:
-        first = p * L + int(np.argmax(stopped[p])) * width
+        # After a repetition with a stop the next one with a stop has not begun to move.
+        first = p * L + (0 if p - 1 in bad else int(np.argmax(stopped[p])) * width)
         result[first : (p + 1) * L] = np.nan
     if not repeats(result[:, list(roles["u"])]):
         return Repaired(signals)
@@ -82,8 +83,9 @@ def _still(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: i
         away = windows - windows.mean(axis=2, keepdims=True)
         away = away - (away @ t / (t @ t))[:, :, None] * t
         scatter = np.where(np.isfinite(away).all(axis=2), np.sqrt(np.mean(away**2, axis=2)), np.inf)
-        usual = np.median(scatter, axis=0) if P > 2 else np.where(np.isfinite(scatter), scatter, 0.0).max(axis=0)
-        level = float(np.median(usual[np.isfinite(usual)])) if np.isfinite(usual).any() else 0.0
+        # The largest may be that of the start; a stop may be longer than the rest.
+        usual = np.sort(np.where(np.isfinite(scatter), scatter, 0.0), axis=0)[-2 if P > 2 else -1]
+        level = float(np.median(usual))
         if level == 0:
             continue
         flags.append((scatter < _MAX_STILL_SHARE * usual) & (usual > _MIN_MOVING_SHARE * level))
