@@ -66,8 +66,10 @@ class Compared:
     def of(cls, spectra: PeriodSpectra) -> Compared:
         """All periods of a record with each other, or of a long one with some."""
         few = spectra.on(slice(None, None, -(-len(spectra.scale) // _MAX_LINES)))
-        Z = np.concatenate([few.y, few.u], axis=2) * few.scale
+        Z = np.concatenate([few.y, few.u], axis=2)
+        Z *= few.scale
         X = np.ascontiguousarray(np.moveaxis(Z, 2, 0)).view(np.float64)
+        del Z  # as large as the spectra of the record
         P = X.shape[1]
         if P <= _MAX_COMPARED:
             products = X @ np.swapaxes(X, 1, 2)
@@ -124,7 +126,8 @@ def distances(compared: Compared, good: IntArray, outlier_sigma: float) -> Dista
     D = _median_of_others(compared, good) / size
     typical = np.median(D[good], axis=0)
     spread = 1.4826 * np.median(np.abs(D[good] - typical), axis=0)
-    V = compared.X[:, good] - compared.X[:, good].mean(axis=1, keepdims=True)
+    V = compared.X[:, good]
+    V -= V.mean(axis=1, keepdims=True)
     noise = np.einsum("cpk,cpk->ck", V, V).reshape(len(V), -1, 2).sum(axis=2)
     share = noise / np.maximum(noise.sum(axis=1, keepdims=True), 1e-300)
     # A noise on few lines only scatters more: 1 / sum of share^2 is their number.
