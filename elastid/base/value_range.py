@@ -51,7 +51,7 @@ def value_range(blocks: Iterable[NDArray[Any]]) -> ValueRange:
 def shown_values(values: NDArray[Any]) -> str:
     """An array in a line: all values where they are few, else their range.
 
-    >>> shown_values(np.arange(3.0))
+    >>> shown_values(np.array([0, 1, 2]))
     '0, 1, 2'
     >>> shown_values(np.linspace(0, 1j, 100))
     'magnitude 0 to 1'

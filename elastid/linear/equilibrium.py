@@ -23,7 +23,7 @@ from elastid.record import Configuration
 MAX_STEPS = 60
 MAX_STEP = 0.3  # rad or m: a soft spring must not throw the arm onto another branch
 CONVERGED_STEP = 1e-12  # rad or m: convergence is quadratic, the error left is far below
-ROUNDING_STEP = 1e-9  # rad or m: below, rounding decides whether a step leads downhill
+ROUNDING_STEP = 1e-8  # rad or m: below, rounding decides whether a step leads downhill
 MAX_HALVINGS = 30
 MAX_GAP = 1e-9  # m or rad: residual of a constraint that rounding explains
 MAX_DEFLECTION = 1.0  # rad or m: no spring of a robot gives by so much, it has tipped over

@@ -5,7 +5,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from plants.linkages import LEVER, LOWER, linkage
 
@@ -105,6 +105,7 @@ def test_constrained_equals_minimal_equals_saddle_point(name: str):
 
 
 @settings(max_examples=8, deadline=None)
+@example(crank=0.34375, length=0.875, stiffness=8.0, angles=(0.75, 0.375), spatial=False)  # its last step is 2.6e-9 rad
 @given(
     crank=st.floats(0.25, 0.35),
     length=st.floats(0.85, 0.95),
