@@ -7,8 +7,8 @@ often each, how many periods, and the spectrum of each. It is measured again and
 phases and new noise each time, and fitted from the nominal robot, which is the true one. Told are the standard
 deviations over the repetitions against those that the forecast stated before, and their geometric mean against that of
 plans of the same robot time with random configurations (admissible ones, as many as fit in with the study's own two
-periods) and a spectrum that is flat in torque, of the same RMS. By the forecast it is also told what configurations and
-spectrum do alone.
+periods) and a spectrum that is flat in torque, of the same RMS. The forecast also gives the gain of configurations
+alone and of spectra alone.
 
 Coulomb friction is a twentieth of the demo's and the sensors' noise is raised, so that noise and not the model's error
 (Coulomb friction fitted as viscous) is what spreads the estimates; for the same reason the fit's floor is lower than by
@@ -16,7 +16,7 @@ default. Frictions are fitted but not compared: what Coulomb friction adds to th
 
 The noise of the logged torque acts on the log alone, so that one simulation serves for several draws of it. With K
 simulations (phases, friction, encoder) of B draws each, the variance of an estimate is that within a simulation and
-what the means of the simulations scatter beyond it; the chance error told is that of this estimate.
+what the means of the simulations scatter beyond it; the stated chance error is that of this estimate.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ class Outcome:
         return against_median(self.random, self.reached)
 
     @property
-    def foretold(self) -> dict[str, float]:
+    def predicted(self) -> dict[str, float]:
         """The same by the forecasts: of the plan, of its configurations and of its spectra alone."""
         return {
             "both": against_median(self.random_stated, self.stated),
@@ -310,12 +310,12 @@ def say(outcome: Outcome) -> None:
         f"  reached / stated: geometric mean {geometric_mean(outcome.ratio):.2f}, from {outcome.ratio.min():.2f} to "
         f"{outcome.ratio.max():.2f} (one standard deviation of chance in each: {np.median(outcome.chance):.2f})"
     )
-    by_random, foretold = geometric_mean(outcome.random), outcome.foretold
+    by_random, predicted = geometric_mean(outcome.random), outcome.predicted
     print(
         f"  geometric mean of std: planned {100 * geometric_mean(outcome.reached):.3g} %, random plans "
         f"{100 * by_random.min():.3g} to {100 * by_random.max():.3g} %, median {100 * np.median(by_random):.3g} %: "
-        f"planned {outcome.gain:.2f} times smaller (forecast: {foretold['both']:.2f}; configurations alone "
-        f"{foretold['configurations']:.2f}, spectra alone {foretold['spectra']:.2f})"
+        f"planned {outcome.gain:.2f} times smaller (forecast: {predicted['both']:.2f}; configurations alone "
+        f"{predicted['configurations']:.2f}, spectra alone {predicted['spectra']:.2f})"
     )
 
 
@@ -342,7 +342,7 @@ def in_numbers(outcome: Outcome) -> dict[str, object]:
         "reached_over_stated": dict(zip(outcome.names, outcome.ratio.round(3).tolist(), strict=True)),
         "chance": round(float(np.median(outcome.chance)), 3),
         "gain": round(outcome.gain, 3),
-        "foretold": {name: round(value, 3) for name, value in outcome.foretold.items()},
+        "predicted": {name: round(value, 3) for name, value in outcome.predicted.items()},
         "repetitions": outcome.repetitions,
     }
 
