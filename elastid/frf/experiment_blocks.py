@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,10 +14,20 @@ from elastid.frf.matrices import added, adjoint
 from elastid.frf.negligible_transient import TotalError
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
-from elastid.frf.spectra import PeriodSpectra, RecordSpectra, amplitude_scale, period_spectra, reference_spectrum
+from elastid.frf.spectra import (
+    PeriodSpectra,
+    RecordSpectra,
+    amplitude_scale,
+    period_groups,
+    period_spectra,
+    reference_spectrum,
+)
 
 # The spectra of so many lines, in all periods of a record, fit into the processor's cache.
 _LINES_AT_ONCE = 256
+# Periods of a large record are compared in so many values (32 MB), but at so many lines at least.
+_MAX_COMPARED_VALUES = 1 << 21
+_MIN_COMPARED_LINES = 20
 
 
 @dataclass(frozen=True)
@@ -115,18 +125,31 @@ class _ScatterSum:
         self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), dtype=np.complex128)
         self.dof = 0
 
-    def add(self, spectra: PeriodSpectra) -> ComplexArray:
-        """Adds the scatter of a record's periods; returns their mean Z (F, n)."""
-        mean = np.empty_like(self.scale)
-        # In parts that stay in the processor's cache.
-        for first in range(0, len(mean), _LINES_AT_ONCE):
-            part = slice(first, first + _LINES_AT_ONCE)
-            V = np.concatenate([spectra.y[:, part], spectra.u[:, part]], axis=2)
-            mean[part] = V.mean(axis=0)
-            V -= mean[part]
-            V = np.moveaxis(V, 0, 2)
-            self.S[part] += V @ adjoint(V)
-        self.dof += len(spectra.periods) - 1
+    def add(self, groups: Iterable[PeriodSpectra]) -> ComplexArray:
+        """Adds the scatter of a record's periods, group by group; returns their mean Z (F, n).
+
+        Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979).
+        """
+        mean, n = np.zeros_like(self.scale), 0
+        for spectra in groups:
+            p = len(spectra.periods)
+            if not p:
+                continue
+            # In parts that stay in the processor's cache.
+            for first in range(0, len(mean), _LINES_AT_ONCE):
+                part = slice(first, first + _LINES_AT_ONCE)
+                V = np.concatenate([spectra.y[:, part], spectra.u[:, part]], axis=2)
+                of_group = V.mean(axis=0)
+                V -= of_group
+                V = np.moveaxis(V, 0, 2)
+                self.S[part] += V @ adjoint(V)
+                if n:
+                    apart = of_group - mean[part]
+                    self.S[part] += n * p / (n + p) * apart[:, :, None] * apart[:, None, :].conj()
+                    of_group = mean[part] + p / (n + p) * apart
+                mean[part] = of_group
+            n += p
+        self.dof += n - 1
         return mean * self.scale
 
     def power(self) -> FloatArray:
@@ -162,15 +185,37 @@ def gather_spectra(
         power, dof = sums.power(), sums.dof
         means, R, periods = [], [], []
         for each in group:
-            spectra = period_spectra(each, everywhere, spec.quantity)
-            kept = trusted(spectra.on(excited), spec, total)
+            kept, mean = _mean(each, everywhere, excited, spec, total, sums)
             notes += kept.notes
             periods.append(len(kept.periods))
-            means.append(sums.add(spectra.only(kept.periods)))
+            means.append(mean)
             R.append(reference_spectrum(each, everywhere) if with_reference else None)
         noise = (sums.power() - power)[:, len(group[0].record.outputs) :] / (sums.dof - dof)
         blocks.append(_block(means, R, periods, noise, sums.dof - dof))
     return MeanSpectra(tuple(blocks), sums.scatter(), tuple(notes))
+
+
+def _mean(
+    spectra: RecordSpectra,
+    lines: IntArray,
+    excited: BoolArray,
+    spec: EstimatorSpec,
+    total: TotalError | None,
+    sums: _ScatterSum,
+) -> tuple[PeriodSpectra, ComplexArray]:
+    """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums."""
+    if not spectra.is_large:
+        every = period_spectra(spectra, lines, spec.quantity)
+        kept = trusted(every.on(excited), spec, total)
+        return kept, sums.add([every.only(kept.periods)])
+    # Few lines tell which periods can be trusted; then all lines are added up, some periods at a time.
+    record = spectra.record
+    values = record.n_samples // record.repeat_samples * sums.scale.shape[1]
+    step = -(-int(excited.sum()) // max(_MIN_COMPARED_LINES, _MAX_COMPARED_VALUES // values))
+    few = lines[excited][::step]
+    kept = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
+    groups = period_groups(spectra, lines, spec.quantity)
+    return kept, sums.add(group.only(np.flatnonzero(np.isin(group.periods, kept.periods))) for group in groups)
 
 
 def _block(

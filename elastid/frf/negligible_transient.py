@@ -35,6 +35,13 @@ class TotalError:
     variance: FloatArray
     lines: BoolArray
 
+    def at_every(self, step: int) -> TotalError:
+        """The same at every step-th of the excited lines."""
+        taken = np.zeros(len(self.lines), dtype=np.bool_)
+        taken[::step] = True
+        of_G = taken[self.lines]
+        return TotalError(self.G[of_G], self.variance[of_G], self.lines[::step])
+
 
 def is_negligible(spectra: PeriodSpectra, leading: int, total: TotalError) -> bool:
     """Whether the first `leading` periods of a record change G by far less than it scatters anyway."""

@@ -31,8 +31,10 @@ _NEGLIGIBLE_DISTANCE = 1e-4
 _MIN_SPREAD = 0.1
 # So many lines, evenly taken, give a distance as well as all.
 _MAX_LINES = 500
-# Likewise so many periods, with which each period of a longer record is compared: pairs would not fit into memory.
-_MAX_COMPARED = 512
+# Likewise so many periods, with which each period of a longer record is compared, fewer where these are more pairs
+# than so many: all would not fit into memory.
+_MAX_COMPARED, _MIN_COMPARED = 512, 32
+_MAX_PAIRS = 1 << 21
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,8 @@ class Compared:
             power = np.einsum("cpp->cp", products)
             squares = power[:, :, None] + power[:, None, :] - 2 * products
             return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), np.arange(P))
-        others = np.linspace(0, P - 1, _MAX_COMPARED).round().astype(np.int64)
+        count = min(_MAX_COMPARED, max(_MIN_COMPARED, _MAX_PAIRS // P))
+        others = np.linspace(0, P - 1, count).round().astype(np.int64)
         power = np.einsum("cpk,cpk->cp", X, X)
         squares = power[:, :, None] + power[:, None, others] - 2 * (X @ np.swapaxes(X[:, others], 1, 2))
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), others)

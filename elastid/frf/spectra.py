@@ -65,7 +65,7 @@ class RecordSpectra:
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
         """The same, some periods (p, N // 2 + 1, c) at a time."""
         L, P = self.record.repeat_samples, self.record.n_samples // self.record.repeat_samples
-        at_once = max(1, PIECE_VALUES // (L * len(self.record.inputs)))
+        at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
             yield self._dft(role, first, min(P, first + at_once))
             release(getattr(self.record, role))
@@ -83,16 +83,16 @@ class RecordSpectra:
         halves *= ((-1.0) ** np.arange(first, last))[:, None, None]
         return halves
 
-    def dft_at(self, role: Role, lines: IntArray) -> ComplexArray:
-        """The DFT (P, F, c) of a signal at lines (F,), a view where no line between them is left out."""
+    def dft_at(self, role: Role, lines: IntArray) -> Iterator[ComplexArray]:
+        """The DFT (p, F, c) of a signal at lines (F,), of all periods; of some at a time of a large record."""
         wanted = slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines
-        if self.is_large:
-            return np.concatenate([group[:, wanted].copy() for group in self.dft_groups(role)])
-        return self.dft(role)[:, wanted]
+        groups = self.dft_groups(role) if self.is_large else iter([self.dft(role)])
+        return (group[:, wanted] for group in groups)
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
-        return self.dft_at(role, lines) * (2 / self.record.repeat_samples)
+        dft: ComplexArray = np.concatenate(list(self.dft_at(role, lines)))
+        return dft * (2 / self.record.repeat_samples)
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +141,30 @@ def period_spectra(spectra: RecordSpectra, lines: IntArray, quantity: Motion) ->
     period of a half-wave record counts as a period; lines must then be odd.
     Raises DataError where a sample is missing, since every line of G would be missing.
     """
+    groups = list(period_groups(spectra, lines, quantity))
+    if len(groups) == 1:
+        return groups[0]
+    periods, y, u = (np.concatenate([getattr(group, name) for group in groups]) for name in ("periods", "y", "u"))
+    return replace(groups[0], periods=periods, y=y, u=u)
+
+
+def period_groups(spectra: RecordSpectra, lines: IntArray, quantity: Motion) -> Iterator[PeriodSpectra]:
+    """The same, all periods at once; some of them at a time of a large record, whose spectra memory need not hold."""
     record = spectra.record
-    y, u = spectra.dft_at("y", lines), spectra.dft_at("u", lines)
-    # The samples themselves are searched only where a line shows that something is wrong.
-    if not all(_computable(np.abs(x[:, 0])).all() for x in (y, u)):
-        refuse_uncomputable(record)
+    scale = amplitude_scale(record, lines, quantity)
     drifts = np.array([each != "acceleration" for each in record.quantities])
-    if drifts.any():
-        y[:, :, np.flatnonzero(drifts)] -= _drift_spectra(record, lines, drifts)
-    return PeriodSpectra(record, np.arange(len(y)), y, u, amplitude_scale(record, lines, quantity))
+    drift = _drift(record, lines, drifts) if drifts.any() else None
+    first = 0
+    for y, u in zip(spectra.dft_at("y", lines), spectra.dft_at("u", lines), strict=True):
+        # The samples themselves are searched only where a line shows that something is wrong.
+        if not all(_computable(np.abs(x[:, 0])).all() for x in (y, u)):
+            refuse_uncomputable(record)
+        periods = np.arange(first, first + len(y))
+        if drift is not None:
+            gain, ramp = drift
+            y[:, :, np.flatnonzero(drifts)] -= gain[periods][:, None, :] * ramp[:, None]
+        yield PeriodSpectra(record, periods, y, u, scale)
+        first += len(y)
 
 
 def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> ComplexArray:
@@ -170,12 +185,14 @@ def reference_spectrum(spectra: RecordSpectra, lines: IntArray) -> ComplexArray 
     if record.r is None:
         return None
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
-    R: ComplexArray = spectra.amplitudes("r", lines).mean(axis=0) * record.hold_response(freq_hz)
-    return R
+    P = record.n_samples // record.repeat_samples
+    scale = 2 / record.repeat_samples
+    mean = sum((group * scale).sum(axis=0) for group in spectra.dft_at("r", lines)) / P
+    return np.asarray(mean * record.hold_response(freq_hz))
 
 
-def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> ComplexArray:
-    r"""DFT (P, F, c) of the drift of those columns of y that drift.
+def _drift(record: Record, lines: IntArray, drifts: BoolArray) -> tuple[FloatArray, ComplexArray]:
+    r"""Gains (P, c) of those columns of y that drift, and the DFT (F,) of a drift of gain 1.
 
     The DFT of the derivative over a period is j omega X + [x(T) - x(0)]: the gain g of x from end to end is drift, and
     a ramp g n / N removes it. (Half wave: [-x(T/2) - x(0)], a constant g / 2.) With theta = 2 pi k / N their sums are
@@ -197,20 +214,23 @@ def _drift_spectra(record: Record, lines: IntArray, drifts: BoolArray) -> Comple
         gain -= gain[: P // 2 * 2].mean(axis=0)
     ramp = sign / (np.exp(-2j * np.pi * lines / record.period_samples) - 1)
     parity = sign ** np.arange(P)
-    spectra: ComplexArray = (parity[:, None] * gain)[:, None, :] * ramp[:, None]
-    return spectra
+    return parity[:, None] * gain, ramp
 
 
 def refuse_uncomputable(record: Record) -> None:
     """DataError that names the first missing sample, or a channel whose squares overflow or vanish."""
     for role, names, signals in (("u", record.inputs, record.u), ("y", record.outputs, record.y)):
-        if not np.isfinite(signals).all():
-            sample, column = np.argwhere(~np.isfinite(signals))[0]
-            raise DataError(
-                f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {sample} on; "
-                "leave that part out, or repair the record"
-            )
-        largest = np.max(np.abs(signals), axis=0)
+        largest, step = np.zeros(len(names)), max(1, PIECE_VALUES // len(names))
+        for start in range(0, len(signals), step):
+            size = np.abs(signals[start : start + step])
+            if not np.isfinite(size).all():
+                sample, column = np.argwhere(~np.isfinite(size))[0]
+                raise DataError(
+                    f"record {record.name}: {role} at {names[column]} is NaN or infinite from sample {start + sample} "
+                    "on; leave that part out, or repair the record"
+                )
+            largest = np.maximum(largest, size.max(axis=0))
+            release(signals)
         for column in np.flatnonzero(~_computable(largest)):
             raise DataError(
                 f"record {record.name}: {role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "

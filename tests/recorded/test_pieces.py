@@ -13,6 +13,7 @@ from plants.lab_logs import N, measured, study_of, with_names
 from elastid.base import mapped
 from elastid.base.errors import DataError
 from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.frf import experiment_blocks
 from elastid.frf import spectra as frf_spectra
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -91,15 +92,23 @@ def test_a_log_in_pieces_is_the_same_record(
 
 
 def test_a_large_record_has_the_same_response(
-    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+    tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Lines are found and spectra are gathered in groups of periods."""
+    """Lines are found, bad periods are left out by a few lines, and spectra are added up in groups of periods."""
     record = measured(tmp_path, _write(tmp_path, log))
-    one_input = [replace(record, inputs=record.inputs[:1], u=record.u[:, :1])]
+    y = record.y.copy()
+    y[7 * N + 100 : 7 * N + 300] *= -1
+    y[: N // 2] += 0.1 * np.ptp(y, axis=0)
+    one_input = [replace(record, inputs=record.inputs[:1], u=record.u[:, :1], y=y, r=record.u[:, :1])]
     spec = EstimatorSpec()
     expected = estimate(one_input, spec)
     request.getfixturevalue("large")
+    monkeypatch.setattr(experiment_blocks, "_MAX_COMPARED_VALUES", 4000)
     found = estimate(one_input, spec)
+    for code in ("transient-left-out", "periods-left-out"):
+        assert (
+            [note.code for note in found.notes].count(code) == [note.code for note in expected.notes].count(code) == 1
+        )
     np.testing.assert_array_equal(found.freq_hz, expected.freq_hz)
     np.testing.assert_allclose(found.G, expected.G, rtol=1e-9)
     assert found.noise is not None
