@@ -1,7 +1,7 @@
 r"""The contract of a friction law, and the curve of sliding friction that all laws share.
 
 .. math:: \tau_f = h(v, z), \qquad \dot z = \Omega(v, z), \qquad
-          g(v) = F_c + (F_s - F_c) e^{-(v / \nu_s)^2}
+          g(v) = F_c + \delta_c\, \mathrm{sgn}\, v + (F_s - F_c) e^{-|v / \nu_s|^a} + F_l e^{-|v / \nu_l|^a}
 
 A positive torque brakes a positive velocity: it stands on the side of M q'' + f + tau_f = B u. Viscous friction is not
 here; it is linear and part of the model's force f. Sources: Niglis & Oberg (2015), eqs. (2.14) to (2.21).
@@ -17,14 +17,18 @@ import casadi as ca
 Expression: TypeAlias = ca.SX | float
 
 # Numbers of a Curve, which an experiment may change from sample to sample: load, temperature.
-CURVE = ("F_c", "F_s", "inverse_nu_s", "alpha_3", "alpha_T")
+CURVE = ("F_c", "F_s", "inverse_nu_s", "alpha_3", "alpha_T", "F_l", "inverse_nu_l", "delta_c", "delta_v")
+# Of (v / nu_s)^2, below which an exponent other than 2 is rounded off: keeps its derivative finite at rest.
+_ROUNDED = 1e-12
 
 
 @dataclass(frozen=True)
 class Curve:
     """F_c, F_s (Nm), 1 / nu_s (s/rad; 0 without Stribeck effect), alpha_3 of v |v|, alpha_T added to viscous friction.
 
-    On the side of v, each an expression or a number.
+    F_l (Nm), 1 / nu_l: what the load adds over a Stribeck velocity of its own.  delta_c (Nm), delta_v (Nms/rad): half
+    of what F_c and viscous friction are larger at v > 0 than at v < 0.  All on the side of v, each an expression or a
+    number; a part whose number is 0.0 is left out of the expressions.  exponent: a.
     """
 
     F_c: Expression
@@ -32,14 +36,32 @@ class Curve:
     inverse_nu_s: Expression
     alpha_3: Expression = 0.0
     alpha_T: Expression = 0.0
+    F_l: Expression = 0.0
+    inverse_nu_l: Expression = 0.0
+    delta_c: Expression = 0.0
+    delta_v: Expression = 0.0
+    exponent: float = 2.0
 
     def level(self, v: Expression) -> ca.SX:
         """g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
-        return self.F_c + (self.F_s - self.F_c) * ca.exp(-((v * self.inverse_nu_s) ** 2))
+        level = self.F_c + (self.F_s - self.F_c) * self._falling(v * self.inverse_nu_s)
+        if not _absent(self.F_l):
+            level += self.F_l * self._falling(v * self.inverse_nu_l)
+        return level if _absent(self.delta_c) else level + self.delta_c * ca.sign(v)
 
     def growing(self, v: Expression) -> ca.SX:
-        """alpha_3 v |v| + alpha_T v, Nm."""
-        return v * (self.alpha_3 * ca.fabs(v) + self.alpha_T)
+        """alpha_3 v |v| + alpha_T v + delta_v |v|, Nm."""
+        growing = v * (self.alpha_3 * ca.fabs(v) + self.alpha_T)
+        return growing if _absent(self.delta_v) else growing + self.delta_v * ca.fabs(v)
+
+    def _falling(self, x: Expression) -> ca.SX:
+        """exp(-|x|^a)."""
+        return ca.exp(-(x**2)) if self.exponent == 2 else ca.exp(-((x**2 + _ROUNDED) ** (self.exponent / 2)))
+
+
+def _absent(number: Expression) -> bool:
+    """Whether a part of the curve is 0 for good, and no symbol."""
+    return isinstance(number, float) and number == 0
 
 
 class Law(Protocol):

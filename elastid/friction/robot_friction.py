@@ -7,22 +7,25 @@ velocities with 1 / |n|.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
+import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
-from elastid.friction.law import Law
+from elastid.friction.law import Curve, Law
 from elastid.friction.static import Tustin
-from elastid.robot import Friction, Robot
+from elastid.robot import Directions, Friction, Robot
 
 
 @dataclass(frozen=True)
 class PlacedLaw:
     """A law at `motor <name>` or `joint <name>`; `scale` = |ratio| of a motor, 1 at a joint; spec on its own side.
 
-    slides: whether its own side translates, N and m; a motor's turns.
+    slides: whether its own side translates, N and m; a motor's turns.  reverses: whether a positive velocity of the
+    link is a negative one of its own side.
     """
 
     place: str
@@ -30,18 +33,36 @@ class PlacedLaw:
     spec: Friction
     scale: float
     slides: bool = False
+    reverses: bool = False
+
+    def symbols(self, numbers: Sequence[ca.SX]) -> Curve:
+        """The curve of symbols, one for each of `law.CURVE`, without the parts that the law does not have."""
+        load = self.spec.load
+        F_c, F_s, inverse_nu_s, alpha_3, alpha_T = numbers[:5]
+        curve = Curve(F_c, F_s, inverse_nu_s, alpha_3, alpha_T, exponent=self.spec.exponent)
+        if load is not None and load.stribeck_velocity is not None:
+            curve = replace(curve, F_l=numbers[5], inverse_nu_l=numbers[6])
+        if self.spec.directions is not None:
+            curve = replace(curve, delta_c=numbers[7], delta_v=numbers[8])
+        return curve
 
     def curve(self, load: float = 0.0, temperature: float | None = None, level: float = 1.0) -> FloatArray:
-        """The numbers (5,) of `law.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
+        """The numbers (9,) of `law.CURVE`, link side, under a load in Nm of the link side at a temperature in degC.
 
         level: a factor on all of the friction's torque.  temperature: the reference unless given.
         Raises ValueError where the temperature leaves less stiction than Coulomb friction, or no Stribeck velocity.
         """
         spec, n = self.spec, self.scale
         F_c, F_s, nu_s, alpha_T = spec.coulomb, spec.break_away, spec.stribeck_velocity, 0.0
+        F_l, inverse_nu_l = 0.0, 0.0
         if spec.load is not None:
             F_c += spec.load.coulomb * abs(load) / n
-            F_s += spec.load.of_stiction * abs(load) / n
+            excess = (spec.load.of_stiction - spec.load.coulomb) * abs(load) / n
+            F_s += spec.load.coulomb * abs(load) / n
+            if spec.load.stribeck_velocity is None:
+                F_s += excess
+            else:
+                F_l, inverse_nu_l = excess, n / spec.load.stribeck_velocity
         if spec.temperature is not None and temperature is not None:
             warm, rise = spec.temperature, temperature - spec.temperature.reference
             F_s += warm.stiction * rise
@@ -49,8 +70,10 @@ class PlacedLaw:
             alpha_T = warm.viscous * math.expm1(-rise / warm.decay)
         self._check(F_c, F_s, nu_s, load, temperature)
         inverse = 0.0 if nu_s is None else n / nu_s
-        torques = level * n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
-        return np.insert(torques, 2, inverse)
+        uneven, turn = spec.directions or Directions(), -1.0 if self.reverses else 1.0
+        sliding = level * n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
+        extra = level * n * np.array([F_l, turn * uneven.coulomb, turn * n * uneven.viscous])
+        return np.array([*sliding[:2], inverse, *sliding[2:], extra[0], inverse_nu_l, *extra[1:]])
 
     def _check(self, F_c: float, F_s: float, nu_s: float | None, load: float, temperature: float | None) -> None:
         torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")
@@ -76,9 +99,9 @@ def frictions(robot: Robot) -> tuple[PlacedLaw, ...]:
     for joint in robot.driven:
         motor = joint.motor
         if motor is not None and motor.friction is not None:
-            found.append(_placed(f"motor {joint.name}", motor.friction, abs(motor.ratio)))
+            found.append(_placed(f"motor {joint.name}", motor.friction, motor.ratio))
         elif motor is not None and motor.coulomb > 0:
-            found.append(_placed(f"motor {joint.name}", Friction(motor.coulomb), abs(motor.ratio)))
+            found.append(_placed(f"motor {joint.name}", Friction(motor.coulomb), motor.ratio))
     found += [
         _placed(f"joint {joint.name}", joint.friction, 1.0, joint.slides)
         for joint in robot.joints
@@ -98,8 +121,8 @@ def coulomb_levels(robot: Robot) -> FloatArray:
     return np.add(own, rigid)
 
 
-def _placed(place: str, spec: Friction, n: float, slides: bool = False) -> PlacedLaw:
-    return PlacedLaw(place, _law(spec, n), spec, n, slides)
+def _placed(place: str, spec: Friction, ratio: float, slides: bool = False) -> PlacedLaw:
+    return PlacedLaw(place, _law(spec, abs(ratio)), spec, abs(ratio), slides, ratio < 0)
 
 
 def _law(spec: Friction, n: float) -> Law:

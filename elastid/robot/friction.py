@@ -9,7 +9,7 @@ above the Stribeck region sees, and has a name.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated
 
 from elastid.base.section import section
 from elastid.base.units import (
@@ -18,83 +18,18 @@ from elastid.base.units import (
     JointTorque,
     JointVelocity,
     Measured,
-    Stiffness,
     Temperature,
     TemperatureRise,
     of_translation,
 )
+from elastid.robot.presliding import Dahl, LuGre, MaxwellSlip, require_not_negative, require_positive
 
 # A LuGre law whose micro-damping dies out like exp(-(v / v_d)^2) is passive where sigma_1(v) |v| <= 4 F_c everywhere;
 # the left side is largest at v = v_d / sqrt(2), so v_d <= 4 sqrt(2 e) F_c / sigma_1.
 MAX_DAMPING_VELOCITY_RATIO = 4 * math.sqrt(2 * math.e)
 
-
-@section
-class Dahl:
-    """Bristles that break at the Coulomb level; no Stribeck effect.
-
-    stiffness: sigma_0 of the bristles.
-    """
-
-    stiffness: Stiffness
-
-    def __post_init__(self) -> None:
-        """Refuse bristles that push."""
-        _positive("dahl: stiffness (sigma_0)", self.stiffness)
-
-
-@section
-class LuGre:
-    """Bristles under a Stribeck curve.
-
-    stiffness: sigma_0 of the bristles.  damping: sigma_1 of the bristles.  damping_velocity: v_d, with which their
-    damping falls, sigma_1 exp(-(v / v_d)^2); default: constant.
-    """
-
-    stiffness: Stiffness
-    damping: Damping = 0.0
-    damping_velocity: JointVelocity | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse bristles that push."""
-        _positive("lugre: stiffness (sigma_0)", self.stiffness)
-        _not_negative("lugre: damping (sigma_1)", self.damping)
-        if self.damping_velocity is not None:
-            _positive("lugre: damping_velocity (v_d)", self.damping_velocity)
-
-
-@section
-class MaxwellSlip:
-    """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve.
-
-    stiffness: sigma_0 of every element.  shares: nu of every element, 1 in sum.  attraction: C, how fast the torque of
-    a slipping element goes to its level.  damping: sigma_1 of every element (default: none).
-    switching: `smooth` between sticking and slipping without a memory of its own, or by `events`.
-    """
-
-    stiffness: tuple[Stiffness, ...]
-    shares: tuple[float, ...]
-    attraction: Annotated[float, InUnit("N*m/s", "N/s")]
-    damping: tuple[Damping, ...] = ()
-    switching: Literal["smooth", "events"] = "smooth"
-
-    def __post_init__(self) -> None:
-        """As many numbers as elements, shares that sum to one."""
-        if not self.stiffness or len(self.stiffness) != len(self.shares):
-            raise ValueError(
-                f"maxwell_slip: {len(self.stiffness)} numbers of stiffness and {len(self.shares)} shares; give one of "
-                "each for every element"
-            )
-        if self.damping and len(self.damping) != len(self.stiffness):
-            raise ValueError(f"maxwell_slip: {len(self.damping)} dampings for {len(self.stiffness)} elements")
-        for name, values in (("stiffness (sigma_0)", self.stiffness), ("shares (nu)", self.shares)):
-            for value in values:
-                _positive(f"maxwell_slip: {name}", value)
-        for value in self.damping:
-            _not_negative("maxwell_slip: damping (sigma_1)", value)
-        _positive("maxwell_slip: attraction (C)", self.attraction)
-        if abs(sum(self.shares) - 1) > 1e-6:
-            raise ValueError(f"maxwell_slip: the shares sum to {sum(self.shares):.6g}; they must sum to 1")
+# Of the Stribeck curve: published ones lie between 0.5 and 2.
+EXPONENT_RANGE = (0.3, 4.0)
 
 
 @section
@@ -102,15 +37,25 @@ class LoadDependence:
     """Friction that each Nm (N per N) of load on the joint adds, whatever its sign.
 
     coulomb: Nm of Coulomb level for each Nm.  stiction: Nm of stiction for each Nm; as much as coulomb unless given.
+    stribeck_velocity: nu_l, over which what the load adds to stiction alone falls; default: that of the friction.
     """
 
     coulomb: float = 0.0
     stiction: float | None = None
+    stribeck_velocity: JointVelocity | None = None
 
     def __post_init__(self) -> None:
-        """Refuse friction that falls with the load."""
-        _not_negative("load: coulomb", self.coulomb)
-        _not_negative("load: stiction", self.of_stiction)
+        """Refuse friction that falls with the load, and a Stribeck velocity of nothing."""
+        require_not_negative("load: coulomb", self.coulomb)
+        require_not_negative("load: stiction", self.of_stiction)
+        if self.stribeck_velocity is None:
+            return
+        require_positive("load: stribeck_velocity (nu_l)", self.stribeck_velocity)
+        if not self.of_stiction > self.coulomb:
+            raise ValueError(
+                f"load: stiction of {self.of_stiction:g} is not above coulomb of {self.coulomb:g}: nothing falls over "
+                "stribeck_velocity; leave it out, or raise stiction"
+            )
 
     @property
     def of_stiction(self) -> float:
@@ -136,37 +81,94 @@ class TemperatureDependence:
 
     def __post_init__(self) -> None:
         """Refuse oil that thickens with heat."""
-        _not_negative("temperature: viscous (f_T)", self.viscous)
-        _positive("temperature: decay (T_V)", self.decay)
+        require_not_negative("temperature: viscous (f_T)", self.viscous)
+        require_positive("temperature: decay (T_V)", self.decay)
+
+
+@section
+class Directions:
+    """Friction that is not alike in both directions: half of what it is larger at positive than at negative velocity.
+
+    coulomb: of the Coulomb level, which is F_c + coulomb forwards and F_c - coulomb backwards.  viscous: of the viscous
+    friction.
+    """
+
+    coulomb: JointTorque = 0.0
+    viscous: Damping = 0.0
+
+
+@section
+class MeasuredRange:
+    """Where the numbers of a friction law were measured; simulation beyond says so.
+
+    speed, load, temperature: lowest and highest of each, the first two without sign.
+    """
+
+    speed: tuple[JointVelocity, JointVelocity] | None = None
+    load: tuple[JointTorque, JointTorque] | None = None
+    temperature: tuple[Temperature, Temperature] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a range upside down."""
+        for name in ("speed", "load", "temperature"):
+            ends = getattr(self, name)
+            if ends is not None and not ends[0] <= ends[1]:
+                raise ValueError(f"measured: {name} is [{ends[0]:g}, {ends[1]:g}]; give [lowest, highest]")
+        for name in ("speed", "load"):
+            ends = getattr(self, name)
+            if ends is not None:
+                require_not_negative(f"measured: {name}", ends[0])
+
+    def beyond(self, name: str, lowest: float, highest: float) -> bool:
+        """Whether `speed`, `load` or `temperature` from lowest to highest leaves the range, by more than rounding."""
+        ends = getattr(self, name)
+        if ends is None:
+            return False
+        slack = 1e-9 * max(abs(ends[0]), abs(ends[1]))
+        return bool(lowest < ends[0] - slack or highest > ends[1] + slack)
 
 
 @section
 class Friction:
-    r"""Dry friction about g(v) = F_c + (F_s - F_c) exp(-(v / nu_s)^2), plus alpha_3 v |v|.
+    r"""Dry friction about g(v) = F_c + (F_s - F_c) exp(-|v / nu_s|^a), plus alpha_3 v |v|.
 
     coulomb: level F_c of sliding friction.  stiction: level F_s of break-away (default: F_c).  stribeck_velocity: nu_s,
-    over which it falls from F_s to F_c.  quadratic: alpha_3, factor of v |v|.
+    over which it falls from F_s to F_c.  quadratic: alpha_3, factor of v |v|.  exponent: a of the Stribeck curve.
     dahl, lugre, maxwell_slip: presliding, by at most one of these laws; without one the torque is sgn(v) g(v) (Tustin's
     law), smoothed at standstill.
     load: how friction grows with the joint's load.  temperature: how friction changes with temperature.
+    directions: how it differs between positive and negative velocity.  measured: the ranges in which it was measured.
     """
 
     coulomb: JointTorque
     stiction: JointTorque | None = None
     stribeck_velocity: JointVelocity | None = None
     quadratic: Annotated[float, InUnit("N*m*s^2/rad^2", "N*s^2/m^2")] = 0.0
+    exponent: float = 2.0
     dahl: Dahl | None = None
     lugre: LuGre | None = None
     maxwell_slip: MaxwellSlip | None = None
     load: LoadDependence | None = None
     temperature: TemperatureDependence | None = None
+    directions: Directions | None = None
+    measured: MeasuredRange | None = None
 
     def __post_init__(self) -> None:
         """Refuse laws that contradict themselves."""
-        _positive("friction: coulomb (F_c)", self.coulomb)
-        _not_negative("friction: quadratic (alpha_3)", self.quadratic)
+        require_positive("friction: coulomb (F_c)", self.coulomb)
+        require_not_negative("friction: quadratic (alpha_3)", self.quadratic)
+        low, high = EXPONENT_RANGE
+        if not low <= self.exponent <= high:
+            raise ValueError(
+                f"friction: exponent (a) is {self.exponent:g}; a Stribeck curve has {low:g} to {high:g}, mostly 1 to 2"
+            )
+        if self.directions is not None and not abs(self.directions.coulomb) < self.coulomb:
+            raise ValueError(
+                f"friction: directions: coulomb is {self.directions.coulomb:g}, not below coulomb of {self.coulomb:g}: "
+                "friction would drive in one direction; it is half of the difference between the directions"
+            )
         if self.stribeck_velocity is not None:
-            _positive("friction: stribeck_velocity (nu_s)", self.stribeck_velocity)
+            require_positive("friction: stribeck_velocity (nu_s)", self.stribeck_velocity)
         if self.break_away < self.coulomb:
             unit = next((x.dimension for x in (self.coulomb, self.stiction) if isinstance(x, Measured)), "N*m")
             raise ValueError(
@@ -187,19 +189,28 @@ class Friction:
 
     @property
     def has_variable_stiction(self) -> bool:
-        """Whether load or temperature change F_s by other amounts than F_c."""
-        return (self.load is not None and self.load.of_stiction != self.load.coulomb) or (
+        """Whether load or temperature change F_s by other amounts than F_c, over nu_s."""
+        load = self.load if self.load is not None and self.load.stribeck_velocity is None else None
+        return (load is not None and load.of_stiction != load.coulomb) or (
             self.temperature is not None and self.temperature.stiction != 0
         )
 
     def check_passive(self, viscous: float, slides: bool = False) -> None:
-        """ValueError for a LuGre law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
+        """ValueError for a law that can supply energy.  viscous: f on the same side, Nms/rad (slides: Ns/m).
 
-        A constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
+        Viscous friction must be more than what it differs by between directions.
+
+        LuGre: a constant sigma_1 needs f >= sigma_1 (F_s - F_c) / F_c. It is enough, since |sigma_0 z| <= F_s leaves
         sigma_1 v z' >= -sigma_1 v^2 (F_s - F_c) / F_c, and sigma_0 z v >= (sigma_0 z^2 / 2)'; with less, a jump from
         slow sliding to a high v supplies more energy than the bristles hold. A falling sigma_1 needs
         v_d <= 4 sqrt(2 e) F_c / sigma_1: then sigma_0^2 |v| z^2 / g - sigma_0 sigma_1 |v| v z / g + sigma_1 v^2 >= 0.
         """
+        uneven = 0.0 if self.directions is None else abs(self.directions.viscous)
+        if uneven > viscous:
+            raise ValueError(
+                f"friction: directions: viscous is {uneven:.4g} and the viscous friction {viscous:.4g}: it would drive "
+                "in one direction; it is half of the difference between the directions"
+            )
         if self.lugre is None or self.lugre.damping == 0:
             return
         speed, damper = (of_translation(unit) if slides else unit for unit in ("rad/s", "N*m*s/rad"))
@@ -218,13 +229,3 @@ class Friction:
                 f"viscous >= damping (stiction - coulomb) / coulomb = {needed:.4g} {damper}, and viscous is "
                 f"{viscous:.4g}; give damping_velocity: {0.9 * fastest:.2g} (or less), lower damping, or raise viscous"
             )
-
-
-def _positive(name: str, value: float) -> None:
-    if not value > 0:
-        raise ValueError(f"{name} is {value:g}; it must be positive")
-
-
-def _not_negative(name: str, value: float) -> None:
-    if value < 0:
-        raise ValueError(f"{name} is {value:g}; it must not be negative")

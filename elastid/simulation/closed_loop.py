@@ -166,7 +166,7 @@ def simulate(
 ) -> Trajectory:
     """Run the loop from rest in q0 (n_q,) over the n samples of the commands.
 
-    curves (n, 5 n_f) or (5 n_f,): the friction's numbers, by default those without load at the reference temperature.
+    curves (n, 9 n_f) or (9 n_f,): the friction's numbers, by default those without load at the reference temperature.
     Raises DataError where a motor leaves its limits or is lost.
     """
     n, n_u = commands.position.shape

@@ -15,7 +15,7 @@ from elastid.model.elastic import ElasticModel
 
 @frozen_value(eq=False)
 class Contacts:
-    """Laws with their places: contact j slides at (P^T v)_j.  P (n_q, n_f).  curves (5 n_f,): see `law.CURVE`."""
+    """Laws with their places: contact j slides at (P^T v)_j.  P (n_q, n_f).  curves (9 n_f,): see `law.CURVE`."""
 
     laws: tuple[PlacedLaw, ...]
     P: FloatArray
@@ -27,7 +27,7 @@ class Contacts:
 
     @property
     def curves(self) -> FloatArray:
-        """The numbers (5 n_f,) without load, at the reference temperature."""
+        """The numbers (9 n_f,) without load, at the reference temperature."""
         return np.concatenate([np.zeros(0), *(one.curve() for one in self.laws)])
 
     def torque(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> ca.SX:
@@ -55,7 +55,9 @@ class Contacts:
     def _each(self, v: ca.SX, z: ca.SX, curves: ca.SX) -> list[tuple[Law, ca.SX, ca.SX, Curve]]:
         sliding = ca.DM(self.P).T @ v
         ends = np.cumsum([0, *self._sizes])
-        numbers = [Curve(*ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])) for j in range(len(self.laws))]
+        numbers = [
+            one.symbols(ca.vertsplit(curves[len(CURVE) * j : len(CURVE) * (j + 1)])) for j, one in enumerate(self.laws)
+        ]
         return [
             (one.law, sliding[j], z[int(ends[j]) : int(ends[j + 1])], numbers[j]) for j, one in enumerate(self.laws)
         ]

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
+import casadi as ca
 import numpy as np
 import pytest
 from plants.friction_laws import Numeric
 
 from elastid.friction.dynamic import Bristle, MaxwellElements, SwitchedMaxwellSlip
 from elastid.friction.law import Curve
-from elastid.friction.robot_friction import coulomb_levels, frictions
+from elastid.friction.robot_friction import PlacedLaw, coulomb_levels, frictions
 from elastid.friction.static import Tustin
 from elastid.robot import (
     Body,
+    Directions,
     Friction,
     Joint,
     LoadDependence,
     LuGre,
     MaxwellSlip,
+    MeasuredRange,
     Motor,
     Robot,
     Spring,
@@ -37,7 +41,7 @@ def test_friction_of_a_robot_is_seen_from_the_link() -> None:
     ))  # fmt: skip
     first, second, third, fourth = frictions(robot)
     assert [one.place for one in (first, second, third, fourth)] == ["motor 1", "motor 2", "joint 1", "joint 2"]
-    np.testing.assert_allclose(first.curve(), [25, 35, n / 2, 1e-4 * n**3, 0])
+    np.testing.assert_allclose(first.curve(), [25, 35, n / 2, 1e-4 * n**3, 0, 0, 0, 0, 0])
     assert first.law == Bristle(30 * n**2, 0.01 * n**2, n / 5)
     assert second.law == Tustin()
     assert third.law == SwitchedMaxwellSlip(MaxwellElements((1e4, 2e4), (0.4, 0.6), (0.0, 0.0), 100.0))
@@ -58,8 +62,94 @@ def test_load_and_temperature_change_the_curve() -> None:
     (one,) = frictions(robot)
     np.testing.assert_allclose(one.curve(-300.0)[:2], [50 + 3, 80 + 9])
     np.testing.assert_allclose(
-        one.curve(0, 45.0), [50, 80 + 0.2 * n, n / 4.0, 0, n**2 * 0.02 * (math.exp(-1) - 1)], rtol=1e-12
+        one.curve(0, 45.0)[:5], [50, 80 + 0.2 * n, n / 4.0, 0, n**2 * 0.02 * (math.exp(-1) - 1)], rtol=1e-12
     )
     np.testing.assert_allclose(one.curve(0, 25.0, level=1.2)[[0, 1, 4]], [60, 96, 0])
     with pytest.raises(ValueError, match=r"friction of motor 1 .* at -20 degC: stiction falls to 0.35 N"):
         one.curve(0, -20.0)
+
+
+def placed(spec: Friction, ratio: float = 1.0) -> PlacedLaw:
+    """The law of a motor of 10 Nms/rad."""
+    motor = Motor(1e-3, ratio, 10.0, friction=spec)
+    (one,) = frictions(Robot("r", (Body("a", joints=(Joint("1", "z", motor=motor),), inertia=1.0),)))
+    return one
+
+
+def sliding(one: PlacedLaw, v: float, load: float = 0.0, temperature: float | None = None) -> float:
+    """Torque of steady sliding at v rad/s of the link."""
+    curve = one.symbols(list(ca.vertsplit(ca.SX(one.curve(load, temperature)))))
+    return float(ca.DM(curve.level(v))) * np.sign(v) + float(ca.DM(curve.growing(v)))
+
+
+def test_the_published_law_of_a_large_robot_is_held_exactly() -> None:
+    """tau_f of a joint at speeds, loads and temperatures, in parts of 26 Nm on the motor's side.
+
+    Law and numbers: Bittencourt, Wernholt, Sander-Tavallaey and Brogardh, LiTH-ISY-R-2948 (IROS 2010), axis 2.
+    """
+    F_c, F_cl, F_sl, nu_l, D_s, D_sT, nu_0, nu_T, alpha_2, alpha_T, T_V, a = (
+        3.11e-2, 2.34e-2, 0.126, 9.22, -2.50e-2, 1.60e-3, -24.81, 0.98, 1.30e-4, 1.32e-3, 20.71, 1.36,
+    )  # fmt: skip
+    T_0 = 40.0
+    viscous = alpha_2 + alpha_T * math.exp(-T_0 / T_V)
+    spec = Friction(
+        F_c,
+        F_c + D_s + D_sT * T_0,
+        nu_0 + nu_T * T_0,
+        exponent=a,
+        load=LoadDependence(F_cl, F_cl + F_sl, nu_l),
+        temperature=TemperatureDependence(T_0, D_sT, nu_T, alpha_T * math.exp(-T_0 / T_V), T_V),
+    )
+    one = placed(spec)
+    for v in (-200.0, -3.0, 0.5, 12.0, 250.0):
+        for load in (0.0, 0.35, 1.0):
+            for T in (33.0, 52.0, 80.0):
+                s, e = np.sign(v), lambda nu: math.exp(-(abs(v / nu) ** a))  # noqa: B023
+                published = s * (
+                    F_c + F_cl * load + F_sl * load * e(nu_l) + (D_s + D_sT * T) * e(nu_0 + nu_T * T)
+                ) + (alpha_2 + alpha_T * math.exp(-T / T_V)) * v  # fmt: skip
+                assert sliding(one, v, load, T) + viscous * v == pytest.approx(published, rel=1e-10)
+
+
+@pytest.mark.parametrize("n", [1.0, 40.0, -40.0])
+def test_two_directions_have_levels_and_slopes_of_their_own(n: float) -> None:
+    """F_c + c and F_c - c, viscous d more and d less; a gear that reverses exchanges them for the link."""
+    one = placed(Friction(2.0, directions=Directions(0.3, 0.5)), n)
+    for v_motor in (7.0, -7.0):
+        s = np.sign(v_motor)
+        on_motor = (2.0 + 0.3 * s) * s + 0.5 * abs(v_motor)
+        np.testing.assert_allclose(sliding(one, v_motor / n), n * on_motor, rtol=1e-12)
+
+
+def test_bristles_slide_at_the_level_of_their_direction() -> None:
+    """A LuGre law pulled steadily either way ends at the level of that way."""
+    one = placed(Friction(2.0, directions=Directions(0.3), lugre=LuGre(1e3)))
+    curve = one.symbols(list(ca.vertsplit(ca.SX(one.curve()))))
+    for v, level in ((1.0, 2.3), (-1.0, -1.7)):
+        _, torque = Numeric(one.law, curve).follow(np.full(2000, v))
+        np.testing.assert_allclose(torque[-1], level, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "word"),
+    [
+        (lambda: Friction(1.0, exponent=0.1), r"exponent \(a\) is 0.1"),
+        (lambda: Friction(1.0, directions=Directions(1.0)), "not below coulomb of 1"),
+        (
+            lambda: placed(Friction(1.0, directions=Directions(viscous=11.0))),
+            "viscous is 11 and the viscous friction 10",
+        ),
+        (lambda: LoadDependence(0.1, 0.1, 2.0), "nothing falls over"),
+        (lambda: MeasuredRange(speed=(2.0, 1.0)), r"speed is \[2, 1\]"),
+    ],
+)
+def test_laws_that_cannot_be_are_refused(wrong: Callable[[], object], word: str) -> None:
+    with pytest.raises(ValueError, match=word):
+        wrong()
+
+
+def test_a_load_with_a_stribeck_velocity_of_its_own_needs_no_other() -> None:
+    """Of the load's excess alone there is a Stribeck curve."""
+    one = placed(Friction(1.0, load=LoadDependence(0.1, 0.3, 2.0)))
+    assert sliding(one, 1e-9, 5.0) == pytest.approx(1.0 + 1.5)
+    assert sliding(one, 2.0, 5.0) == pytest.approx(1.0 + 0.5 + 1.0 * math.exp(-1))

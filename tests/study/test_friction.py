@@ -23,7 +23,10 @@ FRICTION = """\
           stiction: 6 mN*m
           stribeck_velocity: 0.05
           quadratic: 1e-6 N*m*s^2/rad^2
-          load: {coulomb: 0.01}
+          exponent: 1.4
+          load: {coulomb: 0.01, stiction: 0.02, stribeck_velocity: 0.2}
+          directions: {coulomb: 0.1 mN*m, viscous: 1e-5}
+          measured: {speed: [0, 20], load: [0, 5 N*m], temperature: [20, 60 degC]}
           temperature: {reference: 25 degC, stiction: 1e-5 N*m/K, viscous: 1e-4, decay: 20 K}
           lugre: {stiffness: 20, damping: 1e-3, damping_velocity: 2}
 """

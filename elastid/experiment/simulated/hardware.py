@@ -87,12 +87,12 @@ def friction_of_a_run(
     contacts: Contacts, robot: Robot, point: OperatingPoint, warming: WarmingSpec | None, plan: Plan, run: Experiment,
     seed: int,
 ) -> FloatArray:  # fmt: skip
-    """Friction coefficients (n, 5 n_f) of every sample, or (5 n_f,) without drift, from load, temperature and level.
+    """Friction coefficients (n, 9 n_f) of every sample, or (9 n_f,) without drift, from load, temperature and level.
 
     The load on a joint is the torque that holds it in its configuration.  StudyError where load or temperature give
     coefficients that no friction law has.
     """
-    loads = [_load(robot, one.place, point) for one in contacts.laws]
+    loads = loads_of(contacts, robot, point)
     try:
         if warming is None:
             return _numbers([one.curve(load) for one, load in zip(contacts.laws, loads, strict=True)])
@@ -119,6 +119,11 @@ def friction_of_a_run(
 
 def _numbers(curves: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate([np.zeros(0), *curves])
+
+
+def loads_of(contacts: Contacts, robot: Robot, point: OperatingPoint) -> list[float]:
+    """The load in Nm, link side, on each contact at an operating point."""
+    return [_load(robot, one.place, point) for one in contacts.laws]
 
 
 def _load(robot: Robot, place: str, point: OperatingPoint) -> float:

@@ -12,13 +12,14 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.experiment.plan.movement import check_movement
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.closed_loop import feed_forward_of
-from elastid.experiment.simulated.hardware import Noise, draw_noise, filter_motions, friction_of_a_run
+from elastid.experiment.simulated.hardware import Noise, draw_noise, filter_motions, friction_of_a_run, loads_of
 from elastid.experiment.simulated.plant import Plant, check_steps, plant_of, true_robot
-from elastid.experiment.simulated.run_notes import clipped, exceeded, opened
+from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
 from elastid.experiment.simulated.sensors import logged_quantity, sense, sense_movement
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -113,10 +114,17 @@ class SimulatedRig:
                 *clipped(trajectory.u[measured], plant, experiment),
                 *exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
                 *opened(plant.model, trajectory),
+                *self._extrapolated(plant, point, trajectory),
             ),
             hold="zero-order",
             sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
+
+    def _extrapolated(self, plant: Plant, point: OperatingPoint, trajectory: Trajectory) -> tuple[Note, ...]:
+        sliding, warming = plant.loop.contacts, self.simulated.warming
+        temperatures = () if warming is None or warming.temperature is None else warming.temperature
+        loads = loads_of(sliding, plant.model.robot, point)
+        return extrapolated(sliding, trajectory.q, self.plan.rate_hz, loads, temperatures)
 
     def rehearse(self, experiment: Experiment, factor: float = 1.0) -> tuple[FloatArray, FloatArray]:
         """Motor angles and torques (n, n_u) of a whole run, ramps and holds included, the multisine times `factor`.

@@ -1,6 +1,8 @@
-"""Notes about a simulated run: torques that were clipped, limits that were exceeded, loops that opened."""
+"""Notes about a simulated run: torques clipped, limits exceeded, loops opened, friction extrapolated."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.robot import Robot
 from elastid.simulation.baumgarte import violation
 from elastid.simulation.closed_loop import Trajectory
+from elastid.simulation.friction_states import Contacts
 
 # m between the ends of a loop that a simulation may leave without a note.
 MAX_VIOLATION_M = 1e-6
@@ -58,6 +61,43 @@ def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
             "experiment.simulated.loops.project: true, or take more substeps",
         ),
     )
+
+
+def extrapolated(
+    contacts: Contacts, q: FloatArray, rate_hz: float, loads: Sequence[float], temperatures: Sequence[float]
+) -> tuple[Note, ...]:
+    """A note for every friction law that a run q (n, n_q) takes beyond the range in which its numbers were measured.
+
+    loads: of each law in Nm, link side.  temperatures: degC that the run has, none where it has no temperature.
+    """
+    fastest = np.abs(np.diff(q @ contacts.P, axis=0)).max(axis=0, initial=0.0) * rate_hz
+    notes = []
+    for one, speed, load in zip(contacts.laws, fastest.tolist(), loads, strict=True):
+        measured = one.spec.measured
+        if measured is None:
+            continue
+        torque, velocity = ("N", "m/s") if one.slides else ("N*m", "rad/s")
+        # A reversing motion passes every lower speed.
+        slowest = max(0.0, measured.speed[0]) if measured.speed is not None else 0.0
+        ranges = [
+            ("speed", slowest, max(slowest, speed * one.scale), velocity),
+            ("load", abs(load) / one.scale, abs(load) / one.scale, torque),
+        ]
+        if temperatures:
+            ranges.append(("temperature", min(temperatures), max(temperatures), "degC"))
+        for name, lowest, highest, unit in ranges:
+            if measured.beyond(name, lowest, highest):
+                ends = getattr(measured, name)
+                found = lowest if lowest < ends[0] else highest
+                notes.append(
+                    Note(
+                        "friction-extrapolated",
+                        f"its friction was measured at a {name} of {ends[0]:.4g} to {ends[1]:.4g} {unit}, and the run "
+                        f"goes to {found:.4g} {unit}: the law is extrapolated; stay inside, or measure there",
+                        one.place,
+                    )
+                )
+    return tuple(notes)
 
 
 def exceeded(robot: Robot, trajectory: Trajectory, B: FloatArray, rate_hz: float) -> tuple[Note, ...]:

@@ -1,0 +1,88 @@
+"""The laws of friction before it slides: bristles that bend, numbers on the side of their place."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from elastid.base.section import section
+from elastid.base.units import Damping, InUnit, JointVelocity, Stiffness
+
+
+@section
+class Dahl:
+    """Bristles that break at the Coulomb level; no Stribeck effect.
+
+    stiffness: sigma_0 of the bristles.
+    """
+
+    stiffness: Stiffness
+
+    def __post_init__(self) -> None:
+        """Refuse bristles that push."""
+        require_positive("dahl: stiffness (sigma_0)", self.stiffness)
+
+
+@section
+class LuGre:
+    """Bristles under a Stribeck curve.
+
+    stiffness: sigma_0 of the bristles.  damping: sigma_1 of the bristles.  damping_velocity: v_d, with which their
+    damping falls, sigma_1 exp(-(v / v_d)^2); default: constant.
+    """
+
+    stiffness: Stiffness
+    damping: Damping = 0.0
+    damping_velocity: JointVelocity | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse bristles that push."""
+        require_positive("lugre: stiffness (sigma_0)", self.stiffness)
+        require_not_negative("lugre: damping (sigma_1)", self.damping)
+        if self.damping_velocity is not None:
+            require_positive("lugre: damping_velocity (v_d)", self.damping_velocity)
+
+
+@section
+class MaxwellSlip:
+    """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve.
+
+    stiffness: sigma_0 of every element.  shares: nu of every element, 1 in sum.  attraction: C, how fast the torque of
+    a slipping element goes to its level.  damping: sigma_1 of every element (default: none).
+    switching: `smooth` between sticking and slipping without a memory of its own, or by `events`.
+    """
+
+    stiffness: tuple[Stiffness, ...]
+    shares: tuple[float, ...]
+    attraction: Annotated[float, InUnit("N*m/s", "N/s")]
+    damping: tuple[Damping, ...] = ()
+    switching: Literal["smooth", "events"] = "smooth"
+
+    def __post_init__(self) -> None:
+        """As many numbers as elements, shares that sum to one."""
+        if not self.stiffness or len(self.stiffness) != len(self.shares):
+            raise ValueError(
+                f"maxwell_slip: {len(self.stiffness)} numbers of stiffness and {len(self.shares)} shares; give one of "
+                "each for every element"
+            )
+        if self.damping and len(self.damping) != len(self.stiffness):
+            raise ValueError(f"maxwell_slip: {len(self.damping)} dampings for {len(self.stiffness)} elements")
+        for name, values in (("stiffness (sigma_0)", self.stiffness), ("shares (nu)", self.shares)):
+            for value in values:
+                require_positive(f"maxwell_slip: {name}", value)
+        for value in self.damping:
+            require_not_negative("maxwell_slip: damping (sigma_1)", value)
+        require_positive("maxwell_slip: attraction (C)", self.attraction)
+        if abs(sum(self.shares) - 1) > 1e-6:
+            raise ValueError(f"maxwell_slip: the shares sum to {sum(self.shares):.6g}; they must sum to 1")
+
+
+def require_positive(name: str, value: float) -> None:
+    """ValueError for a number that is not above zero."""
+    if not value > 0:
+        raise ValueError(f"{name} is {value:g}; it must be positive")
+
+
+def require_not_negative(name: str, value: float) -> None:
+    """ValueError for a negative number."""
+    if value < 0:
+        raise ValueError(f"{name} is {value:g}; it must not be negative")
