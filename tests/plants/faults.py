@@ -1,4 +1,4 @@
-"""Faults of robot files, logs and models whose true robot is known: responses of an arm that its file describes wrongly.
+"""Faults of robot files and logs whose true robot is known: responses of an arm that its file describes wrongly.
 
 A `Case` is the true robot, its exact responses as they were read, and the robot of the study. A fault takes a case and
 returns a wrong one; `drawn` adds noise last, of a known covariance, and `FAULTS` lists them by name.
