@@ -29,6 +29,7 @@ from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
+from elastid.frf.measured_response import measured_response
 from elastid.frf.methods import METHODS, Estimate
 from elastid.frf.negligible_transient import TotalError
 from elastid.frf.period_selection import TRANSIENT_LEFT_OUT
@@ -100,19 +101,9 @@ def _from_periods(
     found = _estimate(method, data, first)
     freq_hz = line_frequencies(lines[usable], first.rate_hz, first.period_samples)
     quality = measured_quality(freq_hz, data, found.G)
-    response = FrequencyResponse(
-        freq_hz=freq_hz,
-        G=found.G,
-        inputs=first.inputs,
-        outputs=first.outputs,
-        quantity=spec.quantity,
-        configuration=first.configuration,
-        rate_is_known=first.rate_is_known,
-        sliding=first.sliding,
-        input_units=first.input_units,
-    )
+    response = measured_response(first, spec.quantity, freq_hz, found.G, quality=quality)
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
-    response, of_form = _with_covariances(replace(response, quality=quality), data, found, levels, lines[usable])
+    response, of_form = _with_covariances(response, data, found, levels, lines[usable])
     notes += [*found.notes, *of_form, *input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
 

@@ -28,6 +28,7 @@ from elastid.frf.checks.quality import coherences
 from elastid.frf.covariance import kronecker
 from elastid.frf.local.bandwidth import local_modes
 from elastid.frf.matrices import adjoint, power, transposed
+from elastid.frf.measured_response import measured_response
 from elastid.frf.segments import CrossSpectra, Segments, cross_spectra, make_segments
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
@@ -70,20 +71,8 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
         notes.append(Note("lines-left-out", text))
     notes += [_segment_note(spec, segments, data, first), *_notes(freq_hz, G, covariance, quality, first)]
-    return FrequencyResponse(
-        freq_hz=freq_hz,
-        G=G,
-        inputs=first.inputs,
-        outputs=first.outputs,
-        quantity=spec.quantity,
-        configuration=first.configuration,
-        noise=covariance,
-        total=covariance,
-        rate_is_known=first.rate_is_known,
-        sliding=first.sliding,
-        input_units=first.input_units,
-        quality=quality,
-        notes=tuple(notes),
+    return measured_response(
+        first, spec.quantity, freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
     )
 
 

@@ -21,7 +21,7 @@ from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
 from elastid.frf.local import regression
 from elastid.frf.local.bandwidth import local_modes, wide_windows
-from elastid.frf.local.regression import local_fit
+from elastid.frf.local.regression import fit_ladder
 from elastid.frf.local.response import local_response
 from elastid.frf.local.transient import settled_spectra
 from elastid.frf.local.windows import WindowTerms, windows
@@ -215,7 +215,7 @@ def test_the_residual_of_local_fits_is_chi_square_with_its_degrees_of_freedom() 
     n_w = terms.width(6, E, n_z)
     # Windows that share no bin.
     lines = np.arange(n_w, bins - n_w, n_w + 1)
-    fit = local_fit(Z, R, windows(np.arange(bins), lines, n_w), [terms])
+    fit = fit_ladder(Z, R, windows(np.arange(bins), lines, n_w), [terms]).chosen
     statistic = np.einsum("fzz->fz", fit.scatter).real
     assert fit.dof == terms.degrees_of_freedom(n_w, E, n_z) == E * (n_w - 3) - 6
     assert statistic.mean() / fit.dof == pytest.approx(2, rel=0.02)
@@ -230,7 +230,7 @@ def test_poles_that_fit_mere_noise_are_not_taken() -> None:
     R = np.zeros((1, bins, 0), dtype=np.complex128)
     ladder = [WindowTerms(0, 2, poles, transient=True) for poles in (0, 2)]
     where = windows(np.arange(bins), np.arange(20, bins - 20, 4), ladder[1].width(6, 1, 1))
-    greedy, careful = (local_fit(Z, R, where, steps) for steps in (ladder[1:], ladder))
+    greedy, careful = (fit_ladder(Z, R, where, steps).chosen for steps in (ladder[1:], ladder))
     assert np.mean(greedy.scatter.real) / greedy.dof < 2 * 0.9
     assert np.mean(careful.scatter.real) / careful.dof == pytest.approx(2, rel=0.02)
 

@@ -6,6 +6,7 @@ regression      the simplest of several models that is sufficient, at every line
 transient       a record's spectra without its transient, and their noise, from the bins that are not excited
 bandwidth       whether a window is narrower than the modes in it
 repeats         repeats of one excitation as one experiment
-model_error     the error of the polynomial model, from the rational one
+fitted_response G and its covariances from the fits at its lines
+model_error     the error of a model, from richer ones
 response        records to FrequencyResponse, in open and closed loop
 """

@@ -1,16 +1,18 @@
-r"""The error of the polynomial model where transient and response share its windows, from the rational model.
+r"""The error of the local model where transient and response share its windows, from models with more poles.
 
-A polynomial in a window wider than a resonance passes part of G off as transient, and its residual does not show it.
-The rational model, of about the same data, differs from it by noise alone where both are right.  With g the mean over
-neighbouring lines of
+A model that is too simple for a window passes part of G off as transient, and its residual does not show it: a
+polynomial in a window wider than a resonance, a rational function with too few poles beside one.  A richer model of
+about the same data differs from it by noise alone where both are right.  With g the mean over neighbouring lines of
 
-.. math:: \frac{|G_{polynomial} - G_{rational}|^2}{\sigma^2_{polynomial} + \sigma^2_{rational}}
+.. math:: \frac{|G - G_{richer}|^2}{\sigma^2 + \sigma^2_{richer}}
 
-the squared error (g - 1)(sum of the variances) is added to the polynomial's variance where g is clearly above 1.
+the squared error (g - 1)(sum of the variances) is added to the variance of G where g is clearly above 1; of several
+richer models that with the largest error counts.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,16 +25,21 @@ _LINES = 11
 _MIN_RATIO = 1.5
 
 
-def with_model_error(covariance: Covariance, difference: ComplexArray, other: FloatArray) -> Covariance:
-    """The covariance of G with its model error, from its difference (F, n_y, n_u) to a better model of variance other.
+def with_model_error(
+    covariance: Covariance, differences: Sequence[ComplexArray], variances: Sequence[FloatArray]
+) -> Covariance:
+    """The covariance of G with its model error, from its differences (F, n_y, n_u) to richer models of these variances.
 
-    Outputs are widened as a whole, by the mean over their inputs, so that their correlations stay.
+    A difference of 0 says nothing.  Outputs are widened as a whole, by the mean over their inputs, so that their
+    correlations stay.
     """
-    both = covariance.variance + other
-    ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
-    g = _local_mean(ratio)
-    error = np.where(g > _MIN_RATIO, (g - 1) * both, 0.0)
-    relative = np.divide(error, covariance.variance, out=np.zeros(both.shape), where=covariance.variance > 0)
+    error = np.zeros(covariance.variance.shape)
+    for difference, variance in zip(differences, variances, strict=True):
+        both = covariance.variance + variance
+        ratio = np.divide(np.abs(difference) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+        g = _local_mean(ratio)
+        error = np.maximum(error, np.where(g > _MIN_RATIO, (g - 1) * both, 0.0))
+    relative = np.divide(error, covariance.variance, out=np.zeros(error.shape), where=covariance.variance > 0)
     factor = np.sqrt(1 + relative.mean(axis=2))
     right = None if covariance.right is None else factor[:, :, None] * covariance.right * factor[:, None, :]
     return replace(covariance, variance=covariance.variance * factor[:, :, None] ** 2, right=right)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.frf.local.least_squares import LocalFit, fit_block
 from elastid.frf.local.windows import Windows, WindowTerms
 
@@ -19,21 +19,30 @@ _MIN_LOG_GAIN = 9.0
 _ARRAYS = tuple(field.name for field in fields(LocalFit) if field.name != "dof")
 
 
-def local_fit(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[WindowTerms]) -> LocalFit:
+@dataclass(frozen=True)
+class LadderFit:
+    """The fit of the model that each line takes, those of all models at all lines, and taken (F,): which it is."""
+
+    chosen: LocalFit
+    models: tuple[LocalFit, ...]
+    taken: IntArray
+
+
+def fit_ladder(Z: ComplexArray, R: ComplexArray, where: Windows, ladder: Sequence[WindowTerms]) -> LadderFit:
     """The local model at every line, from Z (E, B, n_z) and the input R (E, B, n_u) at the available bins.
 
     ladder: models of rising complexity, of which each line takes the first; a further one only where it leaves clearly
     less in some output.  Poles found in mere noise would make the residual too small, and needless orders make the
-    estimate worse, most at the ends of the band.  dof is that of the last.
+    estimate worse, most at the ends of the band.  dof of the chosen fit is that of the last.
     """
-    fits = [_in_blocks(Z, R, where, terms) for terms in ladder]
+    fits = tuple(_in_blocks(Z, R, where, terms) for terms in ladder)
     chosen, (dof, poles) = fits[0], (fits[-1].dof, ladder[-1].poles)
-    power = _power(chosen)
-    for fit in fits[1:]:
+    power, taken = _power(chosen), np.zeros(len(where.index), dtype=np.int64)
+    for i, fit in enumerate(fits[1:], 1):
         clear = np.max(fit.dof * np.log(power / _power(fit)), axis=1) > _MIN_LOG_GAIN
-        power = np.where(clear[:, None], _power(fit), power)
+        power, taken = np.where(clear[:, None], _power(fit), power), np.where(clear, i, taken)
         chosen = _chosen(clear, _grown(fit, poles, dof), _grown(chosen, poles, dof))
-    return chosen
+    return LadderFit(chosen, fits, taken)
 
 
 def _power(fit: LocalFit) -> FloatArray:

@@ -22,16 +22,17 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.covariance import kronecker
 from elastid.frf.lines import analysed_lines, described_lines
 from elastid.frf.local.bandwidth import local_modes, wide_windows
+from elastid.frf.local.fitted_response import fitted_response, separates_inputs
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.local.model_error import with_model_error
-from elastid.frf.local.regression import local_fit
+from elastid.frf.local.regression import LadderFit, fit_ladder
 from elastid.frf.local.repeats import independent_excitations, merge_repeats
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
 from elastid.frf.local.windows import Windows, WindowTerms, windows
-from elastid.frf.matrices import adjoint, power
+from elastid.frf.matrices import power
+from elastid.frf.measured_response import measured_response
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
@@ -39,8 +40,8 @@ from elastid.response import Covariance, FrequencyResponse
 
 # Degrees of freedom of a useful variance, at least: its standard deviation is then 40 %.
 _MIN_DOF = 6
-# Condition of the regressors of a line, at most.
-_MAX_CONDITION = 1e9
+# A richer model shows no error of G if its variance is larger than that of G by more than this factor.
+_MAX_VARIANCE_RATIO = 400.0
 # An excited input is so far above its noise (power, 10 dB) at this part of the lines at least.
 _MIN_INPUT_SNR = 10.0
 _MIN_EXCITED_SHARE = 0.05
@@ -68,12 +69,14 @@ def local_response(
     ladder = _ladder(spec, len(first.inputs), transient=not all(each.settled for each in spectra))
     Z, R = _signals(spectra, closed)
     where = _windows(all_lines, ladder[-1], spec, first, (Z, R))
-    fit = local_fit(Z, R, where, ladder)
+    found = fit_ladder(Z, R, where, ladder)
+    fit = found.chosen
     usable = _usable_lines(fit, closed, spec, first)
     lines = all_lines[_every(_step(spec, first))]
-    G, noise, total = _responses(fit, spectra, closed, usable)
-    if ladder[-1].transient and spec.method == "local_polynomial":
-        total = _with_model_error(G, total, spectra, (Z, R), all_lines, usable, spec, first)
+    G, noise, total = fitted_response(fit, spectra, closed, usable)
+    if ladder[-1].transient:
+        richer = _richer_models(found, all_lines, (Z, R), spec, first)
+        total = _with_model_error(G, total, richer, spectra, closed, usable)
     freq_hz, span_hz = (line_frequencies(x[usable], first.rate_hz, first.period_samples) for x in (lines, where.span))
     notes = [note for record in records for note in record.notes]
     if not usable.all():
@@ -87,44 +90,53 @@ def local_response(
         notes.append(Note("repeats-averaged", text, severity="information"))
     notes.append(_method_note(spec, ladder[-1], where, span_hz, fit, first))
     notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
-    return FrequencyResponse(
-        freq_hz=freq_hz,
-        G=G,
-        inputs=first.inputs,
-        outputs=first.outputs,
-        quantity=spec.quantity,
-        configuration=first.configuration,
-        noise=noise,
-        total=total,
-        rate_is_known=first.rate_is_known,
-        sliding=first.sliding,
-        input_units=first.input_units,
-        notes=tuple(notes),
-    )
+    return measured_response(first, spec.quantity, freq_hz, G, noise=noise, total=total, notes=tuple(notes))
 
 
-def _with_model_error(
-    G: ComplexArray,
-    total: Covariance,
-    spectra: Sequence[SettledSpectra],
-    signals: tuple[ComplexArray, ComplexArray],
+def _richer_models(
+    found: LadderFit,
     lines: IntArray,
-    usable: BoolArray,
+    signals: tuple[ComplexArray, ComplexArray],
     spec: EstimatorSpec,
     first: Record,
-) -> Covariance:
-    """The total covariance with the error of the polynomial model; as it is where lines are too few for a rational."""
+) -> list[tuple[LocalFit, BoolArray]]:
+    """Fits with more poles than those taken, each with the lines (F,) where it has more.
+
+    For a polynomial that is the rational fit as `auto` would take it; none where lines are too few for its windows.
+    """
+    if spec.method == "local_rational":
+        return [(model, found.taken < i) for i, model in enumerate(found.models) if i]
     rational = replace(spec, method="local_rational", local_order="auto")
     ladder = _ladder(rational, len(first.inputs), transient=True)
     try:
         where = _windows(lines, ladder[-1], rational, first, signals)
     except DataError:
-        return total
-    fit = local_fit(*signals, where, ladder)
-    if not np.all(fit.condition[usable] < _MAX_CONDITION):
-        return total
-    other, _, variance = _responses(fit, spectra, bool(signals[0].shape[2] > G.shape[1]), usable)
-    return with_model_error(total, G - other, variance.variance)
+        return []
+    return [(fit_ladder(*signals, where, ladder).chosen, np.ones(len(where.index), dtype=np.bool_))]
+
+
+def _with_model_error(
+    G: ComplexArray,
+    total: Covariance,
+    richer: Sequence[tuple[LocalFit, BoolArray]],
+    spectra: Sequence[SettledSpectra],
+    closed: bool,
+    usable: BoolArray,
+) -> Covariance:
+    """The total covariance of G at the usable lines with the error of its model, as richer ones show it."""
+    differences, variances = [], []
+    for fit, has_more in richer:
+        compared = usable & has_more & separates_inputs(fit, closed, G.shape[1])
+        if not compared.any():
+            continue
+        other, _, covariance = fitted_response(fit, spectra, closed, compared)
+        difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
+        difference[compared[usable]] = G[compared[usable]] - other
+        variance[compared[usable]] = covariance.variance
+        tells = variance <= _MAX_VARIANCE_RATIO * total.variance
+        differences.append(np.where(tells, difference, 0.0))
+        variances.append(np.where(tells, variance, 0.0))
+    return with_model_error(total, differences, variances)
 
 
 def _windows(
@@ -161,9 +173,7 @@ def _every(step: int) -> slice:
 
 def _usable_lines(fit: LocalFit, closed: bool, spec: EstimatorSpec, first: Record) -> BoolArray:
     """Flags (F,) of the lines with separate inputs; DataError where there is none."""
-    usable = fit.condition < _MAX_CONDITION
-    if closed:
-        usable &= _condition(fit.B[:, len(first.outputs) :]) < _MAX_CONDITION
+    usable = separates_inputs(fit, closed, len(first.outputs))
     if not usable.any():
         raise DataError(
             f"configuration {first.configuration.name}: {spec.method} cannot separate the {len(first.inputs)} inputs "
@@ -208,12 +218,6 @@ def _refuse_dead_inputs(first: Record, spectra: Sequence[SettledSpectra]) -> Non
         )
 
 
-def _condition(B: ComplexArray) -> FloatArray:
-    """Condition (F,) of B (F, n, n), each row relative to its RMS over all lines."""
-    rms = np.sqrt(np.mean(np.abs(B) ** 2, axis=(0, 2)))
-    return np.asarray(np.linalg.cond(B / np.where(rms > 0, rms, 1.0)[:, None]))
-
-
 def _ladder(spec: EstimatorSpec, n_u: int, transient: bool) -> list[WindowTerms]:
     """The models for a line: one polynomial; or polynomial and rational of one order less, and rational."""
     d = spec.local_order
@@ -232,49 +236,3 @@ def _signals(spectra: Sequence[SettledSpectra], closed: bool) -> tuple[ComplexAr
         Z.append(weight * (np.concatenate([each.Y, each.U], axis=1) if each.R is not None and closed else each.Y))
         R.append(weight * (each.R if each.R is not None and closed else each.U))
     return np.stack(Z), np.stack(R)
-
-
-def _responses(
-    fit: LocalFit, spectra: Sequence[SettledSpectra], closed: bool, usable: BoolArray
-) -> tuple[ComplexArray, Covariance | None, Covariance]:
-    """G at the usable lines, its covariance by noise, and the total one from the residual."""
-    n_y = spectra[0].Y.shape[1]
-    B = fit.B[usable]
-    F, _, n_u = B.shape
-    inverse = np.linalg.inv(B[:, n_y:]) if closed else np.broadcast_to(np.eye(n_u), (F, n_u, n_u))
-    G = B[:, :n_y] @ inverse
-    N = np.concatenate([np.broadcast_to(np.eye(n_y), (F, n_y, n_y)), -G], axis=2)
-    left = np.swapaxes(inverse, 1, 2) @ fit.left[usable] @ inverse.conj()
-    of_fit = N if closed else N[:, :, :n_y]
-    M = of_fit[:, None] @ fit.M[usable] @ inverse[:, None]
-    poles = (M, fit.A_cov[usable])
-    C_total = of_fit @ (fit.scatter[usable] / fit.dof) @ adjoint(of_fit)
-    total = _covariance(left, C_total, fit.dof, poles)
-    if not all(each.settled for each in spectra):
-        return G, None, total
-    dof = sum(each.dof for each in spectra)
-    C_Z = np.sum([each.noise[usable] * (each.dof * each.n_periods / dof) for each in spectra], axis=0)
-    C_noise = N @ C_Z @ adjoint(N)
-    # The part of cov(A) that noise explains, by its share in the total.
-    share = np.einsum("fyy->f", C_noise).real / np.maximum(np.einsum("fyy->f", C_total).real, 1e-300)
-    return G, _covariance(left, C_noise, dof, (M, fit.A_cov[usable] * share[:, None, None])), total
-
-
-def _covariance(
-    left: ComplexArray, right: ComplexArray, dof: float, poles: tuple[ComplexArray, ComplexArray]
-) -> Covariance:
-    r"""left (x) right plus the share of the uncertain poles, in Kronecker form: it is added to right.
-
-    .. math:: right + \frac{1}{n_u} \sum_{pq} A_{pq} M_p\, left^{-T} M_q^H
-
-    Exact for one input; for more the trace after whitening by left is kept.  The diagonal alone where there are fewer
-    degrees of freedom than outputs.
-    """
-    M, A_cov = poles
-    n_u = left.shape[1]
-    if M.shape[1]:
-        weighted = np.swapaxes(M, 1, 2).reshape(len(M), M.shape[2], -1)
-        middle = np.einsum("fpq,fuv->fpuqv", A_cov, np.swapaxes(np.linalg.inv(left), 1, 2))
-        d = A_cov.shape[1]
-        right = right + weighted @ middle.reshape(len(M), d * n_u, d * n_u) @ adjoint(weighted) / n_u
-    return kronecker(left, right, dof)

@@ -20,7 +20,7 @@ from scipy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.frf.local.least_squares import LocalFit
-from elastid.frf.local.regression import local_fit
+from elastid.frf.local.regression import fit_ladder
 from elastid.frf.local.windows import WindowTerms, windows
 from elastid.record import MOTION_ORDER, Motion, Record
 
@@ -99,4 +99,4 @@ def _transient(Z: ComplexArray, rest: IntArray, bins: IntArray, n_y: int) -> Loc
     """T at bins (F,) from Z (B, n_z) at the unexcited bins (B,)."""
     ladder = [WindowTerms(n_u=0, order=_ORDER, poles=poles, transient=True) for poles in (0, _POLES)]
     where = windows(rest, bins, ladder[-1].width(n_y + _DOF_MARGIN, 1, Z.shape[1]))
-    return local_fit(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder)
+    return fit_ladder(Z[None], np.zeros((1, len(rest), 0), dtype=np.complex128), where, ladder).chosen
