@@ -25,6 +25,8 @@ Method: TypeAlias = Literal[
 
 Window: TypeAlias = Literal["hann", "hamming", "blackman", "blackmanharris", "flattop", "boxcar"]
 
+Friction: TypeAlias = Literal["none", "coulomb", "curve", "auto"]
+
 _MEANS = ("arithmetic", "harmonic", "logarithmic")
 # Segments that overlap more cost time and tell nothing new.
 _MAX_OVERLAP = 0.95
@@ -44,8 +46,11 @@ class EstimatorSpec:
     or `full` or `odd`.  band_hz: within which lines are analysed; default: all.
     transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; none
     with a local method.  outlier_sigma: a period further from the median than so many robust standard deviations is
-    left out with a note, but for local methods.  local_order: degree of the local polynomials; `auto` is 2, rational
-    up to 3.  local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6.
+    left out with a note, but for local methods.  friction: of the motors, which the records themselves show, is taken
+    out of the torque before the responses are estimated: Coulomb's level alone (`coulomb`), with bristles that bend
+    before they slide (`curve`), or this only where it makes realisations agree better (`auto`).
+    local_order: degree of the local polynomials; `auto` is 2, rational up to 3.  local_margin: a window has the lines
+    that leave n_y + local_margin degrees of freedom, at least 6.
 
     Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`; their lines are
     `full`.
@@ -61,6 +66,7 @@ class EstimatorSpec:
     band_hz: tuple[Frequency, Frequency] | None = None
     transient_periods: int | Literal["auto"] = "auto"
     outlier_sigma: float = 6.0
+    friction: Friction = "none"
     local_order: int | Literal["auto"] = "auto"
     local_margin: int = 2
     window: Window = "hann"

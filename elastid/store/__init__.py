@@ -3,6 +3,7 @@
 - files:      whole or absent: written under another name, synced and renamed
 - design:     plan.h5, with references, rehearsal and forecast, and CSV files for a robot controller
 - measured:   records.h5 and frf.h5
+- friction:   what of frf.h5 is friction that was taken out
 - results:    fit.h5 and validation.h5
 - comparison: compare.json
 - description: the content of any of them as text
@@ -22,6 +23,7 @@ from elastid.store.design import (
     write_torque,
 )
 from elastid.store.files import Stamp, kind_of, read_stamp, remove_leftovers, replacing, text_file
+from elastid.store.friction import read_friction
 from elastid.store.measured import (
     read_configurations,
     read_records,
@@ -40,6 +42,7 @@ __all__ = [
     "read_configurations",
     "read_fit",
     "read_forecast",
+    "read_friction",
     "read_peaks",
     "read_plan",
     "read_records",

@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, empty_in_file, mapped, release
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.record import Configuration, Record
 from elastid.response import LINE_ARRAYS, Covariance, FrequencyResponse, Levels, Quality
 from elastid.store.files import (
@@ -29,6 +30,7 @@ from elastid.store.files import (
     write_notes,
     write_sliding,
 )
+from elastid.store.friction import write_friction
 
 _RECORD_ATTRIBUTES = (
     *("realisation", "experiment", "rate_hz", "period_samples"),
@@ -135,9 +137,16 @@ def _read_record(group: Any, name: str) -> Record:
     )
 
 
-def write_responses(path: Path, responses: Sequence[FrequencyResponse], stamp: Stamp = NO_STAMP) -> None:
-    """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances."""
+def write_responses(
+    path: Path,
+    responses: Sequence[FrequencyResponse],
+    stamp: Stamp = NO_STAMP,
+    friction: FrictionTakenOut | None = None,
+) -> None:
+    """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances, and friction."""
     with created(path, "frf", stamp) as file:
+        if friction is not None:
+            write_friction(file, friction)
         scale(file, "configuration", [r.configuration.name for r in responses], "configuration, in the order measured")
         for response in responses:
             _write_response(file.create_group(key(response.configuration.name)), response)

@@ -8,10 +8,14 @@ from hypothesis import given
 from hypothesis.extra.numpy import arrays
 from plants.artefacts import NAME, NOTE, NUMBER, QUICK, REPAIRS, STAMP, complex_numbers, finite, names, positive, same
 
+from elastid.base.note import Note
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.shapes import Shape
 from elastid.record import Configuration, Record
 from elastid.response import Covariance, FrequencyResponse, Levels, Quality
 from elastid.store import (
     read_configurations,
+    read_friction,
     read_records,
     read_responses,
     write_records,
@@ -173,3 +177,25 @@ def test_a_record_of_an_earlier_version_has_a_period(tmp_path) -> None:
     with h5py.File(tmp_path / "records.h5", "a") as file:
         del file["a"].attrs["is_periodic"]
     assert next(read_records(tmp_path / "records.h5")).is_periodic
+
+
+@pytest.mark.parametrize("shapes", [(), (Shape("motor 1", "sign"), Shape("motor 2", "stop", 0.01))])
+def test_the_friction_taken_out_comes_back_to_the_last_bit(tmp_path, shapes) -> None:
+    """Beside the responses, also where nothing was taken out; a file of a study without it has none."""
+    n = len(shapes)
+    friction = FrictionTakenOut(
+        ("motor 1", "motor 2"),
+        ("N*m", "N"),
+        shapes,
+        np.arange(n) + 0.1,
+        0.3 * np.eye(n),
+        ("a", "b", "c"),
+        np.full((3, 2), 0.4),
+        np.full((3, 2), 0.1),
+        np.array([0.02, 1.0]),
+        (Note("friction-left", "no friction", "motor 2", "information"),),
+    )
+    write_responses(tmp_path / "frf.h5", (), STAMP, friction)
+    assert same(read_friction(tmp_path / "frf.h5"), friction)
+    write_responses(tmp_path / "frf.h5", ())
+    assert read_friction(tmp_path / "frf.h5") is None

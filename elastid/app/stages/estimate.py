@@ -14,6 +14,9 @@ from elastid.app.run import Run
 from elastid.base.arrays import IntArray
 from elastid.base.note import Note
 from elastid.frf.estimate import estimate as estimate_response
+from elastid.frf.friction.find import find_friction
+from elastid.frf.friction.net_torque import net_record
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -25,17 +28,20 @@ def estimate(run: Run) -> None:
     """frf.h5 from records.h5, one configuration in memory at a time."""
     path = run.path("measure")
     lines = read_plan(run.path("design")).lines if "design" in run.stages else None
+    friction = find_friction_of_run(path, run.study.estimator, lines)
+    if friction is not None:
+        run.console.notes(friction.notes)
     responses: list[FrequencyResponse] = []
     said: set[Note] = set()  # when the records were measured
     names = read_configurations(path)
     with run.console.progress("estimate") as progress:
         for done, name in enumerate(names):
             progress(done, len(names))
-            response, notes = estimate_configuration(path, name, run.study.estimator, lines)
+            response, notes = estimate_configuration(path, name, run.study.estimator, lines, friction)
             responses.append(response)
             said |= notes
     run.console.notes(note for response in responses for note in response.notes if note not in said)
-    _write(run, responses)
+    _write(run, responses, friction)
 
 
 def import_responses(run: Run) -> None:
@@ -52,16 +58,33 @@ def response_hashes(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]
 
 
 def estimate_configuration(
-    path: Path, configuration: str, spec: EstimatorSpec, lines: IntArray | None
+    path: Path,
+    configuration: str,
+    spec: EstimatorSpec,
+    lines: IntArray | None,
+    friction: FrictionTakenOut | None = None,
 ) -> tuple[FrequencyResponse, set[Note]]:
-    """Response of one configuration and the notes of its records, which are gone before the next are read."""
+    """Response of one configuration and the notes of its records, which are gone before the next are read.
+
+    friction: what is taken out of the records' torque before.
+    """
     records = tuple(read_records(path, configuration))
+    if friction is not None:
+        records = tuple(net_record(record, friction) for record in records)
     response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
     return response, {note for record in records for note in record.notes}
 
 
-def _write(run: Run, responses: Sequence[FrequencyResponse]) -> None:
-    write_responses(run.path("estimate"), responses, run.stamps["estimate"])
+def find_friction_of_run(path: Path, spec: EstimatorSpec, lines: IntArray | None) -> FrictionTakenOut | None:
+    """Friction in records.h5, one configuration in memory at a time; None where the study asks for none."""
+    if spec.friction == "none":
+        return None
+    names = read_configurations(path)
+    return find_friction((tuple(read_records(path, name)) for name in names), spec, lines)
+
+
+def _write(run: Run, responses: Sequence[FrequencyResponse], friction: FrictionTakenOut | None = None) -> None:
+    write_responses(run.path("estimate"), responses, run.stamps["estimate"], friction)
     counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
     run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
 

@@ -1,0 +1,14 @@
+r"""Friction at the motors, found in the records of a frequency response and taken out of their torque.
+
+.. math:: u_{net} = u - \sum_i f_i \phi_i(q, \dot q), \qquad Y = G\, U_{net}
+
+q: measured angle of the motor.  Between independent realisations G must be the same; the levels f_i are those for which
+it is.
+
+- shapes:       phi_i, and their spectra
+- spectra:      torques, motions and shapes of all experiments of a configuration
+- levels:       f_i by regression, with covariance
+- selection:    which of the shapes, by cross-validation over realisations
+- net_torque:   record -> record whose u is the net torque
+- result:       what was found and taken out
+"""

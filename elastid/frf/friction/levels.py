@@ -1,0 +1,103 @@
+r"""Levels of friction by regression: the f for which G is the same in all realisations.
+
+For each line, with the net torques U_n = U - Phi f and the projector Q that takes their span out of the K experiments,
+
+.. math:: e = (U - G^{-1} Y)\, Q = \Phi Q\, f + noise, \qquad G = Y U_n^H (U_n U_n^H)^{-1}
+
+G is eliminated by variable projection; since it depends on f, the regression is repeated. At lines that were not
+excited, torque is there by feedback alone: G is interpolated, and Q = 1. Motors and their levels are the same in all
+configurations. (Golub and Pereyra, SIAM J. Numer. Anal. 10, 1973; Kaufman, BIT 15, 1975.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+from elastid.frf.friction.spectra import ConfigurationSpectra, taken
+
+# The level of the residual is averaged over so many neighbouring lines for the weights.
+_WINDOW = 9
+# Repetitions of the regression; the change falls by more than ten each time.
+_ITERATIONS = 4
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Sums over lines and configurations for each realisation and motor, weighted to residuals of variance 1 about f.
+
+    A (M, n_f, n_f), b (M, n_f): X^H X and X^H e.  c (M, n_m): e^H e.  rms (C, n_m): amplitude of e - X f.
+    dof_share: share of the experiments that the elimination of G leaves.
+    """
+
+    A: FloatArray
+    b: FloatArray
+    c: FloatArray
+    rms: FloatArray
+    dof_share: float
+
+
+def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, motor_of: IntArray) -> NormalEquations:
+    """The sums about given levels (n_f,) of shapes at motors motor_of (n_f,)."""
+    n_m, n_f = data[0].U.shape[1], len(levels)
+    realisations = np.unique(np.concatenate([each.realisation for each in data]))
+    A, b = np.zeros((len(realisations), n_f, n_f)), np.zeros((len(realisations), n_f))
+    c, rms = np.zeros((len(realisations), n_m)), np.zeros((len(data), n_m))
+    for i, each in enumerate(data):
+        net = each.net(taken(levels, each.Phi, motor_of, n_m))
+        of_each = [np.flatnonzero(each.realisation == m) for m in realisations]
+        for motor in range(n_m):
+            own = np.flatnonzero(motor_of == motor)
+            e, X = net.e[:, motor], net.X[:, own]
+            left = np.abs(e - np.einsum("fik,i->fk", X, levels[own])) ** 2
+            rms[i, motor] = np.sqrt(left.mean())
+            w = _weights(left.mean(axis=1), each.excited)
+            for m, own_k in enumerate(of_each):
+                WX = X[:, :, own_k].conj() * w[:, None, None]
+                A[m][np.ix_(own, own)] += np.einsum("fik,fjk->ij", WX, X[:, :, own_k]).real
+                b[m, own] += np.einsum("fik,fk->i", WX, e[:, own_k]).real
+                c[m, motor] += float(np.sum(w[:, None] * np.abs(e[:, own_k]) ** 2))
+    share = np.mean([np.mean(np.where(each.excited, 1 - n_m / each.U.shape[2], 1.0)) for each in data])
+    return NormalEquations(A, b, c, rms, float(share))
+
+
+def find_levels(
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, start: FloatArray
+) -> tuple[FloatArray, NormalEquations]:
+    """Levels (n_f,), none negative, and the sums about them."""
+    levels = start
+    for _ in range(_ITERATIONS):
+        found = normal_equations(data, levels, motor_of)
+        levels = solve(found.A.sum(axis=0), found.b.sum(axis=0))
+    return levels, normal_equations(data, levels, motor_of)
+
+
+def solve(A: FloatArray, b: FloatArray) -> FloatArray:
+    """The f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    # A small ridge: shapes may be the same in all that was measured.
+    R = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(b)))
+    f, _ = nnls(R.T, np.linalg.solve(R, b / size))
+    return np.asarray(f / size)
+
+
+def covariance(found: NormalEquations) -> FloatArray:
+    """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines."""
+    A = found.A.sum(axis=0) * found.dof_share
+    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+    return np.asarray(0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+
+def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
+    """1 / power (F,) of the residuals, each over neighbouring lines of the same kind."""
+    smooth = np.empty_like(power)
+    for kind in (excited, ~excited):
+        if not kind.any():
+            continue
+        window = np.ones(min(_WINDOW, int(kind.sum())))
+        smooth[kind] = np.convolve(power[kind], window, "same") / np.convolve(np.ones(kind.sum()), window, "same")
+    return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max() + 1e-300))

@@ -1,0 +1,47 @@
+r"""Records whose torque is the net one: the friction that was found is taken out of u.
+
+The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
+
+.. math:: u_{net} = u - IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.fft import irfft, rfft
+
+from elastid.base.arrays import FloatArray
+from elastid.excitation.grids import line_frequencies
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.shapes import motion_of, shape_samples
+from elastid.record import Record
+
+# Near a zero of the hold the torque's samples say nothing of the torque.
+_MIN_HOLD = 0.1
+
+
+def net_record(record: Record, friction: FrictionTakenOut) -> Record:
+    """The same record over its whole periods with the net torque as u; itself where nothing was taken out."""
+    if not friction.shapes:
+        return record
+    torque = friction_torque(record, friction)
+    n = len(torque)
+    freq_hz = line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n)
+    H = record.hold_response(freq_hz)
+    spectrum = rfft(torque, axis=0)
+    held = np.divide(spectrum, H, out=np.zeros_like(spectrum), where=np.abs(H) > _MIN_HOLD)
+    u = record.u[:n] - irfft(held, n, axis=0)
+    r = None if record.r is None else record.r[:n]
+    return replace(record, u=u, y=record.y[:n], r=r)
+
+
+def friction_torque(record: Record, friction: FrictionTakenOut) -> FloatArray:
+    """Sum (n, n_u) of f_i phi_i at the samples of all whole periods of a record, Nm on the link side."""
+    motions = {place: motion_of(record, place) for place in friction.taken_places()}
+    phi = shape_samples(record, motions, friction.shapes)
+    torque = np.zeros((len(phi), len(record.inputs)))
+    for i, shape in enumerate(friction.shapes):
+        torque[:, record.inputs.index(shape.place)] += friction.levels[i] * phi[:, i]
+    return torque

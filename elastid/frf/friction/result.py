@@ -1,0 +1,75 @@
+"""FrictionTakenOut: friction at the motors, found in the records of a measurement and taken out of its responses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import field
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.note import Note
+from elastid.frf.friction.shapes import Shape, reversal_curve
+
+
+@frozen_value
+class FrictionTakenOut:
+    """Levels f_i of shapes of friction, torque = -sum f_i phi_i, that were taken out of the records' torque.
+
+    places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
+    shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
+    side, with covariance (n_f, n_f): standard deviations are those of a normal distribution.
+    configurations (C,).  before, after (C, n_m): RMS amplitude over lines of the torque that no response explains
+    (Nm), of an experiment, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
+    of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
+    notes: what was taken out of which motor, or why nothing was.
+    """
+
+    places: tuple[str, ...]
+    place_units: tuple[str, ...]
+    shapes: tuple[Shape, ...]
+    levels: FloatArray
+    covariance: FloatArray
+    configurations: tuple[str, ...]
+    before: FloatArray
+    after: FloatArray
+    kept_share: FloatArray
+    notes: tuple[Note, ...] = field(default=())
+
+    def __post_init__(self) -> None:
+        """Check the shapes."""
+        n_m, n_f, C = len(self.places), len(self.shapes), len(self.configurations)
+        expected = {
+            "levels": (n_f,),
+            "covariance": (n_f, n_f),
+            "before": (C, n_m),
+            "after": (C, n_m),
+            "kept_share": (n_m,),
+        }
+        for name, shape in expected.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(f"friction: {name} has shape {getattr(self, name).shape}, expected {shape}")
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation (n_f,) of the levels."""
+        return np.sqrt(np.diag(self.covariance))
+
+    def taken_places(self) -> tuple[str, ...]:
+        """The motors that friction was taken out of."""
+        return tuple(place for place in self.places if any(shape.place == place for shape in self.shapes))
+
+    def sliding_level(self, place: str) -> tuple[float, float]:
+        """F_c in Nm (N) of steady sliding at a motor, the sum of its levels, and its standard deviation."""
+        return self._combined(np.array([shape.place == place for shape in self.shapes], dtype=np.float64))
+
+    def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque (n,) after a reversal out of steady sliding, at `distance` (n,) from it, and its standard deviation.
+
+        From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
+        """
+        rows = np.stack([reversal_curve(shape, distance) * (shape.place == place) for shape in self.shapes], axis=1)
+        return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
+
+    def _combined(self, row: FloatArray) -> tuple[float, float]:
+        return float(row @ self.levels), math.sqrt(max(float(row @ self.covariance @ row), 0.0))

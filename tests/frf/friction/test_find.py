@@ -1,0 +1,99 @@
+"""Friction at the motors is found in the multisine's own records, and responses without it scatter far less."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.dry_friction import COULOMB, measured
+
+from elastid.frf.estimate import estimate
+from elastid.frf.friction.find import find_friction
+from elastid.frf.friction.net_torque import friction_torque, net_record
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spectra import RecordSpectra, period_spectra
+from elastid.record import Record
+
+AUTO = EstimatorSpec(friction="auto")
+
+
+@pytest.fixture(scope="module")
+def found() -> FrictionTakenOut:
+    return find_friction(*measured_with(AUTO))
+
+
+def measured_with(spec: EstimatorSpec) -> tuple[tuple[tuple[Record, ...], ...], EstimatorSpec, np.ndarray]:
+    configurations, lines = measured()
+    return configurations, spec, lines
+
+
+@pytest.mark.parametrize("friction", ["coulomb", "curve", "auto"])
+def test_the_level_of_coulomb_friction_is_found_without_a_model(friction: str) -> None:
+    """Within 2 % of the truth at both motors, whatever shapes are allowed."""
+    result = find_friction(*measured_with(replace(AUTO, friction=friction)))  # type: ignore[arg-type]
+    levels = [result.sliding_level(place)[0] for place in result.places]
+    np.testing.assert_allclose(levels, COULOMB, rtol=0.02)
+    assert np.all(result.after < 0.25 * result.before)
+
+
+def test_realisations_agree_once_friction_is_taken_out(found: FrictionTakenOut) -> None:
+    """The standard deviation of every element of G falls to less than a fifth, in both configurations."""
+    configurations, lines = measured()
+    for records in configurations:
+        raw = estimate(records, AUTO, lines).total
+        net = estimate([net_record(record, found) for record in records], AUTO, lines).total
+        assert raw is not None
+        assert net is not None
+        ratio = np.sqrt(np.median(net.variance / raw.variance, axis=0))
+        assert np.all(ratio < 0.2), ratio
+
+
+def test_friction_that_is_not_there_is_not_taken_out() -> None:
+    """A robot that slides without friction keeps its torque to the last bit."""
+    configurations, lines = measured((0.0, 0.0))
+    result = find_friction(configurations, AUTO, lines)
+    assert result.shapes == ()
+    assert {note.code for note in result.notes} == {"friction-left"}
+    record = configurations[0][0]
+    assert net_record(record, result) is record
+
+
+def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
+    """At the lines the net torque is H U - sum f Phi, H being the hold of the torque alone."""
+    configurations, lines = measured()
+    record = configurations[0][0]
+    as_torque = replace(record, u=friction_torque(record, found), hold="band-limited")
+    raw, net, torque = (
+        period_spectra(RecordSpectra(each), lines, "acceleration").U.mean(axis=0)
+        for each in (record, net_record(record, found), as_torque)
+    )
+    np.testing.assert_allclose(raw - net, torque, atol=1e-12)
+
+
+def test_without_the_motors_angle_friction_stays() -> None:
+    """A sentence names the motor whose angle is missing."""
+    configurations, lines = measured()
+    blind = [
+        [replace(r, outputs=("motor 1",), quantities=r.quantities[:1], y=r.y[:, :1]) for r in records]
+        for records in configurations
+    ]
+    (note,) = find_friction(blind, AUTO, lines).notes
+    assert "motor 2" in note.text
+    assert "log the motor angles" in note.text
+
+
+def test_one_realisation_says_nothing_of_friction() -> None:
+    """The levels come from differences between realisations."""
+    configurations, lines = measured()
+    single = [[record for record in records if record.realisation == 0] for records in configurations]
+    result = find_friction(single, AUTO, lines)
+    assert result.shapes == ()
+    assert "two or more" in result.notes[0].text
+
+
+def test_the_reversal_ends_at_the_sliding_level(found: FrictionTakenOut) -> None:
+    """From -F_c to F_c, with the interval of the level at both ends."""
+    level, std = found.sliding_level("motor 1")
+    torque, of_torque = found.reversal("motor 1", np.array([0.0, 1.0]))
+    np.testing.assert_allclose(torque, [-level, level])
+    np.testing.assert_allclose(of_torque, std)
