@@ -1,0 +1,109 @@
+r"""The static law as a sum of columns, linear in most of its numbers, and its derivatives by the others.
+
+.. math::
+   s \tau_f = F_c + \delta_c s + F_{cl} L + F_{sl} L\, e(v / \nu_l)
+       + (D_s + D_{sT} \theta)\, e(v / (\nu_s + \nu_T \theta))
+       + (\alpha + \delta_v s) v + \alpha_T (e^{-\theta / T_V} - 1) v + \alpha_3 v^2, \quad e(x) = e^{-|x|^a}
+
+with s the direction, v = |v|, L the load and theta = T - T_0 (Bittencourt, Wernholt, Sander-Tavallaey and Brogardh,
+LiTH-ISY-R-2948, IROS 2010, with its temperatures about T_0). Numbers are named as in a robot's file; `excess` is D_s
+and `load.excess` F_sl, what stiction has above Coulomb friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.friction_fit.levels import Levels
+
+LINEAR = (
+    "coulomb",
+    "excess",
+    "viscous",
+    "quadratic",
+    "load.coulomb",
+    "load.excess",
+    "temperature.stiction",
+    "temperature.viscous",
+    "directions.coulomb",
+    "directions.viscous",
+)
+NONLINEAR = (
+    "stribeck_velocity",
+    "temperature.stribeck_velocity",
+    "exponent",
+    "load.stribeck_velocity",
+    "temperature.decay",
+)
+
+
+def columns(levels: Levels, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
+    """Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
+    each = _columns(levels, eta, T_0)
+    return np.stack([each[name] for name in names], axis=1)
+
+
+def slopes(
+    levels: Levels, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
+) -> FloatArray:
+    """The derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta."""
+    v, L, theta = levels.speed, levels.load, _theta(levels, T_0)
+    load_excess = linear.get("load.excess", 0.0) * L
+    found: dict[str, FloatArray] = {"exponent": np.zeros_like(v)}
+    if "stribeck_velocity" in eta:
+        falling = linear.get("excess", 0.0) + linear.get("temperature.stiction", 0.0) * theta
+        if "load.stribeck_velocity" in eta:
+            by_nu_l, by_a = _fall(v, np.full_like(v, eta["load.stribeck_velocity"]), eta["exponent"])
+            found |= {"load.stribeck_velocity": load_excess * by_nu_l, "exponent": load_excess * by_a}
+        else:
+            falling = falling + load_excess
+        by_nu, by_a = _fall(v, _nu(eta, theta), eta["exponent"])
+        found["stribeck_velocity"] = falling * by_nu
+        found["temperature.stribeck_velocity"] = falling * by_nu * theta
+        found["exponent"] = found["exponent"] + falling * by_a
+    if "temperature.decay" in eta:
+        T_V = eta["temperature.decay"]
+        found["temperature.decay"] = linear.get("temperature.viscous", 0.0) * v * np.exp(-theta / T_V) * theta / T_V**2
+    return np.stack([found[name] for name in names], axis=1) if names else np.zeros((len(v), 0))
+
+
+def _fall(v: FloatArray, nu: FloatArray, a: float) -> tuple[FloatArray, FloatArray]:
+    """The derivatives of exp(-(v / nu)^a) by nu and by a."""
+    power = (v / nu) ** a
+    e = np.exp(-power)
+    return e * power * a / nu, -e * power * np.log(v / nu)
+
+
+def _columns(levels: Levels, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
+    v, s, L, theta = levels.speed, levels.direction, levels.load, _theta(levels, T_0)
+    one = np.ones_like(v)
+    found = {
+        "coulomb": one,
+        "viscous": v,
+        "quadratic": v**2,
+        "load.coulomb": L,
+        "directions.coulomb": s,
+        "directions.viscous": s * v,
+    }
+    if "stribeck_velocity" in eta:
+        e = np.exp(-((v / _nu(eta, theta)) ** eta["exponent"]))
+        found |= {"excess": e, "temperature.stiction": theta * e, "load.excess": L * e}
+    if "load.stribeck_velocity" in eta:
+        found["load.excess"] = L * np.exp(-((v / eta["load.stribeck_velocity"]) ** eta["exponent"]))
+    if "temperature.decay" in eta:
+        found["temperature.viscous"] = v * np.expm1(-theta / eta["temperature.decay"])
+    return found
+
+
+def _nu(eta: Mapping[str, float], theta: FloatArray) -> FloatArray:
+    """The Stribeck velocity (n,) at every temperature; far beyond the data it is kept from vanishing."""
+    nu_s = eta.get("stribeck_velocity", np.inf)
+    return np.maximum(nu_s + eta.get("temperature.stribeck_velocity", 0.0) * theta, 1e-3 * nu_s)
+
+
+def _theta(levels: Levels, T_0: float) -> FloatArray:
+    """T - T_0 (n,), 0 where no temperature is known."""
+    return np.nan_to_num(levels.temperature - T_0, nan=0.0)
