@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.note import Note
+from elastid.fit.modification_index import ModificationIndex
 from elastid.parameters import ParameterSet
 
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
@@ -40,6 +41,7 @@ class FitResult:
     measured noise alone would leave.  singular_values: of the Jacobian with columns scaled to unit length, largest
     first.  starts: sorted by V.  hits: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
+    indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `InformationShares`.
     """
 
@@ -63,6 +65,7 @@ class FitResult:
     share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     informing_hz: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
+    indices: tuple[ModificationIndex, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes."""

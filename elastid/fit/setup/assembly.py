@@ -42,13 +42,17 @@ MAX_ROUNDS_OF_LOSS = 30
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """What the linearisations share: the measured responses with their weights, and the differentiated model."""
+    """What the linearisations share: the measured responses with their weights, and the differentiated model.
+
+    model: how its equations were formulated.
+    """
 
     responses: tuple[FrequencyResponse, ...]
     weights: tuple[Weights, ...]
     linearisation: Linearisation
     parameters: ParameterSet
     spec: FitSpec
+    model: ModelSpec = EXACT
 
     @classmethod
     def of(
@@ -67,7 +71,7 @@ class Assembly:
         moved = {name for response in responses for name in parameters.moved(response.configuration.name)}
         if not linearisation.is_affine_in(moved):
             linearisation = Linearisation.of(linearisation.model, follows=True)
-        return cls(tuple(responses), weights, linearisation, parameters, spec)
+        return cls(tuple(responses), weights, linearisation, parameters, spec, model)
 
     @property
     def notes(self) -> tuple[Note, ...]:

@@ -1,0 +1,162 @@
+r"""Score test: what one Gauss-Newton step would do that frees numbers which the fit held.
+
+With the residuals r and their derivatives J to what is free and J_h to what was held, all at the optimum,
+
+.. math:: g = J_h^T r - J_h^T J H^{-1} J^T r, \quad S = J_h^T J_h - J_h^T J H^{-1} J^T J_h, \quad
+          H = J^T J + \text{priors}
+
+.. math:: \text{step} = -S^{-1} g, \qquad \text{drop of } V = g^T S^{-1} g, \qquad
+          \text{effects on } x = -H^{-1} J^T J_h \, \text{step}
+
+for one number, or some of them together, along given directions. (Rao 1948; in structural equation models the
+modification index of Soerbom 1989.) Under the noise alone a drop is chi-squared, times V / dof.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import lsq_linear
+
+from elastid.base.arrays import BoolArray, FloatArray, IntArray
+
+# Of the information on a number the share that must be left beside the free parameters.
+MIN_INFORMATION_LEFT = 1e-7
+# Of the prior of a number that can only grow, of its step's unit.
+MIN_WIDTH = 1e-3
+
+
+@dataclass(frozen=True)
+class HeldNumber:
+    """A number that the fit held.  value: SI, in unit.  log: steps are of ln p.
+
+    lower, upper: of a plausible step.  usual: how far such a number is commonly off, of the step's unit.
+    """
+
+    name: str
+    group: str
+    value: float
+    unit: str
+    log: bool
+    lower: float
+    upper: float
+    usual: float
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Numbers that are freed together: their places among all, and the directions (n_m, n_d) in which they may go."""
+
+    name: str
+    group: str
+    places: IntArray
+    directions: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """steps (n_m,) of the numbers of a candidate, and the drop of V."""
+
+    steps: FloatArray
+    drop: float
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreTest:
+    """S (n_h, n_h) and g (n_h,) of all numbers, response (n_x, n_h): -H^-1 J^T J_h.
+
+    known (n_h,): numbers with an effect that the free parameters do not have, too.
+    """
+
+    numbers: tuple[HeldNumber, ...]
+    S: FloatArray
+    g: FloatArray
+    response: FloatArray
+    known: BoolArray
+
+    @classmethod
+    def of(cls, numbers: Sequence[HeldNumber], A: FloatArray, b: FloatArray, free: BoolArray) -> ScoreTest:
+        """A = [J J_h]^T [J J_h] with priors and b = [J J_h]^T r; free (n_x,): parameters that may follow."""
+        n_x, places = len(free), np.flatnonzero(free)
+        size = np.sqrt(np.diag(A))
+        size[size == 0] = 1.0
+        A, b = A / np.outer(size, size), b / size
+        cross = A[places, n_x:]
+        follow = -np.linalg.pinv(A[np.ix_(places, places)], rcond=1e-13, hermitian=True) @ cross
+        S, g = A[n_x:, n_x:] + cross.T @ follow, b[n_x:] + follow.T @ b[places]
+        known = np.diag(S) > MIN_INFORMATION_LEFT * np.maximum(np.diag(A)[n_x:], 1e-300)
+        scale = size[n_x:]
+        response = np.zeros((n_x, len(numbers)))
+        response[places] = follow * scale / size[places, None]
+        return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, known)
+
+    def step(self, candidate: Candidate) -> Step:
+        """Of one candidate, shortened where it would leave what is plausible; zero where the data do not tell.
+
+        Several numbers have a prior of the width of what is plausible, which decides where the data do not.
+        """
+        D, places = candidate.directions, candidate.places
+        if not self.known[places].any():
+            return Step(np.zeros(len(D)), 0.0)
+        S, g = self._of(candidate)
+        if len(g) == 1 and S[0, 0] <= 0:
+            return Step(np.zeros(len(D)), 0.0)
+        steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else self._bounded(places, S, g)
+        steps = steps * self._plausible(candidate, steps)
+        drop = -steps @ (2 * self.g[places] + self._block(candidate) @ steps)
+        return Step(steps, max(float(drop), 0.0))
+
+    def std(self, candidate: Candidate) -> float:
+        """Of the first number's step, for residuals of unit variance."""
+        S, D = self._of(candidate)[0], candidate.directions
+        return float(np.sqrt(max(D[0] @ np.linalg.pinv(S, hermitian=True) @ D[0], 0.0)))
+
+    def correlation(self, one: Candidate, other: Candidate) -> float:
+        """Squared correlation of their effects beside the free parameters; 0 where one has several directions."""
+        if one.directions.shape[1] != 1 or other.directions.shape[1] != 1 or not self.known[other.places].any():
+            return 0.0
+        product = one.directions[:, 0] @ self.S[np.ix_(one.places, other.places)] @ other.directions[:, 0]
+        return float(product**2 / (self._of(one)[0][0, 0] * self._of(other)[0][0, 0]))
+
+    def effects(self, candidate: Candidate, step: Step) -> FloatArray:
+        """Implied change (n_x,) of the free parameters."""
+        return np.asarray(self.response[:, candidate.places] @ step.steps)
+
+    def freed(self, candidate: Candidate) -> ScoreTest:
+        """The test of all numbers with a candidate at its step and free."""
+        D, places = candidate.directions, candidate.places
+        columns = self.S[:, places] @ D
+        back = columns @ np.linalg.pinv(self._of(candidate)[0], hermitian=True)
+        g = self.g + self.S[:, places] @ self.step(candidate).steps
+        S = self.S - back @ columns.T
+        known = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
+        response = self.response - self.response[:, places] @ D @ back.T
+        return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, known=known)
+
+    def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
+        """Of several numbers (n_m,), within their limits, which are the widths of priors, too."""
+        limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
+        width = np.maximum(np.abs(limits).min(axis=0), MIN_WIDTH)
+        size = np.sqrt(np.diag(S) + width**-2)
+        L = np.linalg.cholesky((S + np.diag(width**-2)) / np.outer(size, size))
+        found = lsq_linear(L.T, -np.linalg.solve(L, g / size), limits * size)
+        return np.asarray(found.x / size)
+
+    def _block(self, candidate: Candidate) -> FloatArray:
+        return self.S[np.ix_(candidate.places, candidate.places)]
+
+    def _of(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
+        """S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
+        D = candidate.directions
+        return D.T @ self._block(candidate) @ D, D.T @ self.g[candidate.places]
+
+    def _plausible(self, candidate: Candidate, steps: FloatArray) -> float:
+        """The part of the steps that stays within all limits, at most 1."""
+        part = 1.0
+        for step, place in zip(steps, candidate.places, strict=True):
+            one = self.numbers[place]
+            limit = one.upper if step > 0 else -one.lower
+            part = min(part, limit / abs(step)) if step != 0 else part
+        return max(part, 0.0)

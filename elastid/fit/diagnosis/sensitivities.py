@@ -1,0 +1,118 @@
+r"""Residuals at the optimum and their derivatives to all that the fit held, summed up over configurations.
+
+Beside the numbers of `HeldNumbers` there are those whose derivative follows from the response itself:
+
+.. math:: \text{gain of an output } i: \; G_{ij}, \quad \text{of an input } j: \; -G_{ij}, \quad
+          \text{delay}: \; -j \omega G, \text{ of one channel in its row or column}
+
+.. math:: \text{ratio of motor } i: \quad \dot S G + G \dot S^T
+          + 2 \Big( J_m \frac{\partial G}{\partial J_m} + f_m \frac{\partial G}{\partial f_m} + \ldots \Big),
+          \qquad \dot S = E^{-1} e_i e_i^T E
+
+since torque and angle were referred to the link side by the wrong ratio.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.diagnosis.held_numbers import RATE, HeldNumbers
+from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.residuals import RESIDUALS, as_real
+from elastid.fit.setup.assembly import Assembly
+from elastid.linear.linear_model import DELAY, LinearModel
+from elastid.linear.response.kernel import Kernel
+from elastid.robot import Robot, gain_name
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """One configuration at x: G (F, n_y, n_u) of the model and its derivatives by name, to x or to ln p or p."""
+
+    part: Part
+    G: ComplexArray
+    free: ComplexArray
+    held: dict[str, ComplexArray]
+
+    def whitened(self, slopes: ComplexArray) -> FloatArray:
+        """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
+        part = self.part
+        gain = part.gain * RESIDUALS[part.criterion](part.measured, self.G)[1]
+        return _flat(part, np.where(part.gain > 0, gain, 0.0) * slopes)
+
+    @property
+    def residual(self) -> FloatArray:
+        """r (N,)."""
+        part = self.part
+        e = RESIDUALS[part.criterion](part.measured, self.G)[0]
+        return np.asarray(
+            _flat(part, np.where(part.gain > 0, part.gain * np.where(part.gain > 0, e, 0.0), 0.0)[None])[0]
+        )
+
+
+def _flat(part: Part, values: ComplexArray) -> FloatArray:
+    flat = values.reshape(len(values), len(part.gain), -1)
+    if part.mixing is not None:
+        flat = np.einsum("fab,nfb->nfa", part.mixing, flat, optimize=True)
+    return as_real(flat.reshape(len(values), -1))
+
+
+def evaluated(assembly: Assembly, held: HeldNumbers, fit: ElasticFit, x: FloatArray) -> Iterator[Evaluated]:
+    """Every configuration of a fit, on its lines, at x (n_x,)."""
+    robot = held.linearisation.model.robot
+    for part, response in zip(fit.parts, assembly.responses, strict=True):
+        if not part.n_residuals:
+            continue
+        model, theta = held.at(assembly, response, x)
+        known = {DELAY, *model.gains, *(element.name for element in model.chain), *model.slopes}
+        kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
+        G, dG = kernel.evaluate(theta)
+        by_name = dict(zip(kernel.wanted, dG, strict=True))
+        chain = assembly.parameters.jacobian(x, part.configuration)
+        names = assembly.parameters.names
+        moved = [(i, by_name[name]) for i, name in enumerate(names) if name in by_name and np.any(chain[i])]
+        free = np.zeros((chain.shape[1], *G.shape), complex)
+        for i, slope in moved:
+            for k in np.flatnonzero(chain[i]):
+                free[k] += chain[i, k] * slope
+        followed = {names[i] for i, _ in moved}
+        own = {name: slope for name, slope in by_name.items() if name not in followed}
+        yield Evaluated(part, G, free, own | _further(robot, model, theta, kernel, G, by_name))
+
+
+def _further(
+    robot: Robot,
+    model: LinearModel,
+    theta: FloatArray,
+    kernel: Kernel,
+    G: ComplexArray,
+    slopes: dict[str, ComplexArray],
+) -> dict[str, ComplexArray]:
+    """Slopes of what only the response knows: delays of channels, ratios, the rate, angles of this configuration."""
+    s = 2j * np.pi * kernel.freq_hz[:, None, None]
+    found = {RATE: slopes[RATE] + 2 * G}
+    for role, places, axis in (("y", model.outputs, 1), ("u", model.inputs, 2)):
+        for i, place in enumerate(places):
+            mask = np.zeros((1, len(model.outputs), len(model.inputs)))
+            mask[(slice(None),) * axis + (i,)] = 1.0
+            found[gain_name(role, place).replace("gain", "delay", 1)] = -s * mask * G
+    at = dict(zip(model.parameters, theta.tolist(), strict=True))
+    inverse = np.linalg.inv(robot.mixing)
+    for i, joint in enumerate(robot.driven):
+        turn = np.outer(inverse[:, i], robot.mixing[i])
+        left, right = (_between(turn, robot, places) for places in (model.outputs, model.inputs))
+        scaled = [f"{letters}_{joint.name}" for letters in ("Jm", "fm", "km", "dm")]
+        moved = sum((2 * at[name] * slopes[name] for name in scaled if name in slopes), np.zeros_like(G))
+        found[f"ratio_{joint.name}"] = left @ G + G @ right.T + moved
+        found[f"angle_{joint.name}@{model.configuration.name}"] = slopes[f"angle_{joint.name}"]
+    return found
+
+
+def _between(turn: FloatArray, robot: Robot, places: tuple[str, ...]) -> FloatArray:
+    """The entries of a matrix over motors (n_u, n_u) between places, zero for other places."""
+    index = [robot.motor_locations.index(place) if place in robot.motor_locations else -1 for place in places]
+    return np.array([[turn[i, j] if min(i, j) >= 0 else 0.0 for j in index] for i in index])
