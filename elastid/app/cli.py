@@ -34,7 +34,8 @@ def main() -> None:
 def run_command(arguments: Sequence[str]) -> int:
     """Every way in which a command can end, as a message and an exit code.
 
-    0 done; 1 the data or the fit are at fault; 2 usage or study; 130 interrupted.
+    0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be believed
+    as it stands; 130 interrupted.
     """
     try:
         with insisting() as pressed:

@@ -26,6 +26,12 @@ class FitError(ElastidError):
     """The identification failed or cannot be trusted: exit code 1."""
 
 
+class MisfitError(FitError):
+    """The identification is done and written, but not to be believed as it stands: exit code 3."""
+
+    exit_code = 3
+
+
 def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -> str:
     """The known name nearest to an unknown one, or else all of them: the end of a message.
 

@@ -13,8 +13,22 @@ from elastid.base.note import Note
 from elastid.fit.modification_index import ModificationIndex
 from elastid.parameters import ParameterSet
 
+# misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
-Status: TypeAlias = Literal["converged", "at_bound", "not_converged", "ill_conditioned", "model_error"]
+Status: TypeAlias = Literal["converged", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"]
+
+MEANING: dict[Status, str] = {
+    "converged": "the intervals hold noise, distortion and the declared floor, and the residuals show nothing that "
+    "moves a parameter beyond them",
+    "at_bound": "a parameter was held by its bound, and the others adapted to it: widen the bound where values beyond "
+    "it are plausible, otherwise look for what the model lacks",
+    "misfit": "the parameters are not to be believed as they stand, since a wrong model moves them by more than their "
+    "noise: correct or identify what the warnings name and fit again",
+    "not_converged": "the search stopped before an optimum: raise fit.starts, or start nearer to the robot",
+    "ill_conditioned": "the data do not determine all parameters: fix, tie or give a prior to those that are named",
+    "model_error": "the model does not describe these responses, and its parameters mean nothing: check channels, "
+    "configurations and robot",
+}
 
 # 95 % of a normal distribution lie within so many standard deviations.
 QUANTILE = 1.959964

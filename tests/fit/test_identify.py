@@ -127,10 +127,11 @@ def test_what_only_a_sum_determines_is_ill_conditioned():
 
 
 def test_an_estimate_at_its_bound_says_so():
-    """Bounds that keep the truth out: the fit ends there, and the message names parameter, side and value."""
+    """Bounds that keep the truth out: a misfit that ends there, and the messages name parameter, side and value."""
     spec = FitSpec(parameters={"k_1": ParameterSpec(start=50.0, bounds=(40.0, 95.0)), "d_1": ParameterSpec()}, starts=3)
     result = identify(measure(pendulum(), [(0.0,)]), pendulum(), spec)
-    assert result.status == "at_bound"
+    assert result.status == "misfit"
+    assert "converged with k_1 at a bound, but the model is wrong" in result.message
     np.testing.assert_array_equal(result.at_bound, [True, False])
     assert any("k_1 ended at its upper bound of 95 N*m/rad" in warning for warning in said(result.notes))
     assert result.model_error > 1.5

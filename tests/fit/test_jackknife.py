@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from elastid.fit.uncertainty.blocks import Blocks
 from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
 from elastid.fit.uncertainty.line_sums import LineSums
 
 
 def evidence_of(J, r) -> LineSums:
     """A configuration of real residuals r (N,) with slopes J (N, n_x)."""
-    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, (J * r[:, None]).T, None, None, 0.0, {})
+    pull = (J * r[:, None]).T
+    return LineSums(np.ones(len(r)), J, r[:, None] + 0j, pull, Blocks(pull.T, None), None, 0.0, {})
 
 
 def left_out(blocks, y):

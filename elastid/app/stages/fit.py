@@ -8,10 +8,10 @@ from typing import Any
 from elastid.app.run import Run
 from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
 from elastid.app.tables import parameter_table
-from elastid.base.errors import FitError
+from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import MEANING, FitResult
 from elastid.fit.solve.multistart import Interrupted
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
@@ -51,14 +51,25 @@ def fit(run: Run) -> None:
 
 
 def conclude(run: Run) -> None:
-    """Show the parameters and where the results are; FitError where the fit cannot be trusted."""
+    """Show the parameters, where the results are, and in the last line what the status means and what to do.
+
+    MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
+    """
     result = read_fit(run.path("fit"))
     run.console.table(parameter_table(parameter_rows(result, truth(run.study))))
     for path in (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit")):
         if path.exists():
             run.console.say(str(path))
+    status, meaning = result.status.replace("_", " "), MEANING[result.status]
+    if result.status == "misfit":
+        raise MisfitError(f"done, but a misfit: {meaning}. {_sentence(result.message)}")
     if result.status not in TRUSTED:
-        raise FitError(f"the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
+        raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
+    run.console.say(f"{status}: {meaning}")
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]
 
 
 def _summary(run: Run, result: FitResult, responses: Sequence[FrequencyResponse]) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.findings import findings, status_and_message
 from elastid.fit.diagnosis.held_torque import find_held_torque
+from elastid.fit.diagnosis.misfit import describe_misfit
 from elastid.fit.diagnosis.misread_channels import (
     find_foreign_configurations,
     find_misread_channels,
@@ -72,9 +73,9 @@ def with_status(
 ) -> FitResult:
     """The result with how it ended; misread: whether another reading of the responses fits far better."""
     known = _noise_is_known(optimum)
-    status, message = status_and_message(
-        result, optimum.end, uncertainty.unreached, _share(result, optimum), known, misread
-    )
+    share = _share(result, optimum)
+    misfit = describe_misfit(result, uncertainty, share)
+    status, message = status_and_message(result, optimum.end, uncertainty.unreached, share, known, misread, misfit)
     return replace(result, status=status, message=message)
 
 

@@ -43,11 +43,12 @@ def status_and_message(
     explained: float,
     noise_is_known: bool = True,
     misread: bool = False,
+    misfit: str = "",
 ) -> tuple[Status, str]:
     """The worst status that applies, and a sentence with the numbers.
 
     explained: the share of the measured responses, known noise aside, that the model explains.  misread: whether it
-    would explain them far better if they were read another way.
+    would explain them far better if they were read another way.  misfit: how it is wrong (`describe_misfit`), if it is.
     """
     free = result.parameters.free_names
     fit = (
@@ -71,9 +72,10 @@ def status_and_message(
     if unreached.any():
         names = _listed(free, unreached)
         return "ill_conditioned", f"the data do not determine a combination of {names}; {fit}"
-    if result.at_bound.any():
-        return "at_bound", f"converged with {_listed(free, result.at_bound)} at a bound; {fit}"
-    return "converged", f"converged; {fit}"
+    held = f" with {_listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
+    if misfit:
+        return "misfit", f"converged{held}, but {misfit}; {fit}"
+    return ("at_bound" if held else "converged"), f"converged{held}; {fit}"
 
 
 def findings(result: FitResult, unreached: BoolArray) -> tuple[Note, ...]:

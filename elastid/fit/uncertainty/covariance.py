@@ -12,8 +12,9 @@ line k. Each variance is the largest of the first three estimates, plus the last
 - residuals: noise and model error. The pulls of one frequency, in all elements and configurations, are summed up before
   they are squared, since a wrong model errs in all of them together. tau >= 1 is the correlation length of the
   residuals over neighbouring lines.
-- configurations: where V exceeds what the noise explains, the model is in error, and the parameters absorb a different
-  part of it in each configuration: from three on, the variance is at least that of the jackknife (conservative).
+- configurations, blocks: where V exceeds what the noise explains, the model is in error, and the parameters absorb a
+  different part of it in each configuration and band: the variance is at least that of the blocks, and from three
+  configurations on at least that of their jackknife (conservative).
 - floor: the model error alpha |G| that the study declares. Such an error is alike on neighbouring lines and in all
   configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
   power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
@@ -30,6 +31,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.uncertainty.blocks import block_variance, disagreement
 from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
 from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
 from elastid.fit.uncertainty.line_sums import LineSums, correlation_length, sum_lines
@@ -47,7 +49,8 @@ class Uncertainty:
     """covariance (n_x, n_x) of x, inf where unreached; singular_values of J with columns scaled to unit length.
 
     unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone.
-    shares: the information on each parameter by configuration and band.
+    shares: the information on each parameter by configuration and band.  disagreement: T of the blocks, 1 for a true
+    model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
     """
 
     covariance: FloatArray
@@ -55,6 +58,8 @@ class Uncertainty:
     unreached: BoolArray
     expected_cost: float
     shares: InformationShares
+    disagreement: float
+    shift: FloatArray
 
 
 def estimate_uncertainty(
@@ -72,14 +77,21 @@ def estimate_uncertainty(
     noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
+    blocks = [part.blocks for part in parts]
+    by_blocks, floor = (
+        block_variance(blocks, A_inverse),
+        _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse),
+    )
     if is_in_error(sum(part.cost for part in parts), expected_cost, dof):
-        residuals = np.maximum(residuals, jackknife_variance(parts, R.T @ R))
-    covariance = _larger(noise, residuals, A_inverse)
-    covariance += _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse)
+        residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
+    covariance = _larger(noise, residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
     covariance[unreached, unreached] = np.inf
     shares = information_shares(parts, A_inverse, _weakest(R))
-    return Uncertainty(covariance, singular_values, unreached, expected_cost, shares)
+    known = np.diag(noise) + np.diag(floor)
+    shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
+    parted = disagreement(blocks, A_inverse)
+    return Uncertainty(covariance, singular_values, unreached, expected_cost, shares, parted, shift)
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:

@@ -10,6 +10,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.residuals import as_real, error_gain
+from elastid.fit.uncertainty.blocks import Blocks, sum_blocks
 from elastid.fit.weights.weights import Weights, vec
 from elastid.response import FrequencyResponse
 
@@ -19,16 +20,17 @@ class LineSums:
     """Of one configuration, n_x free parameters and F lines.
 
     rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
-    noise_meat (n_x, n_x): covariance of J^T r under the measured noise, noise_power: E|r|^2 under it; both None where
-    no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull: (output, input,
-    octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex factor.
+    blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
+    None where no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
+    (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
+    factor.
     """
 
     freq_hz: FloatArray
     rows: FloatArray
     residual: ComplexArray
     pull: FloatArray
-    noise_meat: FloatArray | None
+    blocks: Blocks
     noise_power: float | None
     floor_power: float
     floor_pull: dict[tuple[str, str, int], ComplexArray]
@@ -37,6 +39,11 @@ class LineSums:
     def cost(self) -> float:
         """sum |r|^2, this configuration's share of V."""
         return float(np.vdot(self.residual, self.residual).real)
+
+    @property
+    def noise_meat(self) -> FloatArray | None:
+        """Covariance (n_x, n_x) of J^T r under the measured noise; None where none was measured."""
+        return None if self.blocks.noise is None else np.asarray(self.blocks.noise.sum(axis=0))
 
     @property
     def n_residuals(self) -> int:
@@ -51,12 +58,13 @@ def sum_lines(part: Part, response: FrequencyResponse, weights: Weights, r: Comp
     noise = weights.noise_covariance()
     S = None if noise is None else T @ noise @ _H(T)
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
+    residual, pull = r.reshape(len(r), -1), np.einsum("pfab,fab->pf", J.conj(), r).real
     return LineSums(
         freq_hz=response.freq_hz,
         rows=as_real(J).reshape(len(J), -1).T,
-        residual=r.reshape(len(r), -1),
-        pull=np.einsum("pfab,fab->pf", J.conj(), r).real,
-        noise_meat=None if S is None else _meat(J, S),
+        residual=residual,
+        pull=pull,
+        blocks=sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual])),
         noise_power=None if S is None else float(np.einsum("faa->", S).real),
         floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
         floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
@@ -96,12 +104,6 @@ def _whitening(part: Part) -> ComplexArray:
 
 def _H(A: ComplexArray) -> ComplexArray:
     return np.asarray(np.swapaxes(A, -1, -2).conj())
-
-
-def _meat(J: ComplexArray, S: ComplexArray) -> FloatArray:
-    """1/2 Re sum_k J_k^H S_k J_k (n_x, n_x), the covariance of J^T r under the noise S."""
-    columns = vec(J).transpose(1, 2, 0)
-    return np.asarray(0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S @ columns, axis=0).real)
 
 
 def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[str, str, int], ComplexArray]:
