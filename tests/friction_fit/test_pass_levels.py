@@ -10,7 +10,8 @@ import pytest
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.friction_fit.pass_levels import Pass, find_levels
+from elastid.friction_fit.pass_levels import find_levels
+from elastid.friction_fit.pass_regression import Pass
 from elastid.friction_fit.spec import LawSpec
 from elastid.friction_fit.static_law import StaticLaw
 
