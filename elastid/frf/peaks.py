@@ -44,8 +44,8 @@ _REWEIGHTINGS = 3
 # Least part of a residual that is taken for free of the polynomials.
 _MIN_FREE = 0.1
 _STEPS = 30
-# A step of the pole below this part of the window has converged.
-_MIN_STEP = 1e-10
+# A step of the pole below this part of the window has converged; one so far beyond it leads nowhere.
+_MIN_STEP, _MAX_STEP = 1e-10, 1e6
 # 95 % of a normal distribution.
 _SIGMAS_95 = 1.959964
 
@@ -177,6 +177,9 @@ def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width
         if not power > 0:
             return None
         step = complex(np.vdot(slopes, residuals) / power)
+        # The pole has left the lines, and the polynomials fit them without it.
+        if not abs(step) < _MAX_STEP:
+            return None
         while True:
             trial = z + step
             if trial.imag > 0 and (tried := _projected(G, weights, x, trial, degree))[0] <= cost:
@@ -195,9 +198,11 @@ def _fitted(response: FrequencyResponse, window: IntArray, freq_hz: float, width
         return None
     misfit = cost / dof
     stated = (max(misfit, 1.0) if known else misfit) / power
-    # Elements of one line share the noise of their inputs: its scatter from line to line shows that.
-    by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, _MIN_FREE), axis=(0, 2))) ** 2
-    scattered = float(by_line.sum()) / power**2
+    # Elements of one line share the noise of their inputs: its scatter from line to line shows that, where the pole
+    # has not followed it.
+    by_line = np.abs(np.sum(slopes.conj() * residuals / np.maximum(free, _MIN_FREE), axis=0)) ** 2
+    share = np.sum(np.abs(slopes) ** 2, axis=0) / power
+    scattered = float(np.sum(by_line / np.maximum(1 - share, _MIN_FREE))) / power**2
     variance_of_z = max(stated, scattered)
     return _Pole(center + scale * z, float(variance_of_z * scale**2), K, float(np.sqrt(misfit)) if known else np.nan)
 

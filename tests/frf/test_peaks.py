@@ -68,6 +68,16 @@ def test_the_intervals_hold_the_truth() -> None:
     assert np.all(np.mean(np.square(errors), axis=0) < 2)
 
 
+def test_a_pole_that_leaves_its_lines_is_no_peak() -> None:
+    """A step without bound, from a bump between the peaks of this draw, ends the search; the three peaks are found."""
+    logs = [log for m in range(2) for log in shake(256.0, 2048, 3, 2472 + m)]
+    records = [
+        Record(f"{i}", BENCH, i // 2, i % 2, 256.0, 2048, ("a", "b"), PLACES, ("acceleration",) * 3, *parts)
+        for i, parts in enumerate((log.force, log.acceleration) for log in logs)
+    ]
+    assert len(peaks(estimate(records, EstimatorSpec()))) == 3
+
+
 def test_bumps_of_correlated_noise_are_no_peaks() -> None:
     """Windows of a local method overlap, so that neighbouring lines share their noise."""
     response = exact(np.arange(20, 800) / 8, 0.1)
