@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.errors import DataError, StudyError
+from elastid.base.note import Note
 from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.responses import ResponseFileSpec
 from elastid.frf.checks.exchanged_channels import channel_notes
@@ -29,18 +30,21 @@ def imported_responses(study: Study, base: Path) -> Iterator[FrequencyResponse]:
     """
     spec, estimator = study.experiment.responses, study.estimator
     assert spec is not None  # the kind of the experiment is `responses`
-    configurations = {c.name: c for c in checked_configurations(study.experiment, study.as_robot())}
+    configurations = {c.name: c for c in checked_configurations(study.experiment, study.places)}
     for file in spec.files:
         path, configuration = base / file.path, configurations[file.configuration]
         if kind_of(path) == "frf":
             response = in_quantity(_of_another_run(path, file, configuration, study), estimator.quantity)
+            if spec.is_held:
+                text = "hold is not taken out of it: the study that estimated it says in experiment.recorded.hold"
+                response = replace(response, notes=(*response.notes, Note("hold-not-taken-out", text, str(path))))
         else:
             if not spec.channels:
                 raise StudyError(
                     f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
                 )
             table = read_table(path, spec, file.response)
-            response = link_side_response(table, spec, configuration, study.as_robot(), estimator.quantity)
+            response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
         if estimator.band_hz is not None:
             low, high = estimator.band_hz
             inside = (response.freq_hz >= low) & (response.freq_hz <= high)
@@ -59,12 +63,14 @@ def _of_another_run(
         raise StudyError(f"{path}: no response of configuration {name} in it; there are {', '.join(found)}")
     response = found[name]
     angles = response.configuration.angles
+    if study.robot is None:  # places are names, whatever they were measured on
+        return replace(response, configuration=configuration)
     if angles.shape != configuration.angles.shape or np.any(np.abs(angles - configuration.angles) > _SAME_ANGLE):
-        units = ", ".join(dict.fromkeys(joint.unit for joint in study.as_robot().driven))
+        units = ", ".join(dict.fromkeys(joint.unit for joint in study.robot.driven))
         raise StudyError(
             f"{path}: {name} was measured at {angles.tolist()} ({units}), the study's {configuration.name} is at "
             f"{configuration.angles.tolist()}; correct experiment.configurations"
         )
     for place in (*response.inputs, *response.outputs):
-        study.as_robot().check_location(place)
+        study.robot.check_location(place)
     return replace(response, configuration=configuration)

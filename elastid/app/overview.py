@@ -62,8 +62,12 @@ def _nonlinear(study: Study) -> Iterator[str]:
 
 def _structure(study: Study) -> Iterator[str]:
     """The places of a study without a robot, each with its unit."""
-    yield f"study {study.name}, no robot: responses of recorded logs"
-    channels = study.experiment.as_recorded().channels
+    source = "responses from elsewhere" if study.experiment.responses is not None else "responses of recorded logs"
+    yield f"study {study.name}, no robot: {source}"
+    channels = study.experiment.channels
+    if not channels:
+        yield "  its files name the inputs and outputs"
+        return
     for role, noun in (("u", "input"), ("y", "output")):
         ours = [channel for channel in channels if channel.role == role]
         places = (f"{channel.at} ({channel.quantity}{f', {channel.unit}' if channel.unit else ''})" for channel in ours)

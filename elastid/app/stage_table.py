@@ -13,8 +13,8 @@ from typing import Any
 # Keys of `experiment` that say from where its data come: the kinds of study with a robot.
 SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
 WITH_A_ROBOT = (SIMULATED, RECORDED, RESPONSES)
-# Responses of recorded logs alone: a study without a robot.
-FRF = "frf"
+# Studies without a robot: responses of recorded logs alone, or responses from elsewhere.
+FRF, FRF_RESPONSES = "frf", "frf-responses"
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ STAGES = (
     Stage(
         name="estimate",
         help="Estimate the frequency responses with their covariance: frf.h5.",
-        kinds=(RESPONSES,),
+        kinds=(RESPONSES, FRF_RESPONSES),
         sections=("seed", "robot", "experiment", "estimator"),
         reads=(),
         leaves=("frf.h5",),
@@ -124,7 +124,7 @@ STAGES = (
     Stage(
         name="report",
         help="Write the page and the figures: report.html and figures/.",
-        kinds=(FRF,),
+        kinds=(FRF, FRF_RESPONSES),
         sections=("name", "report"),
         reads=("estimate",),
         leaves=("report.html", "figures", "peaks.csv"),

@@ -27,7 +27,7 @@ class Study:
     """One identification, from the excitation to the report.
 
     name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself; left out where
-    responses of recorded logs are all that is asked for: places are then names.
+    responses, recorded or from elsewhere, are all that is asked for: places are then names.
     experiment: configurations, repetitions and the rig.  excitation: needed where the rig is simulated.
     design: chooses further configurations.  seed: of everything that is drawn; the same seed gives the same results,
     bit for bit, for any number of processes.
@@ -57,8 +57,9 @@ class Study:
     def as_robot(self) -> Robot:
         """The robot; StudyError for a study without one."""
         if self.robot is None:
+            stages = "estimate" if self.experiment.responses is not None else "measure, estimate"
             raise StudyError(
-                f"study {self.name} has no robot: its stages are measure, estimate and report; to fit a model give "
+                f"study {self.name} has no robot: its stages are {stages} and report; to fit a model give "
                 "robot (the path of its file) and fit.parameters"
             )
         return self.robot
@@ -66,13 +67,14 @@ class Study:
     @property
     def places(self) -> Places:
         """The robot, or what stands in for it: the structure that the channels of the logs name."""
-        recorded = self.experiment.recorded
-        return self.robot or Structure.of(recorded.channels if recorded is not None else ())
+        return self.robot or Structure.of(self.experiment.channels)
 
     @property
-    def kind(self) -> Literal["simulated", "recorded", "responses", "frf"]:
-        """The kind of study, which decides its stages: that of its experiment, or frf without a robot."""
-        return "frf" if self.robot is None else self.experiment.kind
+    def kind(self) -> Literal["simulated", "recorded", "responses", "frf", "frf-responses"]:
+        """The kind of study, which decides its stages: that of its experiment, or one of frf without a robot."""
+        if self.robot is not None:
+            return self.experiment.kind
+        return "frf-responses" if self.experiment.responses is not None else "frf"
 
     @property
     def seeded_fit(self) -> FitSpec:

@@ -136,7 +136,6 @@ CHANNEL = "experiment.recorded.channels"
         (f"{CHANNEL}.2.side=motor", "has no gears; drop side"),
         (f"{CHANNEL}.2={{role: y, at: shaker tip, column: 3, quantity: position, unit: rad}}", "another name"),
         ("experiment={configurations: {bench: []}, simulated: {}}", "robot: the experiment is simulated"),
-        ("experiment={configurations: {a: []}, responses: {files: [{path: a.csv, configuration: a}]}}", "robot: the"),
     ],
 )
 def test_contradictions_name_their_remedy(bench: Path, override: str, says: str) -> None:
@@ -175,6 +174,62 @@ def test_noise_without_a_period_leads_to_the_same_peaks(tmp_path: Path) -> None:
     rows = list(csv.DictReader((folder / "run" / "peaks.csv").read_text().splitlines()))
     expected = true_modes()[0] / (2 * np.pi)
     np.testing.assert_allclose([float(row["frequency"]) for row in rows], expected, rtol=1e-3)
+
+
+def test_responses_from_elsewhere_need_no_robot(
+    bench: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The exported CSV of a structure, read again under names of its own: the same G, peaks, page and exports."""
+    pytest.importorskip("pyuff")
+    (measured,) = read_responses(bench / "run" / "frf.h5")
+    channels = [
+        {"role": "u", "at": f"shaker {i}", "channel": u, "quantity": "force", "unit": "N"}
+        for i, u in enumerate(measured.inputs)
+    ]
+    channels += [
+        {"role": "y", "at": f"place {i}", "channel": y, "quantity": "acceleration", "unit": "m/s^2"}
+        for i, y in enumerate(measured.outputs)
+    ]
+    file = {"path": str(exported(bench, "csv") / "bench-measured.csv"), "configuration": "bench"}
+    experiment = {
+        "configurations": {"bench": []},
+        "responses": {"relative_std": 0.01, "channels": channels, "files": [file]},
+    }
+    study = tmp_path / "study.yml"
+    study.write_text(json.dumps({"name": "elsewhere", "experiment": experiment, "report": {"formats": ["png"]}}))
+    assert run_command(["check", str(study)]) == 0
+    said = capsys.readouterr().out
+    assert "no robot: responses from elsewhere" in said
+    assert "2 inputs: shaker 0 (force, N), shaker 1 (force, N)" in said
+    run = ["--run", str(tmp_path / "run"), "-q"]
+    assert run_command(["run", str(study), *run]) == 0
+    (again,) = read_responses(tmp_path / "run" / "frf.h5")
+    np.testing.assert_allclose(again.G, measured.G, rtol=1e-9)
+    assert (again.unit, again.inputs) == (measured.unit, ("shaker 0", "shaker 1"))
+    assert "place 2" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    rows = list(csv.DictReader((tmp_path / "run" / "peaks.csv").read_text().splitlines()))
+    np.testing.assert_allclose([float(row["frequency"]) for row in rows], true_modes()[0] / (2 * np.pi), rtol=1e-3)
+    for target in ("uff", "matlab", "csv", "control"):
+        assert run_command(["export", str(study), *run, "--to", target]) == 0
+    assert run_command(["measure", str(study), *run]) == 2
+    assert "its stages are estimate and report" in capsys.readouterr().err
+
+
+def test_the_frf_of_a_study_is_read_by_another_without_a_robot(bench: Path, tmp_path: Path) -> None:
+    """It brings its places with it; a hold is of the study that estimated it, which a note says."""
+    file = {"path": str(bench / "run" / "frf.h5"), "configuration": "bench"}
+    responses = {"hold": "zero-order", "rate_hz": 256, "files": [file]}
+    study = tmp_path / "study.yml"
+    study.write_text(
+        json.dumps({"name": "again", "experiment": {"configurations": {"bench": []}, "responses": responses}})
+    )
+    options = ["--run", str(tmp_path / "run"), "-q", "--set", "report.formats=[]"]
+    assert run_command(["check", str(study)]) == 0
+    assert run_command(["run", str(study), *options]) == 0
+    (measured,), (again,) = read_responses(bench / "run" / "frf.h5"), read_responses(tmp_path / "run" / "frf.h5")
+    np.testing.assert_array_equal(again.G, measured.G)
+    assert again.outputs == measured.outputs
+    assert "hold-not-taken-out" in {note.code for note in again.notes}
 
 
 def test_the_template_of_logs_runs_at_once(tmp_path: Path) -> None:

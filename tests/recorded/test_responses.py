@@ -454,3 +454,35 @@ def test_a_response_measured_at_other_angles_is_refused(elsewhere: Path) -> None
     elsewhere.write_text(text)
     with pytest.raises(StudyError, match=r"b was measured at .* the study's b is at"):
         run_stage(Run(load(elsewhere), folder / "again", 1, Console(-1)), "estimate")
+
+
+@pytest.mark.parametrize(
+    ("section", "first", "rates"),
+    [
+        ({"hold": "zero-order", "rate_hz": 50.0}, {}, (50.0, 50.0)),
+        ({"rate_hz": 50.0}, {"hold": "zero-order"}, (50.0, None)),
+        ({"hold": "zero-order", "rate_hz": 50.0}, {"hold": "band-limited"}, (None, 50.0)),
+        ({"hold": "zero-order", "rate_hz": 50.0}, {"rate_hz": 100.0}, (100.0, 50.0)),
+    ],
+)
+def test_the_hold_of_commands_is_taken_out_once(
+    tmp_path: Path, section: dict[str, Any], first: dict[str, Any], rates: tuple[float | None, ...]
+) -> None:
+    """The file holds G H, H = (1 - e^{-s T}) / (s T) of each command: the plant is found to rounding."""
+    s = 2j * np.pi * FREQ_HZ
+    H = np.stack([np.ones(len(s)) if f is None else (1 - np.exp(-s / f)) / (s / f) for f in rates], axis=1)
+    savemat(tmp_path / "frf.mat", {"G": _struct(ResponseData=np.moveaxis(in_file() * H[:, None, :], 0, 2))})
+    channels = (replace(CHANNELS[0], **first), *CHANNELS[1:])
+    response = _read(tmp_path, _spec("frf.mat", channels=channels, relative_std=0.1, **section))
+    np.testing.assert_allclose(response.G, plant(FREQ_HZ), rtol=1e-9)
+    assert response.noise is not None
+    np.testing.assert_allclose(response.noise.variance, np.abs(0.1 * plant(FREQ_HZ)) ** 2, rtol=1e-9)
+
+
+def test_a_hold_needs_the_rate_of_its_commands_and_lines_below_half_of_it(tmp_path: Path) -> None:
+    """At multiples of the rate a held command is zero."""
+    with pytest.raises(ValueError, match="needs the rate of the held commands; give rate_hz"):
+        _spec("frf.mat", hold="zero-order")
+    _matlab(tmp_path)
+    with pytest.raises(DataError, match=r"lines reach 20 Hz.*held at 30 Hz, which excites up to 15 Hz"):
+        _read(tmp_path, _spec("frf.mat", hold="zero-order", rate_hz=30.0))

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.base.units import JointPosition, Quantity, Time
-from elastid.experiment.specs.recorded import RecordedSpec
+from elastid.experiment.specs.recorded import ChannelSpec, RecordedSpec
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 
@@ -79,6 +79,11 @@ class ExperimentSpec:
                 return "recorded"
             case ResponsesSpec():
                 return "responses"
+
+    @property
+    def channels(self) -> tuple[ChannelSpec, ...]:
+        """The channels of logs or of responses from elsewhere; none of a simulation."""
+        return () if isinstance(self.rig, SimulatedSpec) else self.rig.channels
 
     def as_simulated(self) -> SimulatedSpec:
         """The section `simulated`; StudyError for an experiment of another kind."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Literal
 
 from elastid.base.section import section
+from elastid.base.units import Frequency
 from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.record import Hold
 
 
 @section
@@ -61,6 +63,9 @@ class ResponsesSpec:
     frequency_unit: `auto` takes that of the file, or Hz for CSV, HDF5 without units and UFF.
     columns: names in CSV and HDF5 files.  text: format of CSV files.
     relative_std: standard deviation of G as a part of |G| where a file has none.
+    hold: of the inputs between their samples; `zero-order` where the responses are from commands that were held. It is
+    taken out of responses of other programs; a frf.h5 has that of its own study.  rate_hz: of the commands, needed then
+    (or in their channels).
     """
 
     files: tuple[ResponseFileSpec, ...]
@@ -69,6 +74,8 @@ class ResponsesSpec:
     columns: ResponseColumnsSpec = ResponseColumnsSpec()
     text: TextFormatSpec = TextFormatSpec()
     relative_std: float | None = None
+    hold: Hold = "band-limited"
+    rate_hz: Frequency | None = None
 
     def __post_init__(self) -> None:
         """At least one file; inputs and outputs, or no channels at all."""
@@ -79,3 +86,18 @@ class ResponsesSpec:
             raise ValueError("channels must have roles u (inputs) and y (outputs), at least one of each and no other")
         if self.relative_std is not None and not self.relative_std > 0:
             raise ValueError(f"relative_std is {self.relative_std:g}; it must be positive, for example 0.02")
+        if any(
+            self.hold_of(channel) != "band-limited" and not (channel.rate_hz or self.rate_hz)
+            for channel in self.channels
+            if channel.role == "u"
+        ):
+            raise ValueError("hold: zero-order needs the rate of the held commands; give rate_hz")
+
+    def hold_of(self, channel: ChannelSpec) -> Hold:
+        """The hold of an input: its own, or else that of the section."""
+        return channel.hold or self.hold
+
+    @property
+    def is_held(self) -> bool:
+        """Whether some input is held."""
+        return any(hold == "zero-order" for hold in (self.hold, *(channel.hold for channel in self.channels)))

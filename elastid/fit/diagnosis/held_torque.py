@@ -86,7 +86,7 @@ def find_held_torque(fit: ElasticFit, x: FloatArray, cost: float, noise_cost: fl
     says = (
         f"the misfit grows towards {edge_hz:.4g} Hz as that of a torque that acts {held.time / 2e-3:.3g} ms late "
         f"({fell}): where u is a command that the drive holds for {held.time / 1e-3:.3g} ms, a sample at "
-        f"{1 / held.time:.4g} Hz, say hold: zero-order in experiment.recorded"
+        f"{1 / held.time:.4g} Hz, say hold: zero-order in experiment.recorded (with rate_hz in experiment.responses)"
     )
     if delayed.cost - held.cost < MAX_DELAY_DROP * level:
         says += "; where the torque loop or a log delays it, free delay (fit.parameters: {delay: {}})"

@@ -1,14 +1,14 @@
 """A file with a frequency response -> FrequencyResponse on the link side, whatever its format.
 
-    G = f_y / f_u (j omega)^k G_file
+    G = f_y / (f_u H) (j omega)^k G_file
 
 f_y, f_u turn the file's numbers into SI on the link side (scale, sign, unit, torque constant, gear), k its quantity
-into the requested one.
+into the requested one. H takes out the hold of a command, as in Y = G H U: 1 for a band-limited input.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
+from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.responses import ResponsesSpec
+from elastid.experiment.specs.structure import Places, input_units
 from elastid.record import MOTION_ORDER, Configuration, Motion
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log, StoredArray
@@ -27,7 +29,6 @@ from elastid.recorded.responses.table import ResponseTable
 from elastid.recorded.responses.text import text_table
 from elastid.recorded.responses.uff import is_universal_file, uff_contents, uff_table
 from elastid.response import Covariance, FrequencyResponse
-from elastid.robot import Robot
 
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
@@ -68,7 +69,7 @@ def _arrays(log: Log) -> Mapping[str, StoredArray]:
 
 
 def link_side_response(
-    table: ResponseTable, spec: ResponsesSpec, configuration: Configuration, robot: Robot, quantity: Motion
+    table: ResponseTable, spec: ResponsesSpec, configuration: Configuration, robot: Places, quantity: Motion
 ) -> FrequencyResponse:
     """The table's channels in SI on the link side, all outputs as `quantity`.
 
@@ -96,7 +97,7 @@ def link_side_response(
     if np.any(np.diff(freq_hz) == 0):
         raise DataError(f"{table.path}: {freq_hz[:-1][np.diff(freq_hz) == 0][0]:g} Hz is there twice; keep one of them")
     gain = (2j * np.pi * freq_hz[:, None]) ** powers * f_y
-    gain_of_elements = gain[:, :, None] / f_u
+    gain_of_elements = gain[:, :, None] / (f_u * _hold_response(table.path, freq_hz, inputs, spec))[:, None, :]
     T_y, T_u = to_joints(outputs, robot), np.linalg.inv(to_joints(inputs, robot))
     G = T_y @ (gain_of_elements * G) @ T_u
     if variance is not None:
@@ -111,7 +112,28 @@ def link_side_response(
         noise=_noise(variance, np.abs(G), spec),
         notes=notes,
         sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
+        input_units=input_units(inputs, robot),
     )
+
+
+def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> ComplexArray:
+    r"""H (F, n_u) of the inputs, 1 for one that is not held; DataError for lines above half the rate of a command.
+
+    .. math:: H = e^{-j \pi f T} \frac{\sin \pi f T}{\pi f T}, \quad T = 1 / rate\_hz
+    """
+    H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
+    for j, channel in enumerate(inputs):
+        rate_hz = channel.rate_hz or spec.rate_hz
+        if spec.hold_of(channel) == "band-limited" or rate_hz is None:
+            continue
+        if freq_hz[-1] > rate_hz / 2:
+            raise DataError(
+                f"{path}: its lines reach {freq_hz[-1]:g} Hz, and {channel.name_in_file} is a command held at "
+                f"{rate_hz:g} Hz, which excites up to {rate_hz / 2:g} Hz; correct rate_hz, or keep the lines below it"
+            )
+        phase = freq_hz / rate_hz
+        H[:, j] = np.exp(-1j * np.pi * phase) * np.sinc(phase)
+    return H
 
 
 def _refuse_uncomputable(path: Path, G: ComplexArray, spec: ResponsesSpec) -> None:

@@ -31,6 +31,8 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_structure(study)
         if experiment.recorded is not None:
             yield from check_recorded(study, experiment.recorded, base)
+        if experiment.responses is not None:
+            yield from check_responses(study, experiment.responses, base)
         return
     yield from check_experiment(study)
     yield from check_excitation(study)

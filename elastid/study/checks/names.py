@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.structure import Places
 from elastid.robot import Robot
 from elastid.study.messages import Problem
@@ -67,17 +66,14 @@ def list_configurations(study: Study) -> list[str]:
 
 def list_inputs(study: Study) -> list[str]:
     """Locations of the inputs."""
-    return [channel.at for channel in _channels(study) if channel.role == "u"] or list(study.as_robot().motor_locations)
+    return [channel.at for channel in study.experiment.channels if channel.role == "u"] or list(
+        study.as_robot().motor_locations
+    )
 
 
 def list_outputs(study: Study) -> list[str]:
     """Locations of the outputs; none where only the frf.h5 of another run names them."""
-    simulated, channels = study.experiment.simulated, _channels(study)
+    simulated, channels = study.experiment.simulated, study.experiment.channels
     if channels or study.experiment.kind == "responses":
         return [channel.at for channel in channels if channel.role == "y"]
     return list(simulated.outputs if simulated is not None and simulated.outputs else study.as_robot().motor_locations)
-
-
-def _channels(study: Study) -> tuple[ChannelSpec, ...]:
-    recorded, responses = study.experiment.recorded, study.experiment.responses
-    return next((kind.channels for kind in (recorded, responses) if kind is not None), ())

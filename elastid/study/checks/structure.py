@@ -1,4 +1,4 @@
-"""A study without a robot: logs, and none of the sections that need a robot."""
+"""A study without a robot: logs or responses, and none of the sections that need a robot."""
 
 from __future__ import annotations
 
@@ -16,12 +16,8 @@ _OF_A_ROBOT = ("excitation", "design", "model", "fit", "validation", "compare")
 def check_structure(study: Study) -> Iterator[Problem]:
     """Every contradiction between the sections of a study without a robot, its files and channels excepted."""
     experiment = study.experiment
-    if experiment.recorded is None:
-        needed = {
-            "simulated": "is what the rig simulates",
-            "responses": "is what frequency responses from elsewhere are fitted to",
-        }[experiment.kind]
-        message = f"the experiment is {experiment.kind}, and the robot {needed}; give the path of its file"
+    if experiment.simulated is not None:
+        message = "the experiment is simulated, and the robot is what the rig simulates; give the path of its file"
         yield Problem(("robot",), message, at_key=True)
         return
     for section, default in ((f.name, f.default) for f in fields(Study) if f.name in _OF_A_ROBOT):
@@ -39,5 +35,5 @@ def check_structure(study: Study) -> Iterator[Problem]:
         if refused := study.places.count_refusal(len(angles)):
             yield Problem(path, refused)
     if experiment.experiments is not None:
-        message = "the experiment is recorded: its files determine the number of experiments; drop this key"
+        message = f"the experiment is {experiment.kind}: its files determine the number of experiments; drop this key"
         yield Problem(("experiment", "experiments"), message, at_key=True)
