@@ -133,7 +133,8 @@ class FrequencyResponse:
     distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
     quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
     sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
-    is a voltage or a current.
+    is a voltage or a current.  bias (n_u, F, n_y, n_u): systematic error of G by dry friction at the motor of each
+    input, of which the size is known: times a factor of unit variance that all lines and configurations share; or None.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -153,6 +154,7 @@ class FrequencyResponse:
     repairs: Mapping[str, int] = field(default_factory=dict)
     sliding: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
+    bias: ComplexArray | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays."""
@@ -169,6 +171,8 @@ class FrequencyResponse:
             covariance = getattr(self, name)
             if covariance is not None and covariance.variance.shape != shape:
                 raise ValueError(f"{where}: {name} variance has shape {covariance.variance.shape}, expected {shape}")
+        if self.bias is not None and self.bias.shape != (len(self.inputs), *shape):
+            raise ValueError(f"{where}: bias has shape {self.bias.shape}, expected {(len(self.inputs), *shape)}")
 
     @property
     def n_lines(self) -> int:
@@ -210,6 +214,7 @@ class FrequencyResponse:
             total=cut(self.total),
             distortion=cut(self.distortion),
             quality=None if self.quality is None else self.quality.lines(keep),
+            bias=None if self.bias is None else self.bias[:, keep],
         )
 
 
@@ -231,6 +236,7 @@ def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyRespo
         total=_scaled(response.total, power),
         distortion=_scaled(response.distortion, power),
         quality=None,  # it belongs to the outputs as they were measured
+        bias=None if response.bias is None else gain * response.bias,
     )
 
 

@@ -169,7 +169,7 @@ def _result(
         parameters=fit.parameters.with_means(end.x),
         x=end.x,
         covariance=uncertainty.covariance,
-        cost=end.cost,
+        cost=end.cost + float(optimum.factors @ optimum.factors),
         dof=dof,
         cost_expected=float(expected),
         status="converged",

@@ -26,6 +26,7 @@ from elastid.frf.covariance import (
 )
 from elastid.frf.distortion import Detected, detect, detection_lines, fast_total_error
 from elastid.frf.experiment_blocks import MeanSpectra, gather_spectra
+from elastid.frf.friction.bias import friction_bias
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.local.response import local_response
 from elastid.frf.matrices import power
@@ -103,7 +104,7 @@ def _from_periods(
     quality = measured_quality(freq_hz, data, found.G)
     response = measured_response(first, spec.quantity, freq_hz, found.G, quality=quality)
     levels = _detected(detection, lines[usable], freq_hz, found, everything.on(~excited))
-    response, of_form = _with_covariances(response, data, found, levels, lines[usable])
+    response, of_form = _with_covariances(response, data, found, levels, lines[usable], spectra)
     notes += [*found.notes, *of_form, *input_notes(first.inputs, data, quality), *output_notes(first.outputs, quality)]
     return replace(response, notes=(*notes, *channel_notes(response)))
 
@@ -189,9 +190,14 @@ def _detected(
 
 
 def _with_covariances(
-    response: FrequencyResponse, data: MeanSpectra, found: Estimate, levels: Detected | None, lines: IntArray
+    response: FrequencyResponse,
+    data: MeanSpectra,
+    found: Estimate,
+    levels: Detected | None,
+    lines: IntArray,
+    spectra: Sequence[Sequence[RecordSpectra]],
 ) -> tuple[FrequencyResponse, list[Note]]:
-    """Noise, total and distortion of G, and the nonlinear levels in the outputs."""
+    """Noise, total, distortion and bias of G, and the nonlinear levels in the outputs."""
     blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
     noise = noise_covariance(blocks, found, C_V, data.scatter.dof)
     total, error = None, total_error(data, found)
@@ -200,10 +206,12 @@ def _with_covariances(
     elif levels is not None:
         error = fast_total_error(levels, lines)
         total = None if error is None else kronecker(found.left, *error)
-    distortion, stochastic = None, None
+    distortion, stochastic, bias = None, None, None
     if total is not None and error is not None:
+        of_noise = C_V * np.mean(1 / data.periods)
+        bias = friction_bias(spectra, lines, found.G, response.quantity, error[0], of_noise)
         distortion = distortion_covariance(noise, total, len(blocks))
-        excess = np.einsum("fii->fi", error[0] - C_V * np.mean(1 / data.periods)).real
+        excess = np.einsum("fii->fi", error[0] - of_noise).real
         stochastic = np.sqrt(np.maximum(excess, 0.0))
     assert response.quality is not None
     quality = replace(
@@ -212,5 +220,5 @@ def _with_covariances(
         even=None if levels is None else levels.even,
         odd=None if levels is None else levels.odd,
     )
-    covariances = replace(response, noise=noise, total=total, distortion=distortion, quality=quality)
+    covariances = replace(response, noise=noise, total=total, distortion=distortion, quality=quality, bias=bias)
     return covariances, form_notes(noise, total)

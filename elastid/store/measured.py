@@ -187,6 +187,9 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
             )
             axes = [frequency, element, element]
             variable(part, "matrix", covariance.matrix, axes, "covariance of vec G", f"({response.unit})^2")
+    if response.bias is not None:
+        axes = [inputs, frequency, outputs, inputs]
+        variable(group, "bias", response.bias, axes, "systematic error of G by friction of each motor", response.unit)
     _write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
     write_sliding(group, response.sliding)
@@ -213,6 +216,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         repairs=attributes(group["repairs"]),
         sliding=read_sliding(group),
         input_units=read_input_units(group),
+        bias=group["bias"][:] if "bias" in group else None,
     )
 
 

@@ -83,7 +83,7 @@ class Part:
         used = self.gain > 0
         r = np.where(used, self.gain * e, 0.0)
         dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
-        return (r, dr) if self.mixing is None else (_mixed(self.mixing, r), _mixed(self.mixing, dr))
+        return (r, dr) if self.mixing is None else (mixed(self.mixing, r), mixed(self.mixing, dr))
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,7 +249,7 @@ def _part(
     return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, mixing)
 
 
-def _mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
+def mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:
     """mixing applied to the elements of each line of values (..., F, n_y, n_u)."""
     flat = values.reshape(-1, len(mixing), mixing.shape[1])
     return np.asarray((mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1).reshape(values.shape))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -17,6 +17,7 @@ from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import RelinearisedFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
+from elastid.fit.problem.shared_bias import bias_of, biased_inputs, shared_factors
 from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.scaled_problem import distance
 from elastid.fit.solve.solvers import solve
@@ -119,6 +120,15 @@ class Assembly:
         weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
         return replace(self, weights=tuple(weights))
 
+    def unbiased(self, x: FloatArray) -> tuple[Assembly, FloatArray]:
+        """The same without the systematic errors of its responses as the residuals about x show them, and c (n_b,)."""
+        inputs = biased_inputs(self.responses)
+        if not inputs:
+            return self, np.zeros(0)
+        c = shared_factors(self.at(x, self.spec.criterion), self.responses, x)
+        corrected = (replace(one, G=one.G - np.tensordot(c, bias_of(one, inputs), axes=1)) for one in self.responses)
+        return replace(self, responses=tuple(corrected)), c
+
 
 def widening_bands(fit: ElasticFit, bands: int) -> list[ElasticFit]:
     """Frequency continuation: the fit on the lower 1 / bands, 2 / bands, ... of its lines, all of them not included."""
@@ -129,12 +139,16 @@ def widening_bands(fit: ElasticFit, bands: int) -> list[ElasticFit]:
 
 @dataclass(frozen=True, eq=False)
 class RelinearisedOptimum:
-    """The end of a fit, with the linearised fit and the weights there; a note where x still moved."""
+    """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
+
+    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.
+    """
 
     end: LocalOptimum
     fit: ElasticFit
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
+    factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
@@ -143,20 +157,20 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
     end = start
     for _ in range(rounds):
         try:
-            there = assembly.reweighted(end.x)
+            there, factors = assembly.reweighted(end.x).unbiased(end.x)
             fit = there.at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < MAX_MOVE:
-            return RelinearisedOptimum(end, fit, there.weights)
+            return RelinearisedOptimum(end, fit, there.weights, (), factors)
     note = Note(
         "still-moving",
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
     )
-    return RelinearisedOptimum(end, fit, there.weights, (note,))
+    return RelinearisedOptimum(end, fit, there.weights, (note,), factors)
 
 
 def robust_factors(

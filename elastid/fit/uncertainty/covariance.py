@@ -15,6 +15,7 @@ line k. Each variance is the largest of the first three estimates, plus the last
 - configurations, blocks: where V exceeds what the noise explains, the model is in error, and the parameters absorb a
   different part of it in each configuration and band: the variance is at least that of the blocks, and from three
   configurations on at least that of their jackknife (conservative).
+- systematic errors of known size (`problem.shared_bias`) are further unknowns c with a prior; x is that with them.
 - floor: the model error alpha |G| that the study declares. Such an error is alike on neighbouring lines and in all
   configurations; it counts as one random factor for each element and octave, with pull h_o. s <= 1 limits it to the
   power that V leaves room for: 0 for alpha = 0, small where the residuals are far below the floor.
@@ -31,6 +32,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.shared_bias import bias_slopes, biased_inputs
 from elastid.fit.uncertainty.blocks import block_variance, disagreement
 from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
 from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
@@ -66,14 +68,18 @@ def estimate_uncertainty(
     fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], x: FloatArray
 ) -> Uncertainty:
     """The covariance of x (n_x,), the optimum of `fit`."""
-    R, parts = np.diag(fit.prior_slopes), []
+    inputs, n_x = biased_inputs(responses), len(x)
+    prior = np.concatenate([fit.prior_slopes, np.ones(len(inputs))])
+    R, parts = np.diag(prior), []
     for part, response, weight, (r, J) in zip(fit.parts, responses, weights, fit.blocks(x), strict=True):
+        if inputs:
+            J = np.concatenate([J, bias_slopes(part, response, inputs)])
         parts.append(sum_lines(part, response, weight, r, J))
         # R of the stacked J = Q R, configuration by configuration.
         R = np.asarray(np.linalg.qr(np.vstack([R, parts[-1].rows]), mode="r"))
     A_inverse, singular_values, unreached = inverse_information(R)
     dof = fit.problem.dof
-    meat, expected_cost = _noise(fit, parts, A_inverse)
+    meat, expected_cost = _noise(prior, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
@@ -91,6 +97,9 @@ def estimate_uncertainty(
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     parted = disagreement(blocks, A_inverse)
+    if inputs:  # their factors are no part of the result
+        covariance, unreached, shift = covariance[:n_x, :n_x], unreached[:n_x], shift[:n_x]
+        shares = InformationShares(shares.share[:, :n_x], shares.band_hz[:n_x], shares.weakest[:n_x])
     return Uncertainty(covariance, singular_values, unreached, expected_cost, shares, parted, shift)
 
 
@@ -114,14 +123,13 @@ def _weakest(R: FloatArray) -> FloatArray:
     return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
 
 
-def _noise(fit: ElasticFit, parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, float]:
+def _noise(prior: FloatArray, dof: int, parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, float]:
     """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, and the V that they lead to.
 
-    Where no noise was measured the residuals are taken for it.
+    prior (n_x,): 1 / s.  Where no noise was measured the residuals are taken for it.
     """
-    prior = fit.prior_slopes
     meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
-    level = sum(part.cost for part in parts) / max(fit.problem.dof, 1)
+    level = sum(part.cost for part in parts) / max(dof, 1)
     for part in parts:
         if part.noise_meat is None or part.noise_power is None:
             meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals

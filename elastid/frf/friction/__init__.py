@@ -11,4 +11,5 @@ it is.
 - selection:    which of the shapes, by cross-validation over realisations
 - net_torque:   record -> record whose u is the net torque
 - result:       what was found and taken out
+- bias:         what friction that is left does to G beyond viscous friction
 """

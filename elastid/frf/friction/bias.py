@@ -1,0 +1,138 @@
+r"""Bias of a mean response by dry friction at its motors, beyond viscous friction: the second order of F sgn(v).
+
+To first order Coulomb friction F sgn(v) is the viscous friction 2 F p(0) of a Gaussian velocity v with density p
+(Bussgang), which a fit finds, and a distortion s without correlation to v. But s moves the motor, through its mobility
+y, and so the moments at which v changes its sign. By Price's theorem this adds to the torque per velocity, beside a
+constant,
+
+.. math:: \delta Z(\omega) = -4 F^2 \int_0^\infty y(\tau)\, [p_2(\tau) - p(0)^2]\, (e^{-j \omega \tau} - 1)\, d\tau,
+          \qquad \delta G = -G e_j\, \delta Z\, e_j^T G
+
+p_2(tau): density of (v(t), v(t - tau)) at (0, 0), which falls as 1 / tau; a slow carrier c(t) moves both densities, and
+their means over t count. delta Z rises with frequency as a mass and a loss do: stiffness and damping absorb some of it.
+
+F^2 is the distortion's power over that of sgn(v) less its linear part, both as torques at the motor. Sizes are right
+to about a third up to F of 0.3 rms torques; what makes the distortion need not be Coulomb friction. So a fit takes the
+size of each motor's bias for the standard deviation of its factor, alike at all lines and in all configurations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.frf.matrices import adjoint, power
+from elastid.frf.spectra import RecordSpectra
+from elastid.record import MOTION_ORDER, Motion, Record
+
+# Power of the distortion beside that of the noise, as torque at a motor, from which on friction is looked for.
+MIN_DISTORTION = 1.0
+# The velocity is formed up to so many times the highest line: above, an encoder's noise would decide its sign.
+VELOCITY_BAND = 4
+# Lags in a period of the highest line, and moments of a period at which the carrier is looked at.
+LAGS_PER_PERIOD = 16
+CARRIER_MOMENTS = 512
+
+
+def friction_bias(
+    spectra: Sequence[Sequence[RecordSpectra]],
+    lines: IntArray,
+    G: ComplexArray,
+    quantity: Motion,
+    error: ComplexArray,
+    noise: ComplexArray,
+) -> ComplexArray | None:
+    """delta G (n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
+
+    G (F, n_y, n_u) at DFT lines (F,), in `quantity`.  error, noise (F, n_y, n_y): of Y - G U in one experiment, by
+    noise and distortion and by noise alone.  None where nothing exceeds the noise, or a motor's own motion was not
+    logged.
+    """
+    first = spectra[0][0].record
+    if first.half_wave or any(place not in first.outputs for place in first.inputs):
+        return None
+    rows = [first.outputs.index(place) for place in first.inputs]
+    if any(first.quantities[row] == "acceleration" for row in rows):
+        return None
+    inverse = np.asarray(np.linalg.pinv(G[:, rows]), np.complex128)
+    torque_error, torque_noise = (
+        power(inverse @ each[:, rows][:, :, rows] @ adjoint(inverse)) for each in (error, noise)
+    )
+    excess = torque_error - torque_noise
+    is_distorted = np.median(torque_error, axis=0) > (1 + MIN_DISTORTION) * np.median(torque_noise, axis=0)
+    if not is_distorted.any():
+        return None
+    V = _velocities([each for group in spectra for each in group], rows, lines)
+    omega = 2j * np.pi * (lines * first.rate_hz / first.period_samples)
+    bias = np.zeros((len(rows), *G.shape), complex)
+    for j in np.flatnonzero(is_distorted):
+        weight = 1 / (torque_noise[:, j] + torque_error[:, j].mean()) ** 2
+        unit = _unit_distortion(V[:, :, j], lines, first)
+        F_squared = max(0.0, float(weight @ excess[:, j] / (weight @ unit)))
+        mobility = G[:, rows[j], j] * omega ** (1 - MOTION_ORDER[quantity])
+        Z = F_squared * unit_impedance(V[:, :, j], mobility, lines, first)
+        along = Z * omega ** (1 - MOTION_ORDER[quantity])
+        bias[j] = -along[:, None, None] * G[:, :, j, None] * G[:, rows[j], None, :]
+    return bias
+
+
+def unit_impedance(V: ComplexArray, mobility: ComplexArray, lines: IntArray, record: Record) -> ComplexArray:
+    """delta Z (F,) at DFT lines (F,) for F = 1, of velocity spectra V (K, N // 2 + 1) and the mobility (F,) there."""
+    N, rate_hz = record.period_samples, record.rate_hz
+    step = max(1, int(N / (LAGS_PER_PERIOD * lines[-1])))
+    lag = np.arange(0, int(N / lines[0]) + 1, step)
+    y = _step_response(mobility, lines, N)[lag] * rate_hz
+    moving = np.arange(V.shape[1]) >= lines[0]
+    R = np.fft.irfft(np.mean(np.abs(V) ** 2, axis=0) * moving, N) / N
+    carrier = np.fft.irfft(V.mean(axis=0) * ~moving, N)
+    t = np.arange(0, N, max(1, N // CARRIER_MOMENTS))
+    variance, rho = R[0], R[lag] / R[0]
+    c = carrier[t]
+    p_0 = np.mean(np.exp(-(c**2) / (2 * variance))) / np.sqrt(2 * np.pi * variance)
+    joint = np.zeros(len(lag))
+    for i in range(1, len(lag)):
+        before, apart = carrier[t - lag[i]], 1 - rho[i] ** 2
+        exponent = (c**2 - 2 * rho[i] * c * before + before**2) / (2 * variance * apart)
+        joint[i] = np.mean(np.exp(-exponent)) / (2 * np.pi * variance * np.sqrt(apart)) - p_0**2
+    kernel = joint * y
+    turned = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
+    # At lag 0 the product of a density that grows as 1 / tau and of -j omega tau is finite.
+    start = -2j * np.pi * lines / N * lag[1] * kernel[1]
+    return np.asarray(-4 * (turned @ kernel + start / 2) * step / rate_hz)
+
+
+def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: IntArray) -> ComplexArray:
+    """DFT V (K, N // 2 + 1, n_u) of the motors' velocities, means over the periods of each experiment."""
+    first = records[0].record
+    k = np.arange(first.period_samples // 2 + 1)
+    omega = 2j * np.pi * k * first.rate_hz / first.period_samples
+    order = np.array([1 - MOTION_ORDER[first.quantities[row]] for row in rows])
+    gain = np.where((k <= VELOCITY_BAND * lines[-1])[:, None], omega[:, None] ** order, 0.0)
+    found = []
+    for each in records:
+        P = each.record.n_samples // each.record.repeat_samples
+        found.append(sum(group[:, :, rows].sum(axis=0) for group in each.dft_groups("y")) / P * gain)
+    return np.array(found)
+
+
+def _unit_distortion(V: ComplexArray, lines: IntArray, record: Record) -> FloatArray:
+    """E|s|^2 (F,) at the lines, amplitudes, of sgn(v) less its best linear approximation; V (K, N // 2 + 1): DFT."""
+    N = record.period_samples
+    T = np.fft.rfft(np.sign(np.fft.irfft(V, N, axis=1)), axis=1)[:, lines] * (2 / N)
+    v = V[:, lines] * (2 / N)
+    slope = np.sum(v.conj() * T).real / np.sum(np.abs(v) ** 2)
+    return np.asarray(np.mean(np.abs(T - slope * v) ** 2, axis=0))
+
+
+def _step_response(mobility: ComplexArray, lines: IntArray, N: int) -> FloatArray:
+    """Velocity (N,) after an impulse of torque, per sample: mobility (F,) at DFT lines, as a mass above, 0 at 0 Hz."""
+    k = np.arange(N // 2 + 1)
+    acceleration = mobility * lines
+    mass = np.abs(np.mean(acceleration[-max(1, len(lines) // 8) :]))
+    every = np.interp(k, lines, acceleration.real, right=0.0) + 1j * np.interp(k, lines, acceleration.imag, right=-mass)
+    every[1:] /= k[1:]
+    below = k < lines[0]
+    every[below] = mobility[0] * k[below] / lines[0]
+    return np.asarray(np.fft.irfft(every, N))

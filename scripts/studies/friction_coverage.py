@@ -1,0 +1,250 @@
+"""Do 95 % intervals of stiffness and damping hold the truth on a robot with friction, through the whole measured wing?
+
+    python scripts/studies/friction_coverage.py [--quick] [--sets 300] [--axes 2 3] [--coulomb 0 0.05 0.16 0.3]
+                                       [--carrier yes no] [--friction none] [--realisations 4] [--jobs 1]
+
+Simulated records of a robot with Coulomb friction of so many times the rms torque (`fast_rig`, new phases and new noise
+for every data set), estimated and fitted from the truth without a floor, so that the intervals are made of noise and
+friction alone. Of every case: the share of the 95 % intervals of all k and d that hold the truth, and by parameter the
+bias and the scatter of ln p over the standard deviation that the fit states. With N data sets and n parameters chance
+alone moves the share by about 100 sqrt(0.95 0.05 / N / n_independent) points. The last line is one JSON object.
+"""
+
+# One BLAS thread must be asked for before NumPy is loaded.
+# ruff: noqa: E402
+import os
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fast_rig import FastRig, with_coulomb
+
+from elastid.base.arrays import FloatArray
+from elastid.base.execution import ordered
+from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.fit.identify import fit_parameters
+from elastid.fit.result import FitResult
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+from elastid.study import load
+
+LEVELS = (0.0, 0.05, 0.16, 0.3)
+FIT = FitSpec(
+    log_first=False,
+    starts=1,
+    start_factor=1.0,
+    profile=(),
+    weights=WeightSpec(floor=0.0),
+    parameters=dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec()),
+)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A robot without friction, its postures, the excitation, and the carrier that it has where it has one."""
+
+    robot: Robot
+    postures: dict[str, tuple[float, ...]]
+    excitation: MultisineSpec
+    carrier: CarrierSpec
+    noise: NoiseSpec
+    substeps: int
+
+
+def two_axes() -> Bench:
+    """Two axes about the vertical with a third spring in the upper arm."""
+
+    def driven(name: str, k: float, d: float, inertia: float) -> Joint:
+        return Joint(name, "z", Spring(k, d), Motor(inertia, 100.0, 2e-3))
+
+    robot = Robot(
+        "two axes",
+        (
+            Body("upper", joints=(driven("1", 2.5e5, 250, 6e-3),), mass=40, center_of_mass=(0.2, 0, 0),
+                 inertia=(1, 3, 3)),
+            Body("tube", "upper", Placement((0.45, 0, 0)), (Joint("a", "z", Spring(1.5e5, 120)),), mass=40,
+                 center_of_mass=(0.25, 0, 0), inertia=(1, 3, 3)),
+            Body("fore", "tube", Placement((0.45, 0, 0)), (driven("2", 8e4, 80, 3e-3),), mass=50,
+                 center_of_mass=(0.4, 0, 0), inertia=(1, 4, 4)),
+        ),
+        gravity=(0.0, 0.0, 0.0),
+    )  # fmt: skip
+    return Bench(
+        robot,
+        {"open": (0.3, 0.7), "bent": (0.3, -1.4)},
+        MultisineSpec(1000.0, 4.0, (1.0, 40.0), (60.0, 30.0)),
+        CarrierSpec(0.01, 2),
+        NoiseSpec(torque_std=1.0, encoder_counts=2**18),
+        2,
+    )
+
+
+def three_axes() -> Bench:
+    """The robot of `elastid demo` in three of its configurations, excited as strongly as there."""
+    study = load(Path(str(files("elastid") / "app" / "templates" / "serial" / "study.yml"))).study
+    chosen = {name: study.experiment.configurations[name] for name in ("stretched", "folded", "reach")}
+    assert study.excitation is not None
+    return Bench(
+        with_coulomb(study.robot, (0.0, 0.0, 0.0)),
+        chosen,
+        study.excitation,
+        CarrierSpec(0.0087, 4),
+        NoiseSpec(torque_std=1.0, encoder_counts=2**20),
+        4,
+    )
+
+
+BENCHES: dict[int, Callable[[], Bench]] = {2: two_axes, 3: three_axes}
+
+
+@dataclass(frozen=True)
+class Case:
+    """Data sets of one bench: Coulomb friction over rms torque, with or without carrier, and how it is treated."""
+
+    axes: int
+    coulomb: float
+    carrier: bool
+    friction: str
+    realisations: int = 4
+    periods: int = 2
+
+    @property
+    def name(self) -> str:
+        """In a table."""
+        carrier = "carrier" if self.carrier else "at rest"
+        return f"{self.axes} axes, {self.coulomb:4.2f}, {carrier}, {self.friction}"
+
+    def responses_and_fit(self, number: int) -> tuple[list[Any], FitResult]:
+        """The responses of one data set and their fit."""
+        rig, experiment, excitation = _prepared(self)
+        plan = make_plan(excitation, experiment, rig.robot, number)
+        records = rig.measure(plan, number)
+        spec = EstimatorSpec()
+        found = [
+            estimate([one for one in records if one.configuration.name == name], spec, plan.lines)
+            for name in rig.postures
+        ]
+        return found, fit_parameters(found, rig.robot, FIT)
+
+    def __call__(self, number: int) -> FloatArray:
+        """ln p - ln of the truth, stated deviation, and whether the 95 % interval holds the truth (3, n)."""
+        _, result = self.responses_and_fit(number)
+        truth = {name: value for name, (value, _) in _prepared(self)[0].robot.parameters().items()}
+        names = self.names
+        if result.status not in ("converged", "at_bound"):
+            return np.full((3, len(names)), np.nan)
+        std = result.std
+        error = np.array([np.log(result.values[name] / truth[name]) for name in names])
+        stated = np.array([std[name] / result.values[name] for name in names])
+        within = [result.interval(name)[0] < truth[name] < result.interval(name)[1] for name in names]
+        return np.array([error, stated, within])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The parameters that are compared: every k and d."""
+        robot = _prepared(self)[0].robot
+        return tuple(name for name, (value, _) in robot.parameters().items() if name[:2] in ("k_", "d_") and value > 0)
+
+
+@lru_cache(maxsize=4)
+def _prepared(case: Case) -> tuple[FastRig, ExperimentSpec, MultisineSpec]:
+    bench = BENCHES[case.axes]()
+    n_u = len(bench.robot.driven)
+    rms = np.broadcast_to(np.asarray(bench.excitation.torque_rms, float), (n_u,))
+    robot = with_coulomb(bench.robot, case.coulomb * rms)
+    simulated = SimulatedSpec(
+        carrier=bench.carrier if case.carrier else None, noise=bench.noise, substeps=bench.substeps
+    )
+    experiment = ExperimentSpec(bench.postures, case.realisations, case.periods, 1, simulated=simulated)
+    plan: Plan = make_plan(bench.excitation, experiment, robot, 0)
+    return FastRig.of(robot, simulated, plan), experiment, bench.excitation
+
+
+def covered(case: Case, sets: int, jobs: int) -> dict[str, Any]:
+    """The figures of a case from so many data sets."""
+    every = np.array(ordered(case, list(range(sets)), jobs))
+    good = np.isfinite(every).all(axis=(1, 2))
+    error, stated, within = every[good].swapaxes(0, 1)
+    rms = np.sqrt(np.mean(stated**2, axis=0))
+    scatter = np.std(error, axis=0, ddof=1)
+    return {
+        "case": case.name,
+        "sets": int(good.sum()),
+        "failed": int(np.sum(~good)),
+        "coverage": float(within.mean()),
+        # Data sets are independent, parameters of one are not.
+        "chance": float(np.std(within.mean(axis=1), ddof=1) / np.sqrt(good.sum())),
+        "parameters": list(case.names),
+        "coverage_by_parameter": within.mean(axis=0).round(4).tolist(),
+        "bias_percent": (100 * error.mean(axis=0)).round(4).tolist(),
+        "bias_over_stated": (error.mean(axis=0) / rms).round(3).tolist(),
+        "scatter_over_stated": (scatter / rms).round(3).tolist(),
+        "stated_percent": (100 * rms).round(4).tolist(),
+    }
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """One line a case: coverage of all and of the worst parameter, bias and scatter over the stated deviation."""
+    lines = [
+        f"{'case (Coulomb over rms torque)':<38}{'sets':>5}{'covered, %':>16}{'by parameter, %':>18}"
+        f"{'bias / stated':>18}{'scatter / stated':>18}{'stated, %':>16}"
+    ]
+    for row in rows:
+        by = 100 * np.array(row["coverage_by_parameter"])
+        bias, scatter, stated = (
+            np.array(row[key]) for key in ("bias_over_stated", "scatter_over_stated", "stated_percent")
+        )
+        share = f"{100 * row['coverage']:.1f} +- {100 * row['chance']:.1f}"
+        lines.append(
+            f"{row['case']:<38}{row['sets']:>5}{share:>16}{_span(by):>18}{_span(bias):>18}{_span(scatter):>18}"
+            f"{_span(stated):>16}"
+        )
+    return "\n".join(lines)
+
+
+def _span(values: FloatArray) -> str:
+    return f"{values.min():.3g} to {values.max():.3g}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="few data sets of two axes, to see that it runs")
+    parser.add_argument("--sets", type=int, default=300)
+    parser.add_argument("--axes", type=int, nargs="*", default=[2, 3], choices=sorted(BENCHES))
+    parser.add_argument("--coulomb", type=float, nargs="*", default=list(LEVELS))
+    parser.add_argument("--carrier", nargs="*", default=["yes", "no"], choices=["yes", "no"])
+    parser.add_argument("--friction", nargs="*", default=["none"])
+    parser.add_argument("--realisations", type=int, default=4)
+    parser.add_argument("--periods", type=int, default=2)
+    parser.add_argument("--jobs", type=int, default=1)
+    given = parser.parse_args()
+    sets, axes, levels = (20, [2], [0.0, 0.16]) if given.quick else (given.sets, given.axes, given.coulomb)
+    rows = []
+    for n in axes:
+        for carrier in given.carrier:
+            for level in levels:
+                for friction in given.friction:
+                    case = Case(n, level, carrier == "yes", friction, given.realisations, given.periods)
+                    rows.append(covered(case, sets, given.jobs))
+                    print(table(rows[-1:]).split("\n")[1 if len(rows) > 1 else 0 :][-1], flush=True)
+    print("\n" + table(rows))
+    print(json.dumps({"coverage": rows}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,94 @@
+"""Systematic errors of known size: estimated with the parameters, or covered by their intervals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.three_mass import FREQ, NO_FLOOR, TRUTH, measured, noise_of, parameters, plant
+
+from elastid.fit.problem.elastic import elastic_fit
+from elastid.fit.problem.residuals import as_real
+from elastid.fit.problem.shared_bias import bias_slopes, shared_factors
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.uncertainty.covariance import estimate_uncertainty
+from elastid.fit.weights.weights import weigh
+from elastid.linear.response.transfer import frequency_response
+from elastid.response import FrequencyResponse
+
+X = parameters().x
+NOISE = noise_of("relative", plant())
+
+
+def by_a_mass(size: float) -> np.ndarray:
+    """delta G (1, F, 1, 1) of a motor that is heavier by a part `size` of its 0.0059 kg m^2."""
+    G = frequency_response(plant(), plant().theta_ref, FREQ)
+    return np.asarray(-(2j * np.pi * FREQ[:, None, None]) * 0.0059 * size * G**2)[None]
+
+
+def data(seed: int, size: float, factor: float) -> FrequencyResponse:
+    """Measured with noise, and with the systematic error times a factor."""
+    clean = measured(plant(), NOISE, np.random.default_rng(seed))
+    return replace(clean, G=clean.G + factor * by_a_mass(size)[0], bias=by_a_mass(size))
+
+
+def solved(response: FrequencyResponse) -> tuple[np.ndarray, np.ndarray, float]:
+    """x and its covariance by Gauss-Newton steps, and the factor."""
+    x, clean = X, response
+    for _ in range(6):
+        weights = [weigh(response, NO_FLOOR)]
+        (c,) = shared_factors(elastic_fit([response], [plant()], weights, parameters(), "complex"), [response], x)
+        assert response.bias is not None
+        clean = replace(response, G=response.G - c * response.bias[0])
+        fit = elastic_fit([clean], [plant()], weights, parameters(), "complex")
+        ((r, J),) = fit.blocks(x)
+        rows = as_real(J).reshape(len(x), -1).T
+        x = x - np.linalg.lstsq(rows, as_real(r).ravel())[0]
+    return x, estimate_uncertainty(fit, [response], weights, x).covariance, float(c)
+
+
+def test_the_factor_is_that_of_generalised_least_squares() -> None:
+    """x, c minimise |r + J dx - H c|^2 + |c|^2: the same x as with the covariance I + H H^T of all residuals."""
+    response = data(0, 0.01, 1.0)
+    x, _, c = solved(response)
+    weights = [weigh(response, NO_FLOOR)]
+    fit = elastic_fit([response], [plant()], weights, parameters(), "complex")
+    ((r, J),) = fit.blocks(x)
+    H = as_real(bias_slopes(fit.parts[0], response, ("motor 1",))).reshape(1, -1).T
+    rows, residual = as_real(J).reshape(len(x), -1).T, as_real(r).ravel()
+    whole = np.eye(len(rows)) + H @ H.T
+    gradient = rows.T @ np.linalg.solve(whole, residual)
+    step = np.linalg.solve(rows.T @ np.linalg.solve(whole, rows), gradient)
+    deviation = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    assert np.all(np.abs(step) < 0.01 * deviation)
+    assert c == pytest.approx(float(-H[:, 0] @ np.linalg.solve(whole, residual)), abs=0.01)
+
+
+@pytest.mark.parametrize("size", [0.001, 0.02])
+def test_intervals_hold_with_a_factor_drawn_anew(size: float) -> None:
+    """Factors from N(0, 1), 60 data sets: errors scatter as stated, whether the data show the factor or not."""
+    rng = np.random.default_rng(1)
+    ratios = []
+    for seed in range(60):
+        x, covariance, _ = solved(data(seed, size, rng.standard_normal()))
+        ratios.append((x - X) / np.sqrt(np.diag(covariance)))
+    rms = np.sqrt(np.mean(np.square(ratios), axis=0))
+    assert rms.shape == (len(TRUTH),)
+    assert np.all((rms > 0.7) & (rms < 1.25))
+
+
+def test_a_factor_that_the_data_show_is_found() -> None:
+    """An error of many standard deviations in shape is taken out: its factor is 1, and stiffness is right."""
+    x, covariance, c = solved(data(3, 0.1, 1.0))
+    assert c == pytest.approx(1.0, abs=0.1)
+    assert np.all(np.abs(x - X) < 3.5 * np.sqrt(np.diag(covariance)))
+
+
+def test_an_assembly_without_systematic_errors_is_left_as_it_is() -> None:
+    """No further linearisation where there is nothing to correct."""
+    response = measured(plant(), NOISE, np.random.default_rng(0))
+    assembly = Assembly((response,), (weigh(response, NO_FLOOR),), None, parameters(), NO_FLOOR)  # type: ignore[arg-type]
+    same, c = assembly.unbiased(X)
+    assert same is assembly
+    assert len(c) == 0
