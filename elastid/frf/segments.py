@@ -10,6 +10,7 @@ from scipy.fft import rfft
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
+from elastid.base.mapped import release
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.matrices import adjoint
 from elastid.frf.spec import EstimatorSpec
@@ -131,6 +132,8 @@ def cross_spectra(records: Sequence[Record], segments: Segments, lines: IntArray
             cut = (cut - cut.mean(axis=2, keepdims=True)) * w
             Z = np.moveaxis(rfft(cut, axis=2)[:, :, lines], 2, 0)
             S += Z @ adjoint(Z)
+            release(record.y)
+            release(record.u)
     freq_hz = line_frequencies(lines, first.rate_hz, L)
     order = np.array([MOTION_ORDER[spec.quantity] - MOTION_ORDER[each] for each in first.quantities])
     scale = np.empty((len(lines), n), dtype=np.complex128)
