@@ -21,6 +21,10 @@ _MIN_NOISY_CORRELATION = 0.5
 # The rest is noise where so many periods have correlations that differ by no more than this part.
 _MIN_NOISY_PERIODS = 4
 _MAX_CORRELATION_CHANGE = 0.1
+# The change from one repetition to the next is noise where its autocorrelation, from lags of a twentieth to a half of a
+# repetition, is at most this; the change of a motion is as slow as the motion.
+_MIN_REST_LAG = 0.05
+_MAX_REST_CORRELATION = 0.3
 # A stated period is wrong where another leaves a fifth, and 1 % of the signal's power, less unexplained.
 _MAX_UNEXPLAINED_RATIO = 1.2
 _UNEXPLAINED_MARGIN = 0.01
@@ -126,7 +130,10 @@ def _is_as_good(correlation: float, best: float) -> bool:
 
 
 def _rest_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
-    """Whether the correlations after one, two, ... repetitions, over half of the log at least, are the same."""
+    """Whether the correlations after one, two, ... repetitions, over half of the log at least, are the same.
+
+    And whether d(t) = x(t + T) - x(t) is noise: its autocorrelation is 2 rho(l) - rho(T + l) - rho(T - l) of x(t)^2.
+    """
     n = len(rho) * 8 / 7
     if n < _MIN_NOISY_PERIODS * lag:
         return False
@@ -135,7 +142,12 @@ def _rest_is_noise(rho: FloatArray, lag: float, sign: int = 1) -> bool:
     # A lag that is not whole has its peak at one of two samples.
     near = np.clip(lags + np.array([-1, 0, 1])[:, None], 0, len(rho) - 1)
     beside = np.max((float(sign) ** repeats) * rho[near], axis=0)
-    return bool(np.all(np.abs(beside / max(beside[0], 1e-300) - 1) <= _MAX_CORRELATION_CHANGE))
+    if np.any(np.abs(beside / max(beside[0], 1e-300) - 1) > _MAX_CORRELATION_CHANGE):
+        return False
+    T = max(1, round(lag))
+    later = np.arange(max(1, round(_MIN_REST_LAG * T)), T // 2 + 1)
+    rest = 2 * rho[later] - sign * (rho[T + later] + rho[T - later])
+    return bool(np.all(np.abs(rest) <= _MAX_REST_CORRELATION * 2 * max(1 - sign * rho[T], 1e-3)))
 
 
 def _anywhere(x: FloatArray) -> Repetition:

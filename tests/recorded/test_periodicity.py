@@ -43,6 +43,31 @@ def test_repetition_survives_drift_noise_and_an_input_at_rest() -> None:
     assert repetition(signals, 280).best_samples == pytest.approx(300, abs=0.5)
 
 
+def _motion(kind: str, rng: np.random.Generator, n: int = 2501) -> np.ndarray:
+    """A motion that does not repeat within n samples."""
+    t = np.arange(n)
+    if kind == "sum of harmonics of the log":
+        return np.asarray(sum(rng.normal() * np.cos(2 * np.pi * (k * t / n + rng.random())) for k in range(1, 8)))
+    if kind == "sweep":
+        low, high = rng.uniform(1, 5), rng.uniform(8, 40)
+        return np.asarray(np.sin(2 * np.pi * (low * t / n + (high - low) * (t / n) ** 2 / 2)))
+    knots = np.sort(rng.choice(n - 1, int(rng.integers(6, 25)), replace=False))
+    window = np.hanning(int(rng.integers(20, 120)))
+    return np.convolve(np.interp(t, knots, rng.normal(size=len(knots))), window / window.sum(), "same")
+
+
+@pytest.mark.parametrize("kind", ["sum of harmonics of the log", "sweep", "from point to point"])
+@pytest.mark.parametrize("noise", [0.0, 0.1, 0.4])
+def test_no_period_of_a_motion_that_does_not_repeat_is_accepted_for_noise(kind: str, noise: float) -> None:
+    """Below a correlation of 0.95, whatever the stated period: what differs is slow, and noise is not."""
+    rng = np.random.default_rng(7)
+    for _ in range(4):
+        x = _motion(kind, rng)
+        x = x + noise * x.std() * rng.normal(size=len(x))
+        found = [repetition(x[:, None], stated) for stated in range(60, 1300, 40)]
+        assert not [each for each in found if each.is_as_stated and each.correlation < 0.95]
+
+
 def test_a_clock_that_runs_a_thousandth_wrong_shows_in_the_period() -> None:
     """Logged at a rate 0.1 % off, the period is 500.5 samples: neither 500 nor 501 repeat it."""
     lines, rng = np.arange(2, 120), np.random.default_rng(2)
