@@ -53,7 +53,7 @@ def _motion(kind: str, rng: np.random.Generator, n: int = 2501) -> np.ndarray:
         return np.asarray(np.sin(2 * np.pi * (low * t / n + (high - low) * (t / n) ** 2 / 2)))
     knots = np.sort(rng.choice(n - 1, int(rng.integers(6, 25)), replace=False))
     window = np.hanning(int(rng.integers(20, 120)))
-    return np.convolve(np.interp(t, knots, rng.normal(size=len(knots))), window / window.sum(), "same")
+    return np.asarray(np.convolve(np.interp(t, knots, rng.normal(size=len(knots))), window / window.sum(), "same"))
 
 
 @pytest.mark.parametrize("kind", ["sum of harmonics of the log", "sweep", "from point to point"])
