@@ -211,7 +211,7 @@ class FitSpec:
     Parameters that differ between them are `per: robot` (k_*: {}, fm_*: {per: robot}).
     starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
     and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
-    line, that the first stage goes through; 1 fits all lines at once.  solver: `ipopt` or `sqp`.
+    line, that the first stage goes through; 1 fits all lines at once.  solver: `trust_region` or `ipopt`.
     band_hz: lines used.  mask: elements left out.  weights: of the elements.
     profile: names or patterns of parameters whose interval is found by profile likelihood; `auto`: of those whose
     standard deviation is too large for a symmetric one, [] of none.  bootstrap: repetitions of the fit on data drawn
@@ -227,7 +227,7 @@ class FitSpec:
     starts: int = 20
     start_factor: float = 3.0
     continuation: int = 1
-    solver: Literal["ipopt", "sqp"] = "ipopt"
+    solver: Literal["trust_region", "ipopt"] = "trust_region"
     band_hz: tuple[Frequency, Frequency] | None = None
     mask: tuple[MaskSpec, ...] = ()
     weights: WeightSpec = WeightSpec()

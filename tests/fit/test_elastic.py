@@ -97,11 +97,8 @@ def test_an_element_that_the_model_lacks_is_left_out_of_the_logarithm():
     assert np.isfinite(fit.evaluate(parameters().x).cost)
 
 
-def test_the_log_criterion_converges_from_far_starts():
-    """30 starts up to a factor 7.4 off in all four parameters, three outputs, exact data.
-
-    The logarithm finds the truth at least 27 times; the complex criterion does not.
-    """
+def test_both_criteria_converge_from_far_starts():
+    """30 starts up to a factor 7.4 off in all four parameters, three outputs, exact data: 27 or more hit the truth."""
     model = plant((0, 1, 2))
     response = measured(model, noise_of("relative", model))
     starts = parameters().x + np.log(7.4) * np.random.default_rng(8).uniform(-1, 1, (30, 4))
@@ -110,7 +107,8 @@ def test_the_log_criterion_converges_from_far_starts():
         problem = fit_of(response, model, criterion=criterion).problem
         return sum(np.allclose(solve(problem, x).x, parameters().x, atol=1e-3) for x in starts)
 
-    assert hits("log") >= 27 > hits("complex")
+    assert hits("log") >= 27
+    assert hits("complex") >= 27
 
 
 @pytest.mark.parametrize("criterion", ["complex", "log"])

@@ -259,10 +259,10 @@ def test_a_parameter_that_is_known_roughly_gets_its_profile_unasked(data):
     assert not len(well.profile95) or np.isnan(well.profile95[springs]).all()
 
 
-@pytest.mark.parametrize("solver", ["ipopt", "sqp"])
+@pytest.mark.parametrize("solver", ["trust_region", "ipopt"])
 @pytest.mark.parametrize("continuation", [1, 3])
 def test_solvers_and_continuation_end_at_the_same_optimum(data, solver, continuation):
-    """IPOPT and SQP, all lines at once or band by band."""
+    """Trust region and IPOPT, all lines at once or band by band."""
     spec = FitSpec(starts=4, solver=solver, continuation=continuation)
     result = identify(data, bench(d=0.1, k=60.0), spec)
     truth = bench().parameters()

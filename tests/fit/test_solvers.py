@@ -1,4 +1,4 @@
-"""IPOPT with a Gauss-Newton Hessian, and many starts, on problems that know no robot."""
+"""Two solvers with a Gauss-Newton Hessian, and many starts, on problems that know no robot."""
 
 import math
 import signal
@@ -14,7 +14,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.solve.multistart import multistart, spread
-from elastid.fit.solve.solvers import FINE, solve
+from elastid.fit.solve.solvers import FINE, SolverName, solve
 from elastid.parameters import Parameter, ParameterSet
 
 T = np.linspace(0, 1, 50)
@@ -50,10 +50,13 @@ def decay(parameters: ParameterSet) -> LeastSquares:
 
 DECAY = decay(ParameterSet((amplitude(), RATE)))
 
+both_solvers = pytest.mark.parametrize("method", ["trust_region", "ipopt"])
 
-def test_the_optimum_is_that_of_an_independent_solver():
+
+@both_solvers
+def test_the_optimum_is_that_of_an_independent_solver(method: SolverName):
     """SciPy's least_squares ends at the same place, to far below a standard deviation."""
-    end = solve(DECAY, DECAY.parameters.x)
+    end = solve(DECAY, DECAY.parameters.x, method=method)
     reference = least_squares(lambda x: DECAY.residual(x)[0], DECAY.parameters.x, xtol=1e-14, ftol=1e-14, gtol=1e-14)
     std = np.sqrt(np.diag(np.linalg.inv(reference.jac.T @ reference.jac)))
     assert end.converged
@@ -61,9 +64,10 @@ def test_the_optimum_is_that_of_an_independent_solver():
     assert end.cost == pytest.approx(2 * reference.cost, rel=1e-6)
 
 
-def test_a_bound_holds_and_the_rest_is_still_optimal():
+@both_solvers
+def test_a_bound_holds_and_the_rest_is_still_optimal(method: SolverName):
     """With a <= 1.5 the estimate is a = 1.5 and the b that is best there."""
-    end = solve(decay(ParameterSet((amplitude(upper=1.5), RATE))), DECAY.parameters.x)
+    end = solve(decay(ParameterSet((amplitude(upper=1.5), RATE))), DECAY.parameters.x, method=method)
     reference = least_squares(
         lambda b: DECAY.residual(np.array([math.log(1.5), b[0]]))[0], [math.log(3.0)], xtol=1e-14, ftol=1e-14
     )
@@ -72,7 +76,8 @@ def test_a_bound_holds_and_the_rest_is_still_optimal():
     assert end.x[1] == pytest.approx(reference.x[0], abs=1e-4)
 
 
-def test_variables_of_very_different_size_are_solved_alike():
+@both_solvers
+def test_variables_of_very_different_size_are_solved_alike(method: SolverName):
     """A delay of 1e-4 s and a gain of 1e6, both linear, both from far off."""
     parameters = ParameterSet(
         (Parameter("gain", 1e5, lower=0, upper=1e7), Parameter("delay", 5e-3, lower=0, upper=1e-2))
@@ -86,12 +91,13 @@ def test_variables_of_very_different_size_are_solved_alike():
         stacked = np.vstack([rows.real, rows.imag]) / 100
         return stacked[:, 0], stacked[:, 1:]
 
-    end = solve(problem(parameters, residual), parameters.x)
+    end = solve(problem(parameters, residual), parameters.x, method=method)
     assert end.converged
     np.testing.assert_allclose(end.x, [1e6, 1e-4], rtol=1e-6)
 
 
-def test_an_error_in_the_problem_is_raised_as_it_is():
+@both_solvers
+def test_an_error_in_the_problem_is_raised_as_it_is(method: SolverName):
     """CasADi would swallow it and return a wrong x."""
     calls = []
 
@@ -102,12 +108,13 @@ def test_an_error_in_the_problem_is_raised_as_it_is():
         return DECAY.evaluate(x)
 
     with pytest.raises(ZeroDivisionError, match="of the model"):
-        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x)
+        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x, method=method)
     assert len(calls) == 4  # nothing is evaluated after it
 
 
+@both_solvers
 @pytest.mark.usefixtures("ctrl_c")
-def test_ctrl_c_in_the_problem_stops_the_solve():
+def test_ctrl_c_in_the_problem_stops_the_solve(method: SolverName):
     """SIGINT while the model is evaluated."""
     calls = []
 
@@ -118,7 +125,7 @@ def test_ctrl_c_in_the_problem_stops_the_solve():
         return DECAY.evaluate(x)
 
     with pytest.raises(KeyboardInterrupt):
-        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x)
+        solve(replace(DECAY, evaluate=evaluate), DECAY.parameters.x, method=method)
 
 
 def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
@@ -133,10 +140,11 @@ def test_ctrl_c_inside_ipopt_stops_the_solve(monkeypatch):
 
     monkeypatch.setattr(ca, "nlpsol", lambda *_: Interrupted())
     with pytest.raises(KeyboardInterrupt):
-        solve(DECAY, DECAY.parameters.x)
+        solve(DECAY, DECAY.parameters.x, method="ipopt")
 
 
-def test_a_model_without_a_value_is_stepped_around():
+@both_solvers
+def test_a_model_without_a_value_is_stepped_around(method: SolverName):
     """Where the cost is not finite on the way, the step is shortened; at the start it is an error."""
 
     def evaluate(x: FloatArray) -> Evaluation:
@@ -144,17 +152,49 @@ def test_a_model_without_a_value_is_stepped_around():
         return here if x[1] > math.log(2.5) else replace(here, cost=math.nan)
 
     gappy = replace(DECAY, evaluate=evaluate)
-    np.testing.assert_allclose(solve(gappy, DECAY.parameters.x).x, solve(DECAY, DECAY.parameters.x).x, atol=1e-5)
+    ends = [solve(each, DECAY.parameters.x, method=method).x for each in (gappy, DECAY)]
+    np.testing.assert_allclose(*ends, atol=1e-5)
     with pytest.raises(FitError, match=r"not finite at the start .*; move the start"):
-        solve(gappy, np.array([0.0, math.log(2.0)]))
+        solve(gappy, np.array([0.0, math.log(2.0)]), method=method)
 
 
-def test_an_exhausted_solve_does_not_call_itself_converged(capfd):
+@pytest.mark.parametrize(("method", "says"), [("trust_region", "stopped"), ("ipopt", "Maximum_Iterations_Exceeded")])
+def test_an_exhausted_solve_does_not_call_itself_converged(method: SolverName, says: str, capfd):
     """Two iterations are not enough, the message says so, and IPOPT prints nothing."""
-    end = solve(DECAY, DECAY.parameters.x, max_iterations=2)
+    end = solve(DECAY, DECAY.parameters.x, max_iterations=2, method=method)
     assert not end.converged
-    assert "Maximum_Iterations_Exceeded after 2 iterations" in end.message
+    assert f"{says} after 2 iterations" in end.message
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_damping_that_hardly_acts_is_not_overshot():
+    """r = p - 1 from p = 1e-4: a whole Gauss-Newton step in ln p would be to e^9999, or to its bound 1e8."""
+    parameters = ParameterSet((Parameter("p", 1e-4, lower=1e-9, upper=1e8, log=True),))
+    seen = []
+
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        p = parameters.expand(x)
+        seen.append(p[0])
+        return np.append(p - 1, 0.1), np.array([p, [0.0]])
+
+    end = solve(problem(parameters, residual), parameters.x)
+    assert end.converged
+    assert math.exp(end.x[0]) == pytest.approx(1, abs=2 * FINE)
+    assert max(seen) < 2
+    assert len(seen) < 25
+
+
+def test_a_narrow_curved_valley_is_followed():
+    """Rosenbrock's, scaled so that its floor is as flat beside its sides as a weak parameter beside a strong one."""
+    parameters = ParameterSet((Parameter("x", -1.2, lower=-9, upper=9), Parameter("y", 1.0, lower=-9, upper=9)))
+
+    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.array([100 * (x[1] - x[0] ** 2), 1 - x[0], 1.0]), np.array([[-200 * x[0], 100], [-1, 0], [0, 0]])
+
+    end = solve(problem(parameters, residual), parameters.x)
+    assert end.converged
+    np.testing.assert_allclose(end.x, [1, 1], atol=4 * FINE)
+    assert end.iterations < 60
 
 
 def test_starts_spread_evenly_within_their_factor_and_bounds():

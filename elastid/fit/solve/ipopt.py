@@ -1,20 +1,33 @@
-"""IPOPT with a Gauss-Newton Hessian (Wachter and Biegler, Mathematical Programming 106, 2006)."""
+r"""IPOPT with a Gauss-Newton Hessian, through CasADi (Wachter and Biegler, Mathematical Programming 106, 2006).
+
+.. math:: \min_z V(z) / N \quad \text{s.t.} \quad z_{lower} \le z \le z_{upper}, \qquad \nabla^2 V \approx 2 J^T J
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from signal import SIGINT, getsignal, signal
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-from elastid.fit.solve import callbacks
-from elastid.fit.solve.callbacks import Answer, Callback, Outputs
+from elastid.base.arrays import FloatArray
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.solve.callbacks import Callback, Outputs, Signature, vector
+from elastid.fit.solve.ending import Ending
 from elastid.fit.solve.scaled_problem import ScaledProblem
 
-# The return status of an exception that is none of IPOPT's own, such as Ctrl-C.
-FOREIGN_EXCEPTION = "NonIpopt_Exception_Thrown"
-_OPTIONS: dict[str, Any] = callbacks.OPTIONS | {
+# The return status of an iteration callback that ends it, and that of an exception none of IPOPT's own, such as Ctrl-C.
+_STOPPED, _FOREIGN_EXCEPTION = "User_Requested_Stop", "NonIpopt_Exception_Thrown"
+_OPTIONS: dict[str, Any] = {
+    "print_time": False,
+    "no_nlp_grad": True,  # would need the gradient of the multipliers, which nobody reads
+    "calc_lam_p": False,
+    "show_eval_warnings": False,
     "ipopt.sb": "yes",
     "ipopt.print_level": 0,
     "ipopt.acceptable_iter": 0,
@@ -25,12 +38,44 @@ _OPTIONS: dict[str, Any] = callbacks.OPTIONS | {
 }
 
 
-def ipopt(scaled: ScaledProblem, tolerance: float, max_iterations: int) -> Answer:
-    """Where IPOPT ends from scaled.x0, its status and its iterations."""
-    called = callbacks.objective(scaled), _gradient(scaled), _hessian(scaled), callbacks.stop(scaled, tolerance)
+def ipopt(
+    problem: LeastSquares, x0: FloatArray, beginning: Evaluation, tolerance: float, max_iterations: int
+) -> Ending:
+    """Where IPOPT ends from x0 (n_x,), within its bounds; beginning: the problem there.
+
+    Errors of the problem are raised as they are; Ctrl-C becomes KeyboardInterrupt.
+    """
+    scaled = ScaledProblem(problem, x0, beginning)
+    called = _objective(scaled), _gradient(scaled), _hessian(scaled), _stop(scaled, tolerance)
     options = _OPTIONS | {"grad_f": called[1], "hess_lag": called[2], "iteration_callback": called[3]}
     options |= {"ipopt.max_iter": max_iterations, "ipopt.tol": 1e-3 * tolerance * scaled.weight}
-    return callbacks.answer(ca.nlpsol("fit", "ipopt", called[0], options), scaled.to_z(scaled.x0), scaled.z_bounds)
+    solver = ca.nlpsol("fit", "ipopt", called[0], options)
+    lower, upper = scaled.z_bounds
+    with _interrupt_kept(scaled):
+        found = solver(x0=scaled.to_z(x0), lbx=lower, ubx=upper)
+    stats = solver.stats()
+    if scaled.error is not None:
+        raise scaled.error
+    # Ctrl-C inside IPOPT does not raise; it returns this status and an x that is no solution.
+    if stats["return_status"] == _FOREIGN_EXCEPTION:
+        raise KeyboardInterrupt
+    x = np.clip(scaled.to_x(np.asarray(found["x"]).ravel()), *problem.parameters.x_bounds)
+    status = "" if stats["return_status"] == _STOPPED else str(stats["return_status"])
+    return Ending(x, scaled.at(x), status, int(stats["iter_count"]))
+
+
+def _point(n: int) -> Signature:
+    """Arguments of the objective and its gradient."""
+    return [("x", vector(n)), ("p", ca.Sparsity(0, 0))]
+
+
+def _objective(scaled: ScaledProblem) -> Callback:
+    """V / N, and no constraints."""
+
+    def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
+        return [ca.DM(scaled.weight * scaled.guarded(arguments[0]).cost), ca.DM(0, 1)]
+
+    return Callback("objective", _point(len(scaled.x0)), [("f", vector(1)), ("g", ca.Sparsity(0, 1))], evaluate)
 
 
 def _gradient(scaled: ScaledProblem) -> Callback:
@@ -41,18 +86,50 @@ def _gradient(scaled: ScaledProblem) -> Callback:
         here = scaled.guarded(arguments[0])
         return [ca.DM(scaled.weight * here.cost), ca.DM(scaled.weight * scaled.scale * here.gradient)]
 
-    outputs = [("f", callbacks.vector(1)), ("grad_f_x", callbacks.vector(n))]
-    return Callback("nlp_grad_f", callbacks.point(n), outputs, evaluate)
+    return Callback("nlp_grad_f", _point(n), [("f", vector(1)), ("grad_f_x", vector(n))], evaluate)
 
 
 def _hessian(scaled: ScaledProblem) -> Callback:
-    """The upper triangle of the Hessian of the Lagrangian."""
+    """The upper triangle of the Hessian of the Lagrangian, Gauss-Newton's in z times the multiplier of V / N."""
     n = len(scaled.x0)
     upper, rows_of_columns = ca.Sparsity.upper(n), np.tril_indices(n)
+    weights = scaled.weight * np.outer(scaled.scale, scaled.scale)
 
     def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
+        whole = float(arguments[2]) * weights * scaled.guarded(arguments[0]).hessian
         # The upper triangle column by column is the lower one row by row.
-        return [ca.DM(upper, callbacks.hessian(scaled, arguments)[rows_of_columns])]
+        return [ca.DM(upper, whole[rows_of_columns])]
 
-    inputs = callbacks.point(n) + callbacks.multipliers()
+    inputs = [*_point(n), ("lam_f", vector(1)), ("lam_g", ca.Sparsity(0, 1))]
     return Callback("nlp_hess_l", inputs, [("hess_gamma_x_x", upper)], evaluate)
+
+
+def _stop(scaled: ScaledProblem, tolerance: float) -> Callback:
+    """Whether to end: after an error, or nearer to the stationary point than the tolerance."""
+    n, none = vector(len(scaled.x0)), ca.Sparsity(0, 0)
+    state = [("x", n), ("f", vector(1)), ("g", none), ("lam_x", n), ("lam_g", none), ("lam_p", none)]
+
+    def evaluate(arguments: Sequence[ca.DM]) -> Outputs:
+        scaled.guarded(arguments[0])
+        x = scaled.to_x(np.asarray(arguments[0]).ravel())
+        return [ca.DM(scaled.error is not None or scaled.distance(x) < tolerance)]
+
+    return Callback("stop", state, [("ret", vector(1))], evaluate)
+
+
+@contextmanager
+def _interrupt_kept(scaled: ScaledProblem) -> Iterator[None]:
+    """Ctrl-C as an error that the problem keeps: raised within CasADi and its callbacks it would be swallowed."""
+    before = getsignal(SIGINT)
+    if current_thread() is not main_thread() or not callable(before):
+        yield
+        return
+
+    def keep(number: int, frame: FrameType | None) -> None:
+        scaled.error = KeyboardInterrupt()
+
+    signal(SIGINT, keep)
+    try:
+        yield
+    finally:
+        signal(SIGINT, before)

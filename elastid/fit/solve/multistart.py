@@ -17,7 +17,7 @@ from elastid.base.errors import FitError
 from elastid.base.execution import Execution, silent
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.result import LocalOptimum
-from elastid.fit.solve.solvers import FINE, ROUGH, SolverName, solve
+from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, SolverName, solve
 from elastid.parameters import Parameter, ParameterSet
 
 # Dampings and frictions are known less well than stiffnesses and inertias: their starts spread over factor^2.
@@ -65,7 +65,7 @@ class Interrupted(KeyboardInterrupt):
 def multistart(
     problems: Sequence[LeastSquares],
     starts: FloatArray,
-    method: SolverName = "ipopt",
+    method: SolverName = "trust_region",
     execution: Execution | None = None,
 ) -> tuple[tuple[LocalOptimum, ...], int]:
     """All starts (starts, n_x) solved, best first, and how many of them reached the best cost of the last problem.
@@ -134,7 +134,8 @@ class _Begin:
         x, iterations = x_start, 0
         try:
             for problem in self.problems:
-                end = solve(problem, x, ROUGH, ROUGH_ITERATIONS, self.method)
+                tolerance = ROUGH if problem is self.problems[-1] else NEAR
+                end = solve(problem, x, tolerance, ROUGH_ITERATIONS, self.method)
                 x, iterations = end.x, iterations + end.iterations
         except FitError as error:
             return LocalOptimum(x_start, x, math.inf, iterations, False, str(error))

@@ -1,53 +1,16 @@
-r"""A LeastSquares problem as a solver sees it, in variables of unit range, and the distance to its stationary point.
+r"""A LeastSquares problem as IPOPT sees it, in variables of unit range.
 
 .. math:: z = (x - x_0) / s, \qquad \min_z V / N
-
-    delta^2 = dx^T J^T J dx / max(1, V / dof),   dx the Gauss-Newton step of the variables that no bound holds
 """
 
 from __future__ import annotations
 
-import math
-
 import casadi as ca
 import numpy as np
 
-from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.arrays import FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-
-# The SQP changes a logarithmic parameter by this factor at most, a linear one by this share of its bounds, before it
-# looks farther.
-MAX_FACTOR = 2.0
-MAX_SHARE_OF_BOUNDS = 0.2
-# x within this share of its bounds from one of them is at it.
-AT_BOUND = 1e-6
-
-
-def distance(step: FloatArray, ending: Evaluation, dof: int) -> float:
-    """Length delta of a step dx (n_x,) in standard deviations of the estimate."""
-    information = 0.5 * float(step @ ending.hessian @ step)
-    return float(np.sqrt(max(0.0, information) / max(1.0, ending.cost / max(dof, 1))))
-
-
-def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
-    """How far the stationary point is, one Gauss-Newton step, in standard deviations of the estimate.
-
-    held (n_x,): variables that a bound holds, which take no step.  inf where the cost is not finite.
-    """
-    if not np.isfinite(ending.cost):
-        return np.inf
-    free = ~held
-    step = np.zeros(len(free))
-    step[free] = np.linalg.lstsq(ending.hessian[np.ix_(free, free)], ending.gradient[free], rcond=1e-12)[0]
-    return distance(step, ending, dof)
-
-
-def held_by_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:
-    """Variables (n_x,) at a bound beyond which the cost falls."""
-    lower, upper = problem.parameters.x_bounds
-    reach = AT_BOUND * np.where(np.isfinite(upper - lower), upper - lower, 1.0)
-    below, above = x <= lower + reach, x >= upper - reach
-    return np.asarray((below & (ending.gradient > 0)) | (above & (ending.gradient < 0)))
+from elastid.fit.solve.ending import distance_to_optimum, held_by_bounds
 
 
 class ScaledProblem:
@@ -56,7 +19,7 @@ class ScaledProblem:
     Bounded variables are scaled to unit range, so that a delay in seconds and ln k are alike to a solver.
     """
 
-    def __init__(self, problem: LeastSquares, x0: FloatArray) -> None:
+    def __init__(self, problem: LeastSquares, x0: FloatArray, beginning: Evaluation) -> None:
         lower, upper = problem.parameters.x_bounds
         bounded = np.isfinite(upper - lower)
         self.problem, self.x0 = problem, x0
@@ -64,21 +27,13 @@ class ScaledProblem:
         self.scale = np.where(bounded, upper - lower, np.maximum(np.abs(x0), 1.0))
         self.weight = 1.0 / max(1, problem.n_residuals)
         self.error: BaseException | None = None
-        self._cache: tuple[bytes, Evaluation] | None = None
+        self._cache = (x0.tobytes(), beginning)
 
     @property
     def z_bounds(self) -> tuple[FloatArray, FloatArray]:
         """The parameters' bounds (n_x,) in z."""
         lower, upper = self.problem.parameters.x_bounds
         return self.to_z(lower), self.to_z(upper)
-
-    @property
-    def reach(self) -> FloatArray:
-        """The longest steps of the SQP (n_x,), in z."""
-        log = np.array([parameter.log for parameter in self.problem.parameters.free])
-        bounded = np.isfinite(np.subtract(*self.problem.parameters.x_bounds))
-        far = np.where(log, math.log(MAX_FACTOR) / self.scale, np.where(bounded, MAX_SHARE_OF_BOUNDS, np.inf))
-        return np.asarray(far, dtype=np.float64)
 
     def to_x(self, z: FloatArray) -> FloatArray:
         """x (n_x,) of z."""
@@ -91,7 +46,7 @@ class ScaledProblem:
     def at(self, x: FloatArray) -> Evaluation:
         """The problem at x; cost, gradient and Hessian are asked for one after the other at the same x."""
         key = x.tobytes()
-        if self._cache is None or self._cache[0] != key:
+        if self._cache[0] != key:
             self._cache = (key, self.problem.evaluate(x))
         return self._cache[1]
 

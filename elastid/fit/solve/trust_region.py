@@ -1,0 +1,139 @@
+r"""Gauss-Newton within a trust region and bounds: the step from the gradient g and H = 2 J^T J alone.
+
+.. math:: \min_s g^T s + \tfrac12 s^T H s \quad \text{s.t.} \quad \|s\| \le \Delta, \qquad
+          s = -(H + \lambda 1)^{-1} g, \quad \lambda \ge 0: \|s\| = \Delta \text{ or } \lambda = 0
+
+(More, The Levenberg-Marquardt algorithm, 1978; Conn, Gould and Toint, Trust-Region Methods, 2000, 7.3.) A variable that
+the step takes to its bound stays there, and the others take the step that is best then. Delta doubles where V falls as
+predicted and shrinks to where a parabola through V, its slope and the new V has its minimum, if it does not.
+
+An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s) instead of p e^s, which is the same to
+first order: a response is nearly linear in a damping that hardly acts, whose step would otherwise span powers of e.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.fit.problem.least_squares import Evaluation, LeastSquares
+from elastid.fit.solve.ending import Ending, distance_to_optimum, held_by_bounds
+from elastid.parameters import ParameterSet
+
+# The first radius, for each variable: a factor of two in all logarithmic parameters.
+FIRST_RADIUS = np.log(2.0)
+# V that falls by less than this share of the prediction shrinks the radius, by more than that one doubles it.
+POOR_SHARE, GOOD_SHARE = 0.25, 0.75
+# A step is taken if V falls by this share of the prediction.
+MIN_SHARE = 1e-4
+# The radius shrinks to a share of the step within these; to the first where V is not finite.
+SHRINK = (0.1, 0.5)
+# A step of this share of the radius was limited by it, and one longer by less is within it.
+AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
+# Predictions below this share of V drown in rounding.
+ROUNDING = 1e-15
+
+
+def trust_region(
+    problem: LeastSquares,
+    x0: FloatArray,
+    beginning: Evaluation,
+    tolerance: float,
+    max_iterations: int,
+    fixed: BoolArray | None = None,
+) -> Ending:
+    """Where the steps from x0 (n_x,), within its bounds, end; beginning: the problem there.
+
+    An iteration is one evaluation.  fixed (n_x,): variables that stay.
+    """
+    parameters = problem.parameters
+    unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
+    x, here, radius = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0))
+    for used in range(max_iterations + 1):
+        held = fixed | held_by_bounds(problem, x, here)
+        if distance_to_optimum(here, problem.dof, held) < tolerance:
+            return Ending(x, here, "", used)
+        if used == max_iterations:
+            break
+        gradient, hessian = unit * here.gradient, np.outer(unit, unit) * here.hessian
+        step = _bounded_step(gradient, hessian, _room(parameters, x, unit), held, radius)
+        predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
+        if not predicted > ROUNDING * here.cost:
+            return Ending(x, here, "no further decrease", used)
+        x_new = _moved(parameters, x, unit * step)
+        new = problem.evaluate(x_new)
+        share = (here.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
+        radius = _next_radius(radius, step, share, predicted, float(gradient @ step))
+        if share > MIN_SHARE:
+            x, here = x_new, new
+    return Ending(x, here, "stopped", max_iterations)
+
+
+def _units(parameters: ParameterSet, x: FloatArray, here: Evaluation) -> FloatArray:
+    """Changes (n_x,) that count alike: a factor e; of a linear parameter what it is, moves by alone, or scatters by.
+
+    The largest of these three, and at most the width of its bounds.
+    """
+    curvature = np.diag(here.hessian)
+    known = curvature > 0
+    alone = np.divide(np.abs(here.gradient), curvature, out=np.zeros_like(x), where=known)
+    deviation = np.sqrt(np.divide(2.0, curvature, out=np.zeros_like(x), where=known))
+    size = np.maximum(np.abs(x), np.maximum(alone, deviation))
+    size[size == 0] = 1.0
+    log = np.array([parameter.log for parameter in parameters.free])
+    return np.where(log, 1.0, np.minimum(size, -np.subtract(*parameters.x_bounds)))
+
+
+def _room(parameters: ParameterSet, x: FloatArray, unit: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The least and the largest steps (n_x,) within the bounds, in units; `_moved` takes them there."""
+    lower, upper = parameters.x_bounds
+    log = np.array([parameter.log for parameter in parameters.free])
+    with np.errstate(over="ignore"):
+        return (lower - x) / unit, np.where(log, np.expm1(upper - x), (upper - x) / unit)
+
+
+def _moved(parameters: ParameterSet, x: FloatArray, step: FloatArray) -> FloatArray:
+    """x (n_x,) after a step: x + s, or x + ln(1 + s) for an increase of a logarithmic parameter."""
+    up = np.array([parameter.log for parameter in parameters.free]) & (step > 0)
+    return np.clip(x + np.where(up, np.log1p(np.where(up, step, 0.0)), step), *parameters.x_bounds)
+
+
+def _bounded_step(
+    gradient: FloatArray, hessian: FloatArray, room: tuple[FloatArray, FloatArray], held: BoolArray, radius: float
+) -> FloatArray:
+    """The step (n_x,) within radius and room of the variables that are not held."""
+    step, free = np.zeros(len(gradient)), ~held
+    while free.any():
+        left = radius**2 - float(step[~free] @ step[~free])
+        if left <= 0:
+            step[free] = 0.0
+            break
+        slope = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
+        step[free] = _step_within(slope, hessian[np.ix_(free, free)], float(np.sqrt(left)))
+        within = np.clip(step, *room)
+        beyond = free & (step != within)
+        if not beyond.any():
+            break
+        step[beyond] = within[beyond]
+        free &= ~beyond
+    return step
+
+
+def _step_within(gradient: FloatArray, hessian: FloatArray, radius: float) -> FloatArray:
+    """The step (n,) within the radius, bounds aside: lambda by Newton's method on 1 / |s|, from below."""
+    values, vectors = np.linalg.eigh(hessian)
+    along = vectors.T @ gradient
+    damping = max(0.0, -float(values[0])) + 1e-12 * max(float(values[-1]), 1e-300)
+    while (length := float(np.linalg.norm(along / (values + damping)))) > RADIUS_TOLERANCE * radius:
+        damping += (length / radius - 1) * length**2 / float(np.sum(along**2 / (values + damping) ** 3))
+    return np.asarray(-(vectors @ (along / (values + damping))))
+
+
+def _next_radius(radius: float, step: FloatArray, share: float, predicted: float, slope: float) -> float:
+    """The radius after a step by which V fell by a share of the prediction; slope: of V along the step."""
+    length = float(np.linalg.norm(step))
+    if share < POOR_SHARE:
+        if not np.isfinite(share):
+            return SHRINK[0] * length
+        return float(np.clip(slope / (2 * (share * predicted + slope)), *SHRINK)) * length
+    return 2 * radius if share > GOOD_SHARE and length > AT_RADIUS * radius else radius
