@@ -20,10 +20,8 @@ from elastid.fit.uncertainty.bootstrap import bootstrap
 from elastid.fit.uncertainty.profile import profiles
 from elastid.parameters import ParameterSet
 
-# The step that shows the curvature at the optimum, as a share of the interval: small, but V must rise beyond rounding.
-SMALL_STEP = 0.1
 # The error of an interval's end, as a share of the interval, above which it is found by profile likelihood, and for how
-# many parameters at most: each costs some twenty fits.
+# many parameters at most: each costs some ten to twenty evaluations.
 MAX_INTERVAL_ERROR = 0.1
 MAX_PROFILES = 6
 # Share of the repetitions of a bootstrap that may fail without a note.
@@ -33,7 +31,8 @@ MAX_FAILED_SHARE = 0.05
 def interval_errors(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> FloatArray:
     """The error of the ends of each symmetric interval (n_x,) as a share of it, V not being quadratic; 0 without one.
 
-    variance (n_x,): as the fit states it.
+    At an end dx from the optimum a quadratic V has risen by g^T dx / 2, g being its gradient there: the share by which
+    it has not, which is b t / a for V = a t^2 / 2 + b t^3.  variance (n_x,): as the fit states it.
     """
     best = problem.evaluate(x)
     A_inverse = np.linalg.pinv(best.hessian / 2, hermitian=True)
@@ -43,14 +42,13 @@ def interval_errors(problem: LeastSquares, x: FloatArray, variance: FloatArray) 
     for i in np.flatnonzero(np.isfinite(variance) & (variance > 0) & (curvature > 0)):
         v = np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i]
         for side in (-QUANTILE, QUANTILE):
-            whole, small = (
-                problem.evaluate(np.clip(x + step * v, lower, upper)).cost - best.cost
-                for step in (side, SMALL_STEP * side)
-            )
-            if not small > 0 or not np.isfinite(whole):
+            end = np.clip(x + side * v, lower, upper)
+            there = problem.evaluate(end)
+            rise = there.cost - best.cost
+            if not (rise > 0 and np.isfinite(rise)):
                 found[i] = np.inf
             else:
-                found[i] = max(found[i], abs(1 - SMALL_STEP * np.sqrt(max(whole, 0.0) / small)))
+                found[i] = max(found[i], abs(1 - 0.5 * float(there.gradient @ (end - x)) / rise))
     return found
 
 

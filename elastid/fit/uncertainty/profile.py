@@ -6,30 +6,36 @@ r"""Profile likelihood: V against one parameter, minimised over all others.
 An interval of 95 % that need not be symmetric in x, and is one-sided where the data only bound a parameter. c_i scales
 to the stated variance, which holds correlated elements, model error and the floor beside the curvature of V.
 (Raue et al., Bioinformatics 25, 2009, 1923.)
+
+sqrt(V_p - V) is nearly linear in x_i, and its slope is known: dV_p / dx_i = g^T t with the tangent t of the path along
+which the others follow, t_i = 1. Newton's method on it takes a few points to each end, and each point, begun on the
+tangent of the one before, a few evaluations.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.base.errors import FitError
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.result import QUANTILE
-from elastid.fit.solve.solvers import FINE, solve
-from elastid.parameters import ParameterSet
+from elastid.fit.solve.ending import Ending, held_by_bounds
+from elastid.fit.solve.solvers import ROUGH
+from elastid.fit.solve.trust_region import trust_region
 
-# The search for an end of the interval: steps in standard deviations, each longer than the one before by a factor, at
-# most so many; then bisection until the end is known within a tolerance in standard deviations.
-FIRST_STEP = 2.0
-STEP_GROWTH = 1.7
-MAX_STEPS = 8
-END_TOLERANCE = 0.02
+# Where sqrt(V_p - V) is within this share of its level, the last step needs no evaluation; an end that is known within
+# a share of its distance from the optimum needs no step.
+LAST_STEP = 0.05
+END_TOLERANCE = 0.005
+# A step to an end is at most this many times as far from the optimum as the point before; points, at most.
+MAX_GROWTH = 3.0
+MAX_POINTS = 15
+MAX_ITERATIONS = 60
 
 
 @dataclass(frozen=True)
@@ -50,105 +56,103 @@ def profiles(
     execution: Execution | None = None,
 ) -> tuple[Profile, ...]:
     """The profiles of the named free parameters about the optimum x (n_x,); variance (n_x,) as the fit states it."""
-    curvature = np.diag(np.linalg.pinv(problem.evaluate(x).hessian / 2, hermitian=True))
+    best = problem.evaluate(x)
+    curvature = np.diag(np.linalg.pinv(best.hessian / 2, hermitian=True))
     free = problem.parameters.free_names
-    work = _Work(problem, x, np.where(np.isfinite(variance), variance, curvature), curvature)
+    stated = np.where(np.isfinite(variance), variance, curvature)
+    work = _Work(problem, x, best, stated, QUANTILE**2 * stated / np.maximum(curvature, 1e-300))
     places = [free.index(name) for name in names]
     found = (execution or Execution()).resumed(work, places, [f"profile-{name}" for name in names])
     return tuple(in_order(found))
 
 
 @dataclass(frozen=True)
-class HeldProblem:
-    """A problem with one variable held: the same V of the others."""
+class _Point:
+    """x (n_x,) of a point of the path, V there, its slope along the path, and the tangent (n_x,)."""
 
-    problem: LeastSquares
-    place: int
-    value: float
-
-    @property
-    def reduced(self) -> LeastSquares:
-        """The problem of the others."""
-        parameter = self.problem.parameters.free[self.place]
-        parameters = ParameterSet(
-            tuple(replace(p, free=False) if p.name == parameter.name else p for p in self._untied(parameter.name))
-        )
-        return LeastSquares(parameters, self.problem.n_residuals, self.evaluate, self.residual)
-
-    def evaluate(self, rest: FloatArray) -> Evaluation:
-        """V and its derivatives to the others."""
-        here, keep = self.problem.evaluate(self.whole(rest)), self._keep
-        return Evaluation(here.cost, here.gradient[keep], here.hessian[np.ix_(keep, keep)])
-
-    def residual(self, rest: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r and J of the others."""
-        r, J = self.problem.residual(self.whole(rest))
-        return r, J[:, self._keep]
-
-    def whole(self, rest: FloatArray) -> FloatArray:
-        """x with the held one in its place."""
-        return np.insert(rest, self.place, self.value)
-
-    @property
-    def _keep(self) -> FloatArray:
-        return np.delete(np.arange(len(self.problem.parameters.free)), self.place)
-
-    def _untied(self, name: str) -> ParameterSet:
-        """The parameters without those tied to the held one, which the whole problem moves."""
-        every = self.problem.parameters
-        return ParameterSet(tuple(p for p in every if p.tie is None or name not in (p.tie.to, p.tie.by)))
+    x: FloatArray
+    cost: float
+    slope: float
+    tangent: FloatArray
 
 
 @dataclass(frozen=True)
 class _Work:
+    """allowed (n_x,): by how much V_p rises to the ends of the interval."""
+
     problem: LeastSquares
     x: FloatArray
+    best: Evaluation
     variance: FloatArray
-    curvature: FloatArray
+    allowed: FloatArray
 
     def __call__(self, place: int) -> Profile:
         """Both ends of the interval of one parameter."""
-        best = self.problem.evaluate(self.x).cost
-        allowed = QUANTILE**2 * self.variance[place] / max(self.curvature[place], 1e-300)
-        found: dict[float, float] = {float(self.x[place]): best}
-        lower, upper = (bound[place] for bound in self.problem.parameters.x_bounds)
-        low = self._end(place, -1, float(lower), best + allowed, found)
-        high = self._end(place, 1, float(upper), best + allowed, found)
-        points = sorted(found)
+        begin = self._point(place, Ending(self.x, self.best, "", 0))
+        (low, below), (high, above) = self._end(place, -1, begin), self._end(place, 1, begin)
+        found = dict(sorted((float(point.x[place]), point.cost) for point in (begin, *below, *above)))
         name = self.problem.parameters.free_names[place]
-        return Profile(name, (low, high), np.array(points), np.array([found[point] for point in points]))
+        return Profile(name, (low, high), np.array(list(found)), np.array(list(found.values())))
 
-    def _end(self, place: int, side: int, bound: float, level: float, found: dict[float, float]) -> float:
-        """Where V_p crosses the level on one side; infinite where it does not before the bound."""
-        here, deviation = float(self.x[place]), math.sqrt(float(self.variance[place]))
-        rest, inside, step = np.delete(self.x, place), here, FIRST_STEP * deviation
-        for _ in range(MAX_STEPS):
-            outside = max(inside - step, bound) if side < 0 else min(inside + step, bound)
-            rest, cost = self._lowest(place, outside, rest)
-            found[outside] = cost
-            if cost > level:
-                break
-            if outside == bound:
-                return side * math.inf
-            inside, step = outside, STEP_GROWTH * step
-        else:
-            return side * math.inf
-        return self._crossing(place, (inside, outside), level, rest, found)
+    def _end(self, place: int, side: int, begin: _Point) -> tuple[float, list[_Point]]:
+        """Where V_p crosses the level on one side, infinite where it does not before the bound, and the points."""
+        here, bound = float(self.x[place]), float(self.problem.parameters.x_bounds[(side + 1) // 2][place])
+        level = math.sqrt(self.allowed[place])
+        inside, outside, last = 0.0, math.inf, begin
+        points: list[_Point] = []
+        at = here + side * QUANTILE * math.sqrt(float(self.variance[place]))
+        while len(points) < MAX_POINTS:
+            at = min(at, bound) if side > 0 else max(at, bound)
+            point = self._moved(place, last, at)
+            points.append(point)
+            rise = math.sqrt(max(0.0, point.cost - self.best.cost))
+            if rise > level:
+                outside = abs(at - here)
+            elif at == bound:
+                return side * math.inf, points
+            else:
+                inside = abs(at - here)
+            slope = side * point.slope / (2 * rise) if 0 < rise < math.inf else 0.0
+            reach = _next_reach(abs(at - here), (inside, outside), level - rise, slope)
+            at = here + side * reach
+            near = slope > 0 and abs(level - rise) < LAST_STEP * level
+            if near or outside - inside < END_TOLERANCE * outside:
+                return at, points
+            last = point if math.isfinite(rise) else last
+        return here + side * outside, points
 
-    def _crossing(
-        self, place: int, ends: tuple[float, float], level: float, rest: FloatArray, found: dict[float, float]
-    ) -> float:
-        inside, outside = ends
-        while abs(outside - inside) > END_TOLERANCE * math.sqrt(float(self.variance[place])):
-            middle = 0.5 * (inside + outside)
-            rest, found[middle] = self._lowest(place, middle, rest)
-            inside, outside = (middle, outside) if found[middle] <= level else (inside, middle)
-        return 0.5 * (inside + outside)
+    def _moved(self, place: int, last: _Point, value: float) -> _Point:
+        """The point of the path with a value, begun on the tangent of another one."""
+        x = np.clip(last.x + (value - last.x[place]) * last.tangent, *self.problem.parameters.x_bounds)
+        x[place] = value
+        beginning = self.problem.evaluate(x)
+        if not math.isfinite(beginning.cost):
+            x = np.where(self._is(place), value, last.x)
+            beginning = self.problem.evaluate(x)
+        if not math.isfinite(beginning.cost):  # no model there
+            return _Point(x, math.inf, math.inf, last.tangent)
+        end = trust_region(self.problem, x, beginning, ROUGH, MAX_ITERATIONS, self._is(place))
+        return self._point(place, end)
 
-    def _lowest(self, place: int, value: float, rest: FloatArray) -> tuple[FloatArray, float]:
-        held = HeldProblem(self.problem, place, value)
-        try:
-            end = solve(held.reduced, rest, FINE)
-        except FitError:  # no model there
-            return rest, math.inf
-        return end.x, end.cost
+    def _point(self, place: int, end: Ending) -> _Point:
+        """With the tangent: the Gauss-Newton step of the others that no bound holds, for a unit step of this one."""
+        H, tangent = end.there.hessian, np.zeros(len(end.x))
+        free = ~(self._is(place) | held_by_bounds(self.problem, end.x, end.there))
+        tangent[place] = 1.0
+        tangent[free] = -np.linalg.lstsq(H[np.ix_(free, free)], H[free, place], rcond=1e-12)[0]
+        return _Point(end.x, end.there.cost, float(end.there.gradient @ tangent), tangent)
+
+    def _is(self, place: int) -> BoolArray:
+        return np.asarray(np.arange(len(self.x)) == place)
+
+
+def _next_reach(reach: float, ends: tuple[float, float], missing: float, slope: float) -> float:
+    """The distance from the optimum at which sqrt(V_p - V) has its level: by its slope, or between the ends.
+
+    reach: a distance where it misses so much.  ends: distances inside and outside of the interval.
+    """
+    inside, outside = ends
+    step = reach + missing / slope if slope > 0 else math.inf
+    if inside < step < min(outside, MAX_GROWTH * reach):
+        return step
+    return MAX_GROWTH * inside if math.isinf(outside) else 0.5 * (inside + outside)
