@@ -1,0 +1,224 @@
+r"""The temperature of a joint from the power that friction and motor turn into heat, and friction that follows it.
+
+.. math:: C \dot T = P - h (T - T_a), \quad P = \tau_f v + r u^2, \qquad
+          T_{k+1} = T_a + (T_k - T_a) e^{-x} + \frac{P_k}{h} (1 - e^{-x}), \quad x = h \Delta t / C
+
+exact over a step of constant power. A gear that warms beside its motor is a second node, P shared between them:
+
+.. math:: T = T_a + \frac{1}{h} \sum_i w_i\, \theta_i, \qquad \dot\theta_i = (P - \theta_i) / T_i, \quad w_1 + w_2 = 1
+
+Known: readings of a thermometer, levels of test passes, or both. With levels alone the law's dependence on temperature
+must be known; where it is not, kelvins cannot be known either, and the levels at each test speed follow a relative
+temperature u, 1 where the largest power would lead: level = c_0 + c_1 u + c_2 u^2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import f as f_distribution
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError, FitError
+from elastid.friction_fit.law_choice import FALSE_ALARM
+
+# Level(speed (m,), temperature (m,)) of a law, Nm.
+LevelOf = Callable[[FloatArray, FloatArray], FloatArray]
+Scale = Literal["kelvin", "relative"]
+# Time constants are looked for between these parts of the time that was measured.
+SHORTEST, LONGEST = 1 / 200, 5.0
+
+
+@frozen_value
+class WarmUp:
+    """A warm-up: power (n,) in W from time_s[k] to time_s[k + 1] (n + 1,), in an ambient of ambient_degc.
+
+    readings (n + 1,): of a thermometer in degC, NaN where there is none, with reading_std.
+    test (m,): index of time_s at which a test pass was made, at test_speed (m,), with its level (m,) and std (m,).
+    """
+
+    time_s: FloatArray
+    power: FloatArray
+    ambient_degc: float
+    start_degc: float
+    readings: FloatArray
+    reading_std: float
+    test: FloatArray
+    test_speed: FloatArray
+    level: FloatArray
+    level_std: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check shapes and that time runs."""
+        n, m = len(self.power), len(self.level)
+        if len(self.time_s) != n + 1 or len(self.readings) != n + 1:
+            raise ValueError(f"warm-up: {n} powers need {n + 1} times and readings")
+        if not {len(self.test), len(self.test_speed), len(self.level_std)} == {m}:
+            raise ValueError(f"warm-up: {m} levels need as many tests, speeds and stds")
+        if np.any(np.diff(self.time_s) <= 0):
+            raise DataError("warm-up: its times do not increase; sort the log, or correct its clock")
+
+    @property
+    def tests(self) -> np.ndarray:
+        """Indices of the tests."""
+        return self.test.astype(np.int64)
+
+
+@dataclass(frozen=True)
+class ThermalModel:
+    """Time constants (n_nodes,) in s, their shares (n_nodes,), h in W/K, with the covariance of their logarithms.
+
+    h is NaN and scale `relative` where kelvins cannot be known; then series (n_speeds, 3) are c_0, c_1, c_2 at each
+    test speed.
+    """
+
+    scale: Scale
+    time_constants: FloatArray
+    shares: FloatArray
+    h: float
+    log_std: FloatArray
+    cost: float
+    dof: int
+    speeds: FloatArray
+    series: FloatArray
+    power_at_one: float
+
+    def temperature(self, warm_up: WarmUp) -> FloatArray:
+        """T (n + 1,) in degC along a warm-up; relative: u."""
+        heat = _heat(warm_up, self.time_constants, self.shares)
+        if self.scale == "relative":
+            return np.asarray(heat / self.power_at_one)
+        return _kelvin(warm_up, self.time_constants, self.shares, self.h)
+
+    def levels(self, warm_up: WarmUp, level_of: LevelOf | None) -> FloatArray:
+        """Levels (m,) at the tests of a warm-up."""
+        at_tests = self.temperature(warm_up)[warm_up.tests]
+        if self.scale == "kelvin":
+            if level_of is None:
+                raise ValueError("a model in kelvins needs a law to give levels")
+            return level_of(warm_up.test_speed, at_tests)
+        place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
+        return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
+
+
+def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalModel:
+    """The thermal model with one node, or with two where an F test at 1 % finds the second.
+
+    level_of: the law's level at speeds and temperatures, where its dependence on temperature is known.
+    Raises DataError where nothing warms up or nothing was measured, FitError where no start leads to an optimum.
+    """
+    has_readings = bool(np.isfinite(warm_up.readings).any())
+    if not has_readings and not len(warm_up.level):
+        raise DataError("warm-up: neither a thermometer nor test passes; log one of them")
+    if not np.any(warm_up.power > 0):
+        raise DataError(
+            "warm-up: the power is nowhere positive, so that nothing warms; check the signs of torque and speed"
+        )
+    fit = _fit_kelvin if has_readings or level_of is not None else _fit_relative
+    one, two = fit(warm_up, level_of, 1), fit(warm_up, level_of, 2)
+    if two.dof < 1:
+        return one
+    ratio = (one.cost - two.cost) / 2 / max(two.cost / two.dof, 1e-300)
+    return two if f_distribution.sf(ratio, 2, two.dof) < FALSE_ALARM else one
+
+
+def _fit_kelvin(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> ThermalModel:
+    read = np.isfinite(warm_up.readings)
+
+    def residual(x: FloatArray) -> FloatArray:
+        constants, shares = _nodes(x, nodes)
+        T = _kelvin(warm_up, constants, shares, float(np.exp(x[0])))
+        parts = [(warm_up.readings - T)[read] / warm_up.reading_std] if read.any() else []
+        if level_of is not None:
+            parts.append((warm_up.level - level_of(warm_up.test_speed, T[warm_up.tests])) / warm_up.level_std)
+        return np.concatenate(parts)
+
+    # h such that the mean power warms by 20 K.
+    x, cost, covariance, n = _search(warm_up, residual, nodes, np.log(warm_up.power.mean() / 20.0))
+    constants, shares = _nodes(x, nodes)
+    nothing = np.zeros(0)
+    log_std = np.sqrt(np.diag(covariance))
+    return ThermalModel(
+        "kelvin", constants, shares, float(np.exp(x[0])), log_std, cost, n - len(x), nothing, np.zeros((0, 3)), math.nan
+    )
+
+
+def _fit_relative(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> ThermalModel:
+    """Levels at each speed are a parabola of the heat; its three numbers are eliminated."""
+    speeds, place = np.unique(np.round(warm_up.test_speed, 9), return_inverse=True)
+
+    def columns(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        heat = _heat(warm_up, *_nodes(x, nodes))[warm_up.tests] / warm_up.power.max()
+        one = np.eye(len(speeds))[place]
+        A = np.hstack([one * heat[:, None] ** power for power in range(3)]) / warm_up.level_std[:, None]
+        return A, np.asarray(np.linalg.lstsq(A, warm_up.level / warm_up.level_std, rcond=None)[0])
+
+    def residual(x: FloatArray) -> FloatArray:
+        A, c = columns(x)
+        return np.asarray(warm_up.level / warm_up.level_std - A @ c)
+
+    x, cost, covariance, n = _search(warm_up, residual, nodes, None)
+    _, c = columns(x)
+    constants, shares = _nodes(x, nodes)
+    return ThermalModel(
+        "relative", constants, shares, math.nan, np.sqrt(np.diag(covariance)), cost, n - len(x) - 3 * len(speeds),
+        speeds, c.reshape(3, -1).T, float(warm_up.power.max()),
+    )  # fmt: skip
+
+
+def _search(
+    warm_up: WarmUp, residual: Callable[[FloatArray], FloatArray], nodes: int, log_h: float | None
+) -> tuple[FloatArray, float, FloatArray, int]:
+    """x = (ln h, ln T_1[, ln T_2, logit w_1]), its cost, covariance and number of residuals, from three starts."""
+    span = float(warm_up.time_s[-1] - warm_up.time_s[0])
+    low, high = np.log(SHORTEST * span), np.log(LONGEST * span)
+    lead = [log_h if log_h is not None else 0.0]
+    best = None
+    for share in (0.05, 0.2, 0.6):
+        start = [*lead, np.log(share * span)] + ([np.log(share * span / 8), 0.0] if nodes == 2 else [])
+        bounds = np.array(
+            [(lead[0] - 10, lead[0] + 10), (low, high)] + ([(low, high), (-4.0, 4.0)] if nodes == 2 else [])
+        ).T
+        end = least_squares(residual, np.clip(start, bounds[0] + 1e-6, bounds[1] - 1e-6), bounds=tuple(bounds))
+        if best is None or end.cost < best.cost:
+            best = end
+    if best is None or not np.isfinite(best.cost):
+        raise FitError("warm-up: no start leads to an optimum; check its levels and temperatures")
+    n = len(best.fun)
+    spread = max(1.0, 2 * best.cost / max(1, n - len(best.x)))
+    return best.x, 2 * float(best.cost), spread * np.linalg.pinv(best.jac.T @ best.jac), n
+
+
+def _nodes(x: FloatArray, nodes: int) -> tuple[FloatArray, FloatArray]:
+    if nodes == 1:
+        return np.exp(x[1:2]), np.ones(1)
+    share = 1 / (1 + np.exp(-x[3]))
+    return np.exp(x[1:3]), np.array([share, 1 - share])
+
+
+def _heat(warm_up: WarmUp, constants: FloatArray, shares: FloatArray) -> FloatArray:
+    """sum w_i theta_i (n + 1,) in W, from a joint at ambient temperature."""
+    steps = np.diff(warm_up.time_s)
+    total = np.zeros(len(warm_up.time_s))
+    for T_i, w in zip(constants, shares, strict=True):
+        decay = np.exp(-steps / T_i)
+        theta = 0.0
+        path = [theta]
+        for fade, power in zip(decay.tolist(), warm_up.power.tolist(), strict=True):
+            theta = theta * fade + power * (1 - fade)
+            path.append(theta)
+        total += w * np.array(path)
+    return total
+
+
+def _kelvin(warm_up: WarmUp, constants: FloatArray, shares: FloatArray, h: float) -> FloatArray:
+    """T (n + 1,) in degC; what the joint is warmer than its ambient at the start fades with the same constants."""
+    elapsed = warm_up.time_s - warm_up.time_s[0]
+    fading = np.sum([w * np.exp(-elapsed / T_i) for T_i, w in zip(constants, shares, strict=True)], axis=0)
+    above = warm_up.start_degc - warm_up.ambient_degc
+    return np.asarray(warm_up.ambient_degc + above * fading + _heat(warm_up, constants, shares) / h)
