@@ -14,7 +14,21 @@ LiTH-ISY-R-2827 and Automatica 47, 2011). Here each claim is swept from where no
 3. Means: error and bias of a stiffness fitted to each of them, as the noise of the torque that is measured grows, alone
    (sensor) or through the loop.
 
-The last line is one JSON object.
+Found, and asserted at full size (three masses with 100 data sets and 200 starts; the demo's robot with 20 and 40):
+
+- Where the model is right or wrong by a few per cent the logarithmic criterion gains nothing, and where elements come
+  down to their noise, as the demo's, it costs: its stiffnesses scatter twice as much.
+- It wins where residuals are factors, not per cents: lines that are wrong altogether (1 % of them is enough: 2 to 4
+  times nearer), a missing mode of 30 %. These are the conditions of the published claim. But the complex criterion with
+  Huber's loss (`fit.weights.loss: huber`) is nearer still there, 2 to 20 times with outliers, and costs 6 % where
+  nothing is wrong.
+- As a first stage the logarithm helps at every distance: 2 to 8 of 100 more single starts arrive.
+- The harmonic mean is 15 to 31 % nearer than the arithmetic one where the measured torque stands 6 dB and less above
+  the noise of its own sensor, and hardly from 10 dB on or where the noise comes through the loop. The logarithmic mean
+  is within 10 % of the arithmetic one. H1 is the worst from 6 dB down.
+
+So the criterion stays complex with a logarithmic first stage, the mean arithmetic, and Huber's loss is what a rough
+measurement asks for. The last line is one JSON object.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -242,6 +256,28 @@ def _generators(seed: int, sets: int) -> list[np.random.Generator]:
     return [np.random.default_rng([seed, number]) for number in range(sets)]
 
 
+def check_claims(found: dict[str, list[dict[str, Any]]]) -> None:
+    """What the text above says was found."""
+    by_case = {(row["wrong"], row["size"], row["floor"]): row for row in found["criterion"]}
+    exact = by_case["right", 0.0, 0.0]
+    assert exact["k_complex"] < 1.02 * exact["k_log"]
+    assert exact["k_huber"] < 1.08 * exact["k_complex"]
+    for size in (0.01, 0.1):
+        wild = by_case["outliers", size, 0.1 if size > 0.01 else 0.0]
+        assert wild["k_log"] < 0.5 * wild["k_complex"]
+        assert wild["k_huber"] < 0.5 * wild["k_log"]
+    lacking = by_case["hidden_mode", 0.3, 0.1]
+    assert lacking["k_huber"] < lacking["k_log"] < lacking["k_complex"]
+    for row in found["first stage"]:
+        assert row["log first"] >= row["complex alone"]
+    for row in found["means"]:
+        if row["way"] == "sensor":
+            ratio = row["harmonic"][0] / row["arithmetic"][0]
+            assert 0.6 < ratio < 0.9 if row["snr_db"] <= 6 else 0.9 < ratio < 1.1
+            assert 0.9 < row["logarithmic"][0] / row["arithmetic"][0] < 1.1
+            assert row["snr_db"] > 6 or row["h1"][0] > row["arithmetic"][0]
+
+
 def show(title: str, rows: list[dict[str, Any]]) -> None:
     """A table."""
     print(f"\n{title}")
@@ -271,6 +307,8 @@ def main() -> None:
         for title, rows in one.items():
             show(f"{plant.name}: {title}", rows)
         results[plant.name] = one
+        if not given.quick:
+            check_claims(one)
     print(json.dumps(results))
 
 
