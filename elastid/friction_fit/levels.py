@@ -8,6 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
+from elastid.friction.static_terms import Conditions
 
 
 @frozen_value
@@ -53,6 +54,11 @@ class Levels:
     def n_levels(self) -> int:
         """Number of conditions."""
         return len(self.speed)
+
+    @property
+    def conditions(self) -> Conditions:
+        """At which the levels stand."""
+        return Conditions(self.speed, self.direction, self.load, self.temperature)
 
     def select(self, chosen: BoolArray) -> Levels:
         """The conditions that are chosen (n,)."""

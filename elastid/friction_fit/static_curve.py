@@ -18,8 +18,8 @@ from scipy.optimize import least_squares
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
+from elastid.friction.static_terms import Conditions, columns, slopes
 from elastid.friction_fit.levels import Levels
-from elastid.friction_fit.stribeck_terms import columns, slopes
 from elastid.robot.friction import EXPONENT_RANGE
 
 # Starts: Stribeck velocities over the speeds, with these exponents and decays of temperature.
@@ -58,14 +58,14 @@ class CurveFit:
         """In the order of the covariance."""
         return (*self.terms.linear, *self.terms.searched)
 
-    def torque(self, levels: Levels) -> FloatArray:
-        """s tau_f (n,) at the conditions of levels."""
+    def torque(self, at: Conditions) -> FloatArray:
+        """s tau_f (n,) at conditions."""
         linear = np.array([self.values[name] for name in self.terms.linear])
-        return np.asarray(columns(levels, self.terms.linear, self.values, self.T_0) @ linear)
+        return np.asarray(columns(at, self.terms.linear, self.values, self.T_0) @ linear)
 
-    def torque_std(self, levels: Levels) -> FloatArray:
+    def torque_std(self, at: Conditions) -> FloatArray:
         """Its std (n,), to first order."""
-        J = derivative(levels, self.terms, self.values, self.T_0)
+        J = derivative(at, self.terms, self.values, self.T_0)
         return np.asarray(np.sqrt(np.einsum("ni,ij,nj->n", J, self.covariance, J)))
 
 
@@ -93,15 +93,15 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     eta = search.eta(x)
     linear = search.project(eta).linear
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
-    J = derivative(levels, terms, values, T_0) / levels.std[:, None]
+    J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
     covariance = _inverse(J) * max(1.0, cost / dof)
     return CurveFit(terms, T_0, values, covariance, cost, dof, hits, len(ends))
 
 
-def derivative(levels: Levels, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
+def derivative(at: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:
     """d s tau_f / d numbers (n, n_linear + n_searched)."""
     linear = {name: values[name] for name in terms.linear}
-    return np.hstack([columns(levels, terms.linear, values, T_0), slopes(levels, linear, terms.searched, values, T_0)])
+    return np.hstack([columns(at, terms.linear, values, T_0), slopes(at, linear, terms.searched, values, T_0)])
 
 
 def reference_temperature(levels: Levels) -> float:
@@ -149,7 +149,7 @@ class _Search:
     def project(self, eta: Mapping[str, float]) -> _Projected:
         """The best linear numbers at eta, and what is left."""
         W = 1 / self.levels.std
-        Q, R = np.linalg.qr(W[:, None] * columns(self.levels, self.terms.linear, eta, self.T_0))
+        Q, R = np.linalg.qr(W[:, None] * columns(self.levels.conditions, self.terms.linear, eta, self.T_0))
         y = W * self.levels.torque
         share = Q.T @ y
         diagonal = np.abs(np.diag(R))
@@ -194,7 +194,7 @@ class _Search:
         eta = self.eta(x)
         there = self.project(eta)
         linear = dict(zip(self.terms.linear, there.linear.tolist(), strict=True))
-        moved = slopes(self.levels, linear, self.terms.searched, eta, self.T_0) / self.levels.std[:, None]
+        moved = slopes(self.levels.conditions, linear, self.terms.searched, eta, self.T_0) / self.levels.std[:, None]
         J = moved @ self.slopes_by_x(x)
         return np.asarray(there.Q @ (there.Q.T @ J) - J)
 

@@ -27,7 +27,7 @@ def test_the_published_surface_is_refitted_from_every_start() -> None:
     levels = published_levels()
     fit = fit_curve(levels, PUBLISHED)
     assert fit.hits == fit.starts >= 6
-    np.testing.assert_allclose(fit.torque(levels), levels.torque, rtol=1e-8)
+    np.testing.assert_allclose(fit.torque(levels.conditions), levels.torque, rtol=1e-8)
     assert fit.values["exponent"] == pytest.approx(1.36, rel=1e-7)
     assert fit.values["load.stribeck_velocity"] == pytest.approx(9.22, rel=1e-7)
     assert fit.values["stribeck_velocity"] == pytest.approx(-24.81 + 0.98 * fit.T_0, rel=1e-7)
@@ -41,11 +41,11 @@ def test_derivatives_are_those_of_differences(shared: bool) -> None:
         replace(WHOLE, searched=tuple(n for n in WHOLE.searched if n != "load.stribeck_velocity")) if shared else WHOLE
     )
     fit = fit_curve(drawn(levels, 1), terms)
-    J = derivative(levels, terms, fit.values, fit.T_0)
+    J = derivative(levels.conditions, terms, fit.values, fit.T_0)
     for i, name in enumerate(fit.names):
         h = 1e-6 * max(abs(fit.values[name]), 1e-6)
         above, below = (replace(fit, values={**fit.values, name: fit.values[name] + s * h}) for s in (1, -1))
-        numeric = (above.torque(levels) - below.torque(levels)) / (2 * h)
+        numeric = (above.torque(levels.conditions) - below.torque(levels.conditions)) / (2 * h)
         np.testing.assert_allclose(J[:, i], numeric, rtol=1e-4, atol=1e-6 * np.abs(numeric).max())
 
 

@@ -36,7 +36,7 @@ def test_the_whole_published_law_is_chosen_and_held_by_a_robot() -> None:
         v = float(levels.speed[i])
         curve = placed.symbols(list(ca.vertsplit(ca.SX(placed.curve(levels.load[i], levels.temperature[i])))))
         simulated = float(ca.DM(curve.level(v))) + float(ca.DM(curve.growing(v))) + law.viscous * v
-        assert simulated == pytest.approx(law.fit.torque(levels)[i], rel=1e-9)
+        assert simulated == pytest.approx(law.fit.torque(levels.conditions)[i], rel=1e-9)
         assert simulated == pytest.approx(levels.torque[i], rel=0.02)
     assert law.measured.speed == pytest.approx((1.0, 280.0))
 

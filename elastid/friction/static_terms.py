@@ -16,8 +16,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
-from elastid.friction_fit.levels import Levels
+from elastid.base.arrays import FloatArray, frozen_value
 
 LINEAR = (
     "coulomb",
@@ -40,17 +39,31 @@ NONLINEAR = (
 )
 
 
-def columns(levels: Levels, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
+@frozen_value
+class Conditions:
+    """n conditions of steady sliding, each an array (n,).
+
+    speed: positive.  direction: 1, -1, or 0 for the mean of both.  load: 0 or more.  temperature: degC, NaN where it is
+    not known.
+    """
+
+    speed: FloatArray
+    direction: FloatArray
+    load: FloatArray
+    temperature: FloatArray
+
+
+def columns(at: Conditions, names: tuple[str, ...], eta: Mapping[str, float], T_0: float) -> FloatArray:
     """Phi (n, len(names)): the derivative of s tau_f by each linear number, at the nonlinear ones eta."""
-    each = _columns(levels, eta, T_0)
+    each = _columns(at, eta, T_0)
     return np.stack([each[name] for name in names], axis=1)
 
 
 def slopes(
-    levels: Levels, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
+    at: Conditions, linear: Mapping[str, float], names: tuple[str, ...], eta: Mapping[str, float], T_0: float
 ) -> FloatArray:
     """The derivative (n, len(names)) of s tau_f by each nonlinear number of `names`, at linear and eta."""
-    v, L, theta = levels.speed, levels.load, _theta(levels, T_0)
+    v, L, theta = at.speed, at.load, _theta(at, T_0)
     load_excess = linear.get("load.excess", 0.0) * L
     found: dict[str, FloatArray] = {"exponent": np.zeros_like(v)}
     if "stribeck_velocity" in eta:
@@ -77,8 +90,8 @@ def _fall(v: FloatArray, nu: FloatArray, a: float) -> tuple[FloatArray, FloatArr
     return e * power * a / nu, -e * power * np.log(v / nu)
 
 
-def _columns(levels: Levels, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
-    v, s, L, theta = levels.speed, levels.direction, levels.load, _theta(levels, T_0)
+def _columns(at: Conditions, eta: Mapping[str, float], T_0: float) -> dict[str, FloatArray]:
+    v, s, L, theta = at.speed, at.direction, at.load, _theta(at, T_0)
     one = np.ones_like(v)
     found = {
         "coulomb": one,
@@ -104,6 +117,6 @@ def _nu(eta: Mapping[str, float], theta: FloatArray) -> FloatArray:
     return np.maximum(nu_s + eta.get("temperature.stribeck_velocity", 0.0) * theta, 1e-3 * nu_s)
 
 
-def _theta(levels: Levels, T_0: float) -> FloatArray:
+def _theta(at: Conditions, T_0: float) -> FloatArray:
     """T - T_0 (n,), 0 where no temperature is known."""
-    return np.nan_to_num(levels.temperature - T_0, nan=0.0)
+    return np.nan_to_num(at.temperature - T_0, nan=0.0)
