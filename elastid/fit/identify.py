@@ -19,6 +19,7 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.diagnosis.diagnosis import diagnose, with_status
 from elastid.fit.diagnosis.findings import at_bound
+from elastid.fit.diagnosis.misfit import telling_index
 from elastid.fit.diagnosis.modification_indices import modification_indices
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
@@ -64,8 +65,10 @@ def identify(
     assembly, starts, hits = _search(responses, robot, spec, model, execution)
     try:
         optimum, uncertainty, result = _estimate(assembly, starts, hits)
-        if is_in_error(result.cost, result.cost_expected, result.dof):
-            result = replace(result, indices=modification_indices(assembly, optimum, result))
+        indices = modification_indices(assembly, optimum, result)
+        in_error = is_in_error(result.cost, result.cost_expected, result.dof)
+        if in_error or telling_index(result, uncertainty, indices) is not None:
+            result = replace(result, indices=indices)
         result = diagnose(result, optimum, uncertainty, _notes(assembly, optimum), spec.robots)
         return add_intervals(result, optimum, spec, execution)
     except KeyboardInterrupt:

@@ -74,7 +74,7 @@ def with_status(
     """The result with how it ended; misread: whether another reading of the responses fits far better."""
     known = _noise_is_known(optimum)
     share = _share(result, optimum)
-    misfit = describe_misfit(result, uncertainty, share)
+    misfit = describe_misfit(result, uncertainty)
     status, message = status_and_message(result, optimum.end, uncertainty.unreached, share, known, misread, misfit)
     return replace(result, status=status, message=message)
 

@@ -1,47 +1,88 @@
 """Misfit: whether a model that explains most of a response is wrong by more than its intervals hold.
 
-Three things at once: residuals beyond noise and distortion, V over its expectation at least MIN_EXCESS and beyond what
-chance explains; structured, in that blocks of a configuration and a band disagree about the parameters MIN_DISAGREEMENT
-times as much as noise lets them; and they matter, in that the scatter over blocks moves a parameter by more than its
-95 % interval under measured noise and declared floor.
+By blocks of a configuration and a band, where three things hold at once: residuals exceed noise and distortion, V over
+its expectation by MIN_EXCESS and beyond what chance explains; they are structured, so that blocks disagree about the
+parameters MIN_DISAGREEMENT times as much as noise lets them; and they matter, since the interval of a parameter by the
+scatter over blocks is MIN_SHIFT times the one by measured noise and declared floor.
+
+By a number that the fit held, where all blocks may err alike: a single one, or a common factor of several, whose
+freeing lowers V by MIN_DROP times what noise does, and moves a parameter by MIN_EFFECT of its standard deviations.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from elastid.fit.result import QUANTILE, FitResult
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.result import FitResult
 from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.fit.uncertainty.jackknife import is_in_error
 
-# Over 1000 fits of true models V reached 1.13 of its expectation, and the disagreement of blocks, whose noise is less
-# well known than that of all lines together, 1.4; their scatter 1.5 deviations (scripts/studies/misfit.py).
+# Far beyond what fits of true models reach (scripts/studies/misfit.py): V 1.13 of its expectation, and the disagreement
+# of blocks, whose noise is less well known than that of all lines together, 1.4.
 MIN_EXCESS = 1.2
 MIN_DISAGREEMENT = 1.5
+MIN_SHIFT = 1.5
+# Seven standard deviations of one number; friction in a simulated arm reaches 61 with an effect of 2.1.
+MIN_DROP = 50.0
+MIN_EFFECT = 3.0
 # A message names so many parameters, those that are moved most.
 MAX_NAMED = 3
 
 
-def describe_misfit(result: FitResult, uncertainty: Uncertainty, explained: float) -> str:
-    """How the model is wrong, with its numbers and a remedy; nothing where it is not, or where no noise is known.
+def describe_misfit(result: FitResult, uncertainty: Uncertainty) -> str:
+    """How the model is wrong, with its numbers; nothing where it is not, or where no noise is known."""
+    return _by_blocks(result, uncertainty) or _by_held_number(result, uncertainty)
 
-    explained: the share of the measured responses that the model explains.
-    """
+
+def telling_index(
+    result: FitResult, uncertainty: Uncertainty, indices: Sequence[ModificationIndex]
+) -> ModificationIndex | None:
+    """The held number, freed alone, that shows the model to be wrong by more than the intervals, if one does."""
+    if np.isnan(uncertainty.disagreement):  # no noise is known
+        return None
+    level, reach = result.cost_expected / max(result.dof, 1), MIN_EFFECT * np.sqrt(np.diag(result.covariance))
+    telling = (
+        one
+        for one in indices
+        if one.place == 0
+        and np.ptp(one.steps) == 0  # one direction: where several are free at once, noise alone moves parameters far
+        and one.drop > MIN_DROP * level
+        and np.any(np.abs(one.effects) > reach)
+    )
+    return max(telling, key=lambda one: one.drop, default=None)
+
+
+def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     excess = result.cost / result.cost_expected
     in_error = is_in_error(result.cost, result.cost_expected, result.dof) and excess > MIN_EXCESS
-    if not in_error or not uncertainty.disagreement > MIN_DISAGREEMENT:
-        return ""
-    moved = np.flatnonzero(uncertainty.shift > QUANTILE)
-    if not moved.size:
+    moved = np.flatnonzero(uncertainty.shift > MIN_SHIFT)
+    if not in_error or not uncertainty.disagreement > MIN_DISAGREEMENT or not moved.size:
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[:MAX_NAMED])
     more = f" and {len(worst) - MAX_NAMED} more" if len(worst) > MAX_NAMED else ""
-    floor = max(0.01, float(np.sqrt(max(1 - explained, 0.0))))
     return (
         "the model is wrong by more than noise and floor explain: blocks of a configuration and a band disagree about "
         f"the parameters {uncertainty.disagreement:.3g} times as much as noise would let them, and move {names}{more} "
         f"by up to {uncertainty.shift[worst[0]]:.3g} of the standard deviations that noise and floor leave; the "
-        "intervals are by blocks, and do not hold an error that all blocks share; fit.weights.floor: "
-        f"{floor:.1g} would declare all that the model does not explain"
+        "intervals are by blocks, and do not hold an error that all blocks share"
+    )
+
+
+def _by_held_number(result: FitResult, uncertainty: Uncertainty) -> str:
+    one = telling_index(result, uncertainty, result.indices)
+    if one is None:
+        return ""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        moved = np.nan_to_num(np.abs(one.effects) / np.sqrt(np.diag(result.covariance)))
+    worst = int(np.argmax(moved))
+    drop = one.drop * result.dof / result.cost_expected
+    others = f", or {' or '.join(one.alike)}, which the data cannot tell from it," if one.alike else ""
+    return (
+        f"the model is wrong by more than the intervals say: {one.name}{others} is not what the robot or the study "
+        f"says; free, it would lower V by {drop:.0f} times what noise does, and move "
+        f"{result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
     )

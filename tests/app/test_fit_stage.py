@@ -1,0 +1,45 @@
+"""How a fit ends: everything is written, the last line says what its status means, the exit code what to make of it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from plants.two_axes import measured
+
+from elastid.app import cli
+from elastid.fit.result import MEANING
+from elastid.robot import Robot
+from elastid.store import read_fit
+from elastid.study import load_robot
+
+
+def heavier(study: Path, factor: float) -> Robot:
+    """The robot of the study with a fore arm of another mass."""
+    robot: Robot = load_robot(study.parent / "robot.yml")
+    return robot.with_parameters({"m_fore": factor * robot.parameters()["m_fore"][0]})
+
+
+@pytest.mark.parametrize(("factor", "status", "code"), [(1.0, "converged", 0), (1.3, "misfit", 3)])
+def test_a_fit_ends_with_the_meaning_of_its_status(
+    study: Path, capfd: pytest.CaptureFixture[str], factor: float, status: str, code: int
+) -> None:
+    """In its last line; a misfit is written whole, validated and reported like any fit, and its exit code is 3."""
+    overrides = ("fit.starts=1", "fit.profile=[]", "fit.weights.floor=0")
+    run = measured(study, heavier(study, factor), *overrides, noise=0.005)
+    options = [part for override in overrides for part in ("--set", override)]
+
+    def ended(command: str) -> int:
+        return cli.run_command([command, str(study), "--run", str(run.folder), "--jobs", "1", *options])
+
+    assert ended("fit") == code
+    streams = capfd.readouterr()
+    last = " ".join((streams.err if code else streams.out).split("summary.json")[-1].split())
+    assert " ".join(MEANING[read_fit(run.path("fit")).status].split()) in last
+    assert read_fit(run.path("fit")).status == status
+    summary = json.loads(run.summary("fit").read_text())
+    assert summary["status"] == status
+    assert len(summary["parameters"]) > 3
+    assert ended("validate") == 0
+    assert ended("fit") == code

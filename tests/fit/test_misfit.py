@@ -1,0 +1,53 @@
+"""A fit whose model is wrong never ends as converged, and a fit whose model is true always does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.faults import FAULTS, SPEC, drawn, rubbing, true_case
+
+from elastid.fit.identify import fit_parameters, identify
+from elastid.fit.spec import WeightSpec
+
+WITH_FLOOR = replace(SPEC, weights=WeightSpec())
+# Here the model explains less than half of the responses.
+UNDESCRIBED = {"exchanged postures", "mirrored motor"}
+
+
+@pytest.mark.parametrize("spec", [SPEC, WITH_FLOOR], ids=["noise alone", "floor of 1 %"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_wrong_robot_or_log_is_a_misfit(fault: str, spec) -> None:
+    """By the blocks alone, with 0.5 % of noise: none of fifteen faults ends as converged or at a bound."""
+    case = FAULTS[fault](true_case())
+    result = fit_parameters(drawn(case, np.random.default_rng(0)), case.robot, spec)
+    assert result.status == ("model_error" if fault in UNDESCRIBED else "misfit")
+    if result.status == "misfit":
+        assert "but the model is wrong by more than noise and floor explain: blocks" in result.message
+
+
+@pytest.mark.parametrize("spec", [SPEC, WITH_FLOOR], ids=["noise alone", "floor of 1 %"])
+def test_a_true_robot_converges_with_and_without_friction(spec) -> None:
+    """Noise whose variance has 3 or 8 degrees of freedom, and the distortion of friction that its covariance knows."""
+    case = true_case()
+    for seed in range(8):
+        for dof in (3.0, 8.0):
+            assert (
+                fit_parameters(drawn(case, np.random.default_rng(seed), 0.01, dof), case.robot, spec).status
+                == "converged"
+            )
+            rough = rubbing(case, np.random.default_rng(seed), dof=dof)
+            assert fit_parameters(rough, case.robot, spec).status == "converged"
+
+
+def test_an_error_that_all_blocks_share_is_a_misfit_by_the_number_that_was_held() -> None:
+    """Gear ratios 1 % off in 5 % of noise: V is as for a true model, stiffnesses are six of their deviations off."""
+    case = FAULTS["gear ratio 1 % wrong"](true_case())
+    result = identify(drawn(case, np.random.default_rng(1), 0.05), case.robot, SPEC)
+    assert result.cost / result.cost_expected < 1.1
+    off = [abs(np.log(result.values[name] / k)) / (result.std[name] / k) for name, k in case.stiffness.items()]
+    assert max(off) > 5
+    assert result.status == "misfit"
+    assert "ratio_*" in result.message
+    assert any(one.name == "ratio_*" for one in result.indices)
