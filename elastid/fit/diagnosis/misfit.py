@@ -2,11 +2,13 @@
 
 By blocks of a configuration and a band, where three things hold at once: residuals exceed noise and distortion, V over
 its expectation by MIN_EXCESS and beyond what chance explains; they are structured, so that blocks disagree about the
-parameters MIN_DISAGREEMENT times as much as noise lets them; and they matter, since the interval of a parameter by the
-scatter over blocks is MIN_SHIFT times the one by measured noise and declared floor.
+parameters MIN_DISAGREEMENT times as much as noise lets them, and MIN_STRUCTURE times as much as white residuals of
+their size would; and they matter, since the interval of a parameter by the scatter over blocks is MIN_SHIFT times the
+one by measured noise and declared floor.
 
 By a number that the fit held, where all blocks may err alike: a single one, or a common factor of several, whose
-freeing lowers V by MIN_DROP times what noise does, and moves a parameter by MIN_EFFECT of its standard deviations.
+freeing lowers V, in which the declared floor counts as noise, by MIN_DROP, and moves a parameter by MIN_EFFECT of its
+standard deviations.
 """
 
 from __future__ import annotations
@@ -24,8 +26,9 @@ from elastid.fit.uncertainty.jackknife import is_in_error
 # of blocks, whose noise is less well known than that of all lines together, 1.4.
 MIN_EXCESS = 1.2
 MIN_DISAGREEMENT = 1.5
+MIN_STRUCTURE = 1.3
 MIN_SHIFT = 1.5
-# Seven standard deviations of one number; friction in a simulated arm reaches 61 with an effect of 2.1.
+# Seven standard deviations of one number; friction in a simulated arm reaches 61 with an effect of 2.1 deviations.
 MIN_DROP = 50.0
 MIN_EFFECT = 3.0
 # A message names so many parameters, those that are moved most.
@@ -43,13 +46,13 @@ def telling_index(
     """The held number, freed alone, that shows the model to be wrong by more than the intervals, if one does."""
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
-    level, reach = result.cost_expected / max(result.dof, 1), MIN_EFFECT * np.sqrt(np.diag(result.covariance))
+    reach = MIN_EFFECT * np.sqrt(np.diag(result.covariance))
     telling = (
         one
         for one in indices
         if one.place == 0
         and np.ptp(one.steps) == 0  # one direction: where several are free at once, noise alone moves parameters far
-        and one.drop > MIN_DROP * level
+        and one.drop > MIN_DROP
         and np.any(np.abs(one.effects) > reach)
     )
     return max(telling, key=lambda one: one.drop, default=None)
@@ -59,7 +62,7 @@ def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     excess = result.cost / result.cost_expected
     in_error = is_in_error(result.cost, result.cost_expected, result.dof) and excess > MIN_EXCESS
     moved = np.flatnonzero(uncertainty.shift > MIN_SHIFT)
-    if not in_error or not uncertainty.disagreement > MIN_DISAGREEMENT or not moved.size:
+    if not in_error or not uncertainty.disagreement > max(MIN_DISAGREEMENT, MIN_STRUCTURE * excess) or not moved.size:
         return ""
     worst = moved[np.argsort(-uncertainty.shift[moved])]
     names = ", ".join(result.parameters.free_names[i] for i in worst[:MAX_NAMED])
@@ -79,10 +82,9 @@ def _by_held_number(result: FitResult, uncertainty: Uncertainty) -> str:
     with np.errstate(divide="ignore", invalid="ignore"):
         moved = np.nan_to_num(np.abs(one.effects) / np.sqrt(np.diag(result.covariance)))
     worst = int(np.argmax(moved))
-    drop = one.drop * result.dof / result.cost_expected
     others = f", or {' or '.join(one.alike)}, which the data cannot tell from it," if one.alike else ""
     return (
         f"the model is wrong by more than the intervals say: {one.name}{others} is not what the robot or the study "
-        f"says; free, it would lower V by {drop:.0f} times what noise does, and move "
+        f"says; free, it would lower V by {one.drop:.0f}, and move "
         f"{result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
     )
