@@ -25,7 +25,7 @@ from elastid.parameters import ParameterSet
 from elastid.record import Configuration, Motion
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
-from elastid.study import load
+from elastid.study import load, load_robot
 
 # Relative noise of every element, the share of it that the largest value adds, and the correlation of the outputs.
 NOISE, FLOOR, CORRELATION = 0.02, 0.01, 0.5
@@ -76,6 +76,16 @@ def of_study(path: Path, name: str, lines: int = 80) -> Plant:
 def demo() -> Plant:
     """The robot of `elastid demo`."""
     return of_study(Path(str(files("elastid") / "app" / "templates" / "serial" / "study.yml")), "demo")
+
+
+def six_axes(lines: int = 40) -> Plant:
+    """A published six-axis robot with twelve springs, each with its damper, in six configurations drawn at random."""
+    robot = load_robot(Path(__file__).parents[2] / "configs" / "robots" / "kr300_twelve_springs.yml")
+    angles = np.random.default_rng(0).uniform(-1.2, 1.2, (6, 6))
+    configurations = tuple(Configuration(f"c{i + 1}", tuple(row)) for i, row in enumerate(angles.tolist()))
+    wanted = {name: ParameterSpec() for name in ("k_*", "d_*", "fm_*")}
+    spec = FitSpec(parameters=wanted, weights=WeightSpec(floor=0.0))
+    return Plant("six-axis", robot, configurations, np.linspace(3, 60, lines), spec)
 
 
 @dataclass(frozen=True)

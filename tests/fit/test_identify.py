@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +23,9 @@ from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpe
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring
+from elastid.study import load_robot
+
+ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 
 
 @pytest.fixture(scope="module")
@@ -349,3 +353,17 @@ def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_o
         ends.append(result.cost)
     assert hits >= 9
     np.testing.assert_allclose(ends, ends[0], rtol=1e-6)
+
+
+def test_six_axes_are_found_from_every_start_in_few_evaluations() -> None:
+    """Twelve springs with their dampers and six frictions, starts a factor of 3 off, dampings and frictions of 9.
+
+    Beside its iterations a start costs the evaluations with which its three solves begin.
+    """
+    robot = load_robot(ROBOTS / "kr300_twelve_springs.yml")
+    rng = np.random.default_rng(0)
+    responses = measure(robot, rng.uniform(-1.2, 1.2, (5, 6)).tolist(), rng)
+    result = identify(responses, robot, FitSpec(starts=6, seed=1, profile=(), weights=WeightSpec(floor=0.0)))
+    assert len(result.x) == 30
+    assert result.hits == 6
+    assert max(end.iterations + 3 for end in result.starts) <= 25

@@ -88,9 +88,29 @@ def test_what_is_correlated_with_a_roughly_known_parameter_is_off_too():
 
 
 def test_the_interval_of_a_roughly_known_damping_is_that_of_the_damping_itself():
-    """r is linear in d: exactly d +- 1.96 std, which no interval symmetric in log d is."""
-    (profile,) = profiles(linear_in_damping(0.3), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
-    np.testing.assert_allclose(np.exp(profile.interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=0.01)
+    """r is linear in d: exactly d +- 1.96 std, which no interval symmetric in log d is, in a few evaluations."""
+    problem, calls = linear_in_damping(0.3), []
+
+    def evaluate(x):
+        calls.append(x)
+        return problem.evaluate(x)
+
+    (profile,) = profiles(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.09, 5e-5]), ["d"])
+    np.testing.assert_allclose(np.exp(profile.interval), [1 - 1.96 * 0.3, 1 + 1.96 * 0.3], atol=2e-3)
+    assert len(calls) < 15
+
+
+def test_an_end_is_found_beyond_a_place_without_a_model():
+    """V is infinite from x = 1 on, which is within reach: the end lies between, and is found from the inside."""
+    problem = linear_in_damping(0.3)
+
+    def evaluate(x):
+        here = problem.evaluate(x)
+        return here if x[0] < 1 else replace(here, cost=np.inf)
+
+    (profile,) = profiles(replace(problem, evaluate=evaluate), np.zeros(2), np.array([0.6, 5e-5]), ["d"])
+    assert np.exp(profile.interval[0]) < 0.2
+    assert profile.interval[1] == pytest.approx(np.log(1 + 1.96 * np.sqrt(0.6)), abs=0.01)
 
 
 @pytest.mark.parametrize("kind", ["parametric", "residual"])
