@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from elastid.friction.law import Curve, Expression, exponential_step
+from elastid.friction.law import Curve, Expression, exponential_step, is_absent
 
 # z / zbar from which an element of the smooth Maxwell slip begins to slip; at 1 it slips altogether, so that steady
 # sliding takes g(v) exactly. (A switch centred at 1 saturates beyond it, and stays wrong by 3 to 5 %.)
@@ -29,11 +29,14 @@ SLIP_ONSET = 0.9
 
 @dataclass(frozen=True)
 class Bristle:
-    """LuGre, sigma_1(v) = sigma_1 exp(-(v / v_d)^2); Dahl without sigma_1 and F_s. inverse_v_d: 0 for a constant."""
+    """LuGre, sigma_1(v) = sigma_1 exp(-(v / v_d)^2); Dahl without sigma_1 and F_s. inverse_v_d: 0 for a constant.
 
-    sigma_0: float
-    sigma_1: float = 0.0
-    inverse_v_d: float = 0.0
+    Each a number, or an expression where it is to be identified.
+    """
+
+    sigma_0: Expression
+    sigma_1: Expression = 0.0
+    inverse_v_d: Expression = 0.0
 
     @property
     def n_states(self) -> int:
@@ -43,8 +46,9 @@ class Bristle:
     def torque(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """sigma_0 z + sigma_1(v) dz/dt, and the parts that grow with v."""
         torque = self.sigma_0 * z + curve.growing(v)
-        if self.sigma_1 > 0:
-            damping = self.sigma_1 * ca.exp(-((v * self.inverse_v_d) ** 2)) if self.inverse_v_d > 0 else self.sigma_1
+        if not is_absent(self.sigma_1):
+            is_constant = is_absent(self.inverse_v_d)
+            damping = self.sigma_1 if is_constant else self.sigma_1 * ca.exp(-((v * self.inverse_v_d) ** 2))
             torque += damping * self.rate(v, z, curve)
         return torque
 
@@ -57,8 +61,8 @@ class Bristle:
         return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
-        """A spring and a damper to ground."""
-        return self.sigma_0, self.sigma_1
+        """A spring and a damper to ground; of a law with numbers."""
+        return float(self.sigma_0), float(self.sigma_1)
 
 
 @dataclass(frozen=True)

@@ -45,22 +45,22 @@ class Curve:
     def level(self, v: Expression) -> ca.SX:
         """g(v), Nm: torque of steady sliding at v, without the parts that grow with v."""
         level = self.F_c + (self.F_s - self.F_c) * self._falling(v * self.inverse_nu_s)
-        if not _absent(self.F_l):
+        if not is_absent(self.F_l):
             level += self.F_l * self._falling(v * self.inverse_nu_l)
-        return level if _absent(self.delta_c) else level + self.delta_c * ca.sign(v)
+        return level if is_absent(self.delta_c) else level + self.delta_c * ca.sign(v)
 
     def growing(self, v: Expression) -> ca.SX:
         """alpha_3 v |v| + alpha_T v + delta_v |v|, Nm."""
         growing = v * (self.alpha_3 * ca.fabs(v) + self.alpha_T)
-        return growing if _absent(self.delta_v) else growing + self.delta_v * ca.fabs(v)
+        return growing if is_absent(self.delta_v) else growing + self.delta_v * ca.fabs(v)
 
     def _falling(self, x: Expression) -> ca.SX:
         """exp(-|x|^a)."""
         return ca.exp(-(x**2)) if self.exponent == 2 else ca.exp(-((x**2 + _ROUNDED) ** (self.exponent / 2)))
 
 
-def _absent(number: Expression) -> bool:
-    """Whether a part of the curve is 0 for good, and no symbol."""
+def is_absent(number: Expression) -> bool:
+    """Whether a number is 0 for good, and no symbol."""
     return isinstance(number, float) and number == 0
 
 

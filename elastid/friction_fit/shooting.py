@@ -1,0 +1,248 @@
+r"""LuGre friction of an elastic joint from the motor's angle and torque, by multiple shooting.
+
+The log is cut into intervals of a few samples, each simulated from a state of its own:
+
+.. math:: \min_{p, x_1 \dots x_K} \sum_k \left\| \frac{y - q_m(x_k, p)}{\sigma_y} \right\|^2
+          + \sum_k \left\| W_k^{-1/2} (x_k^{end} - x_{k+1}) \right\|^2 + \left\| R^{-1/2} (\ln p - \ln p_0) \right\|^2
+
+W_k is the covariance that torque noise gives the end of an interval: without gaps the output error drifts by far more
+than the encoder's noise, so that the gaps are the noise model and no numerical trick. Gauss-Newton over ln p and all
+states, the states eliminated interval by interval through the sparse normal equations. (Bock, Recent advances in
+parameter identification techniques for ODE, 1983.) The last term is what passes have told of the static numbers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+from scipy.sparse import block_diag, csc_matrix, hstack
+from scipy.sparse.linalg import splu
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import FitError
+from elastid.simulation.elastic_joint import FRICTION, STATES, ElasticJoint
+
+INTERVAL = 20
+MAX_ITERATIONS = 60
+# Residuals over what the noise explains, above which a search has ended elsewhere.
+MAX_EXCESS = 2.0
+# Stiffnesses of the bristles from which searches begin, over the given one.
+BRISTLE_STARTS = (1.0, 2.0, 0.5)
+MAX_DAMPING = 1e8
+# An iteration that lowers the cost by less has converged.
+MIN_PROGRESS = 1e-7
+# Rounding and integration error of a gap, as a share of the angle's std, and of what bristles bend.
+GAP_FLOOR = 0.05
+BRISTLE_FLOOR = 1e-3
+
+
+@frozen_value
+class JointLog:
+    """Torque (n,) held from sample to sample and angle (n,) of the motor at the end of each sample, one side, SI.
+
+    torque_std, angle_std: of their noise, white; an encoder's counts have count / sqrt(12).
+    """
+
+    place: str
+    rate_hz: float
+    torque: FloatArray
+    angle: FloatArray
+    torque_std: float
+    angle_std: float
+
+
+@dataclass(frozen=True)
+class LuGreFit:
+    """The numbers by name, covariance of their logarithms (6, 6), cost and degrees of freedom."""
+
+    values: Mapping[str, float]
+    covariance: FloatArray
+    cost: float
+    dof: int
+    iterations: int
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """95 %, symmetric in the logarithm."""
+        reach = 1.959964 * float(np.sqrt(self.covariance[FRICTION.index(name), FRICTION.index(name)]))
+        return self.values[name] * float(np.exp(-reach)), self.values[name] * float(np.exp(reach))
+
+
+def fit_lugre(
+    log: JointLog,
+    joint: ElasticJoint,
+    start: Mapping[str, float],
+    prior_std: Mapping[str, float] | None = None,
+    substeps: int = 1,
+) -> LuGreFit:
+    """All six numbers from a log that sticks, breaks away and slides.
+
+    prior_std: of ln of the numbers that are known beforehand, with `start` as their mean.
+    Where a search leaves far more than the noise explains, it begins again with stiffer and with softer bristles.
+    Raises FitError where the log is shorter than a few intervals, or no search explains it.
+    """
+    problem = _Problem.of(log, joint, start, dict(prior_std or {}), substeps)
+    first = np.log([start[name] for name in FRICTION])
+    dof = len(log.angle) - len(FRICTION)
+    best: tuple[float, FloatArray, _System, int] | None = None
+    for factor in BRISTLE_STARTS:
+        p, system, iterations = _descend(problem, first + np.log(factor) * np.eye(len(FRICTION))[0])
+        if best is None or system.cost < best[0]:
+            best = system.cost, p, system, iterations
+        if best[0] < MAX_EXCESS * dof:
+            break
+    assert best is not None
+    cost, p, system, iterations = best
+    if not cost < MAX_EXCESS * dof:
+        raise FitError(
+            f"friction of {log.place}: the best LuGre law leaves {cost / dof:.2g} times what the noise explains; start "
+            "nearer (passes give the static numbers), check inertia and stiffness of the joint and the stds of torque "
+            "and angle, or take Maxwell slip"
+        )
+    covariance = system.covariance() * max(1.0, cost / dof)
+    return LuGreFit(dict(zip(FRICTION, np.exp(p).tolist(), strict=True)), covariance, cost, dof, iterations)
+
+
+def _descend(problem: _Problem, p: FloatArray) -> tuple[FloatArray, _System, int]:
+    """The end of a search from ln p, its normal equations, and the number of iterations."""
+    X, damping = problem.first_states(), 1e-3
+    system = problem.at(p, X)
+    for iteration in range(1, MAX_ITERATIONS + 1):
+        while True:
+            dp, dX = system.step(damping)
+            dp = np.clip(dp, -1.0, 1.0)
+            tried = problem.at(p + dp, X + dX)
+            if tried.cost < system.cost or damping > MAX_DAMPING:
+                break
+            damping *= 10
+        progress = system.cost - tried.cost
+        if progress <= 0:
+            return p, system, iteration
+        p, X, damping = p + dp, X + dX, max(damping / 10, 1e-9)
+        if progress < MIN_PROGRESS * system.cost:
+            return p, tried, iteration
+        system = tried
+    return p, system, MAX_ITERATIONS
+
+
+@dataclass(frozen=True)
+class _System:
+    """Normal equations at a point: A (states), B (n_states, 6), C (6, 6), and their right sides."""
+
+    cost: float
+    A: csc_matrix
+    B: FloatArray
+    C: FloatArray
+    a: FloatArray
+    c: FloatArray
+
+    def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
+        """Changes of ln p (6,) and of the states (K, 5)."""
+        diagonal = self.A.diagonal()
+        factor = splu((self.A + damping * csc_matrix((diagonal, (range(len(diagonal)),) * 2))).tocsc())
+        AB, Aa = factor.solve(self.B), factor.solve(self.a)
+        S = self.C + damping * np.diag(np.diag(self.C)) - self.B.T @ AB
+        dp = np.linalg.solve(S, self.c - self.B.T @ Aa)
+        return dp, (Aa - AB @ dp).reshape(-1, len(STATES))
+
+    def covariance(self) -> FloatArray:
+        """Of ln p (6, 6), the states eliminated."""
+        return np.asarray(np.linalg.inv(self.C - self.B.T @ splu(self.A).solve(self.B)))
+
+
+@dataclass(frozen=True)
+class _Problem:
+    log: JointLog
+    simulate: ca.Function
+    noise_gain: ca.Function
+    torque: FloatArray
+    angle: FloatArray
+    scale: FloatArray
+    start: FloatArray
+    prior: FloatArray
+
+    @classmethod
+    def of(
+        cls, log: JointLog, joint: ElasticJoint, start: Mapping[str, float], prior_std: dict[str, float], substeps: int
+    ) -> _Problem:
+        K = len(log.angle) // INTERVAL
+        if K < 10:
+            raise FitError(f"friction of {log.place}: {len(log.angle)} samples are too few; record seconds of motion")
+        step = joint.step(log.rate_hz, substeps)
+        x, lnp, u = ca.SX.sym("x", len(STATES)), ca.SX.sym("p", len(FRICTION)), ca.SX.sym("u", INTERVAL)
+        state, angles = x, []
+        for i in range(INTERVAL):
+            state = step(state, ca.exp(lnp), u[i])
+            angles.append(state[0])
+        out, given = ca.vertcat(*angles, state), ca.vertcat(x, lnp)
+        simulate = ca.Function("simulate", [x, lnp, u], [out, ca.jacobian(out, given)], {"cse": True})
+        gain = ca.Function("gain", [x, lnp, u], [ca.jacobian(state, u)], {"cse": True})
+        bend = start["coulomb"] / start["sigma_0"]
+        scale = np.array([log.angle_std, log.angle_std * log.rate_hz / INTERVAL] * 2 + [bend])
+        prior = np.array([1 / prior_std[name] ** 2 if name in prior_std else 0.0 for name in FRICTION])
+        cut = slice(0, K * INTERVAL)
+        return cls(
+            log, simulate.map(K), gain.map(K), log.torque[cut].reshape(K, -1), log.angle[cut].reshape(K, -1), scale,
+            np.log([start[name] for name in FRICTION]), prior,
+        )  # fmt: skip
+
+    def first_states(self) -> FloatArray:
+        """States (K, 5) at the beginning of the intervals: the measured motion, link and motor together."""
+        q = np.concatenate([[self.angle[0, 0]], self.angle.ravel()])
+        width = max(3, INTERVAL // 2)
+        v = np.convolve(np.gradient(q) * self.log.rate_hz, np.ones(width) / width, "same")
+        limit = np.exp(self.start[2] - self.start[0])
+        z = np.empty_like(q)
+        bend = 0.0
+        for i, moved in enumerate(np.diff(q, prepend=q[0]).tolist()):
+            bend = min(max(bend + moved, -limit), limit)
+            z[i] = bend
+        at = np.arange(0, len(q) - 1, INTERVAL)
+        return np.stack([q[at], v[at], q[at], v[at], z[at]], axis=1)
+
+    def at(self, p: FloatArray, X: FloatArray) -> _System:
+        """The normal equations at ln p (6,) and states X (K, 5)."""
+        K, n_x, n_p = len(X), len(STATES), len(FRICTION)
+        P = np.tile(p[:, None], K)
+        out, slopes = self.simulate(X.T, P, self.torque.T)
+        Y = out.full().T
+        J = slopes.full().reshape(INTERVAL + n_x, K, n_x + n_p).transpose(1, 0, 2)
+        gains = self.noise_gain(X.T, P, self.torque.T).full().reshape(n_x, K, INTERVAL).transpose(1, 0, 2)
+        floor = np.diag(np.append(GAP_FLOOR * self.scale[:4], BRISTLE_FLOOR * self.scale[4]) ** 2)
+        W = self.log.torque_std**2 * gains @ gains.transpose(0, 2, 1) + floor
+        root = np.linalg.inv(np.linalg.cholesky(W[:-1]))
+        seen = (self.angle - Y[:, :INTERVAL]) / self.log.angle_std
+        gap = np.einsum("kij,kj->ki", root, X[1:] - Y[:-1, INTERVAL:])
+        by_seen, by_gap = J[:, :INTERVAL] / self.log.angle_std, root @ J[:-1, INTERVAL:]
+        far = (p - self.start) * np.sqrt(self.prior)
+        cost = float(np.sum(seen**2) + np.sum(gap**2) + far @ far)
+        if not np.isfinite(cost):
+            empty = np.zeros((K * n_x, n_p))
+            return _System(np.inf, csc_matrix((K * n_x, K * n_x)), empty, np.eye(n_p), empty[:, 0], np.zeros(n_p))
+        # Residuals fall along J dx; the next interval's state enters its gap with the opposite sign.
+        own = by_seen.transpose(0, 2, 1) @ by_seen
+        own[:-1] += by_gap.transpose(0, 2, 1) @ by_gap
+        right = np.einsum("kij,ki->kj", by_seen, seen)
+        right[:-1] += np.einsum("kij,ki->kj", by_gap, gap)
+        A = block_diag(list(own[:, :n_x, :n_x]), format="csc")
+        nexts = root.transpose(0, 2, 1) @ root
+        later = block_diag([np.zeros((n_x, n_x)), *nexts], format="csc")
+        cross = block_diag(list(-by_gap[:, :, :n_x].transpose(0, 2, 1) @ root), format="csc")
+        upper = _shifted(cross, K, n_x)
+        B = own[:, :n_x, n_x:].reshape(-1, n_p)
+        B = B + np.concatenate([np.zeros((n_x, n_p)), (-root.transpose(0, 2, 1) @ by_gap[:, :, n_x:]).reshape(-1, n_p)])
+        a = right[:, :n_x].ravel()
+        a = a + np.concatenate([np.zeros(n_x), -np.einsum("kij,ki->kj", root, gap).ravel()])
+        C = own[:, n_x:, n_x:].sum(axis=0) + np.diag(self.prior)
+        c = right[:, n_x:].sum(axis=0) - self.prior * (p - self.start)
+        return _System(cost, csc_matrix(A + later + upper + upper.T), B, C, a, c)
+
+
+def _shifted(cross: csc_matrix, K: int, n_x: int) -> csc_matrix:
+    """The blocks (k, k + 1) of a matrix of K blocks, from those of a block diagonal one of K - 1."""
+    empty = csc_matrix((cross.shape[0], n_x))
+    wide = hstack([empty, cross], format="csr")
+    wide.resize((K * n_x, K * n_x))
+    return csc_matrix(wide)
