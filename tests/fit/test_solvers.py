@@ -8,7 +8,7 @@ from dataclasses import replace
 import casadi as ca
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
@@ -74,6 +74,20 @@ def test_a_bound_holds_and_the_rest_is_still_optimal(method: SolverName):
     assert end.converged
     assert math.exp(end.x[0]) == pytest.approx(1.5, rel=1e-6)
     assert end.x[1] == pytest.approx(reference.x[0], abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(70, 80))
+def test_many_bounds_hold_at_once(seed: int):
+    """Linear problems of eight correlated variables between -1 and 1: V is that of a solver for such problems."""
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((12, 8)) * 10 ** rng.uniform(-1.5, 1.5, 8) @ (np.eye(8) + rng.standard_normal((8, 8)))
+    b = 30 * np.abs(A).max() * rng.standard_normal(12)
+    parameters = ParameterSet(tuple(Parameter(f"p{i}", 0.1, lower=-1, upper=1) for i in range(8)))
+    end = solve(problem(parameters, lambda x: (A @ x - b, A)), parameters.x)
+    reference = lsq_linear(A, b, (-1, 1), method="bvls", tol=1e-12)
+    assert end.converged
+    assert end.cost == pytest.approx(2 * reference.cost, rel=1e-6)
+    assert np.sum(np.abs(end.x) == 1) >= 4
 
 
 @both_solvers

@@ -30,8 +30,8 @@ MIN_SHARE = 1e-4
 SHRINK = (0.1, 0.5)
 # A step of this share of the radius was limited by it, and one longer by less is within it.
 AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
-# Predictions below this share of V drown in rounding.
-ROUNDING = 1e-15
+# Predictions below this share of V drown in rounding; so do those of steps shorter than this.
+ROUNDING, MIN_RADIUS = 1e-15, 1e-9
 
 
 def trust_region(
@@ -56,8 +56,12 @@ def trust_region(
         if used == max_iterations:
             break
         gradient, hessian = unit * here.gradient, np.outer(unit, unit) * here.hessian
-        step = _bounded_step(gradient, hessian, _room(parameters, x, unit), held, radius)
-        predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
+        step, predicted = np.zeros(len(x)), 0.0
+        # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
+        while not predicted > ROUNDING * here.cost and radius > MIN_RADIUS:
+            step = _bounded_step(gradient, hessian, _room(parameters, x, unit), held, radius)
+            predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
+            radius *= 1.0 if predicted > ROUNDING * here.cost else SHRINK[0]
         if not predicted > ROUNDING * here.cost:
             return Ending(x, here, "no further decrease", used)
         x_new = _moved(parameters, x, unit * step)
