@@ -14,13 +14,15 @@ from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec
 from elastid.recorded.drive_notes import drive_notes
+from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair.clipping import find_clipping
 from elastid.recorded.repair.finding import Log
+from elastid.recorded.repair.stops import without_stops
 
 R, U = ChannelSpec("r", "motor 1", "r"), ChannelSpec("u", "motor 1", "u")
 
 
-def _log(periods: int, seed: int = 0) -> dict[str, np.ndarray]:
+def _log(periods: int, seed: int = 0, N: int = N) -> dict[str, np.ndarray]:
     lines = np.arange(2, 60)
     spectra = orthogonal_set(np.ones((len(lines), 4)), np.random.default_rng(seed))[0]
     x = np.tile(synthesise(lines, spectra, N), (periods, 1))
@@ -46,6 +48,59 @@ def test_a_stop_within_one_period_is_found_named_and_left_out(tmp_path: Path) ->
     assert "repetitions 3 of 6 are left out" in note
     kept = np.r_[0:400, 600:1200]
     np.testing.assert_allclose(record.u[kept, 1], whole["i1"][kept] * 0.5e-3 * -50.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("samples", [40, 60, 90])
+def test_a_stop_of_less_than_a_tenth_of_a_repetition_is_found(samples: int, tmp_path: Path) -> None:
+    """The third of six periods of 1000 samples lacks a few of them."""
+    save_csv(tmp_path / "log.csv", _stopped(_log(6, N=1000), 2300, 2300 + samples))
+    record = measured(tmp_path, study_of("log.csv", period_samples=1000))
+    assert record.left_out == (2,)
+    (note,) = (text for text in said(record.notes) if "emergency stop" in text)
+    assert "stand still from sample 2300 (23 s) on" in note
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.8])
+def test_a_multisine_stops_nowhere_whatever_friction_noise_and_rounding_do(friction: float) -> None:
+    """Fifty logs of a controlled motor, whose Coulomb friction is that part of the rms of the torque that is sent."""
+    L, log = 1000, Log("log", ("u", "y"))
+    roles = {"u": [0], "y": [1]}
+    for i, signals in enumerate(_with_friction(friction, 50, L)):
+        noise = np.random.default_rng(i).standard_normal(signals.shape)
+        for step, std in ((0.0, 1e-3), (0.02, 1e-3), (0.1, 0.0), (0.0, 0.1)):
+            x = signals + std * noise
+            x = step * np.round(x / step) if step else x
+            assert without_stops(x, roles, L, lambda u: repetition(u, L, 1).is_as_stated, log).findings == ()
+
+
+def test_a_torque_that_rounding_holds_still_is_no_stop() -> None:
+    """Forty samples of the third repetition without the flicker of the others, at the torque that they have."""
+    L, log = 1000, Log("log", ("u", "y"))
+    signals = _with_friction(0.3, 1, L)[0]
+    signals[np.arange(4 * L) % L // 40 == 12] = 1.0
+    flicker = 0.2 * np.random.default_rng(0).choice([-1.0, 1.0], signals.shape)
+    flicker[2 * L + 480 : 2 * L + 520] = 0.0
+    found = without_stops(signals + flicker, {"u": [0], "y": [1]}, L, lambda u: repetition(u, L, 1).is_as_stated, log)
+    assert found.findings == ()
+
+
+def _with_friction(friction: float, count: int, L: int) -> np.ndarray:
+    """Torque and angle (count, 4 L, 2) of motors under position control, each of unit rms."""
+    lines, per_sample = np.arange(2, 80), 4
+    spectra = np.zeros((L * per_sample // 2 + 1, count), complex)
+    spectra[lines] = np.exp(2j * np.pi * np.random.default_rng(4).random((len(lines), count)))
+    sent = np.fft.irfft(spectra, axis=0)
+    sent /= sent.std(axis=0)
+    q, v, dt, inertia = np.zeros(count), np.zeros(count), 1 / (500 * per_sample), 0.01
+    signals = np.empty((4 * L, 2, count))
+    for k in range(4 * L * per_sample):
+        u = sent[k % len(sent)] - 2.0 * q - 0.1 * v
+        if k % per_sample == 0:
+            signals[k // per_sample] = u, q
+        free = v + dt * (u - 0.02 * v) / inertia
+        v = np.sign(free) * np.maximum(0.0, np.abs(free) - dt * friction / inertia)
+        q = q + dt * v
+    return np.moveaxis(signals / signals.std(axis=0), 2, 0)
 
 
 @pytest.mark.parametrize("periods", [6, 20])

@@ -1,6 +1,7 @@
 """A stop within a record, such as an emergency stop: no torque and no motion where other repetitions have both.
 
-A repetition with a stop in it is missing (NaN), so that it is left out; what follows a stop for good is cut off.
+A repetition with a stop in it is missing (NaN), so that it is left out; what follows a stop for good is cut off.  A
+stop shorter than a tenth of a repetition counts where the torques lack what other repetitions have there.
 """
 
 from __future__ import annotations
@@ -14,14 +15,17 @@ from elastid.base.errors import DataError
 from elastid.recorded.repair.finding import Finding, Log, Repaired
 
 STOPPED = "stops"
-# Windows of a repetition, and samples of one at least; so many in a row stand still in a stop.
+# Windows of a repetition for long stops and for short ones, samples of one at least; so many in a row stand still.
 _N_WINDOWS = 20
+_N_SHORT_WINDOWS = 100
 _MIN_WINDOW = 8
 _MIN_STILL_WINDOWS = 2
 # A signal stands still where it scatters by less than this part of what it does at that phase in other repetitions.
 _MAX_STILL_SHARE = 0.1
 # A signal moves at a phase where it scatters by this part of its median there.
 _MIN_MOVING_SHARE = 0.2
+# A torque is absent where it differs from that of other repetitions by this part of its rms.
+_MIN_ABSENT_SHARE = 0.3
 
 
 def without_stops(
@@ -33,14 +37,14 @@ def without_stops(
     missing, repeat as stated.  Unchanged where the rest does not.
     Raises DataError where fewer than two repetitions are left.
     """
-    P, width = len(signals) // L, max(_MIN_WINDOW, L // _N_WINDOWS)
-    if P < 2 or width * _MIN_STILL_WINDOWS > L:
+    P = len(signals) // L
+    if P < 2 or _MIN_WINDOW * _MIN_STILL_WINDOWS > L:
         return Repaired(signals)
-    still = _still(signals, roles["u"], P, L, width, all_of_them=True)
-    still &= _still(signals, roles["y"], P, L, width, all_of_them=False)
-    flat = _in_rows(still.ravel(), _MIN_STILL_WINDOWS)
-    # A robot that has not started yet does not stop.
-    flat[: int(np.argmin(flat))] = False
+    width = max(_MIN_WINDOW, L // _N_WINDOWS)
+    flat = _stop_windows(signals, roles, P, L, width)
+    if not flat.any():
+        width = max(_MIN_WINDOW, L // _N_SHORT_WINDOWS)
+        flat = _short_stop_windows(signals, roles, P, L, width)
     if not flat.any():
         return Repaired(signals)
     stopped = flat.reshape(P, -1)
@@ -71,6 +75,36 @@ def without_stops(
     for p in bad:
         result[p * L : (p + 1) * L] = np.nan
     return Repaired(result, (Finding(STOPPED, len(bad), text),))
+
+
+def _stop_windows(signals: FloatArray, roles: Mapping[str, Sequence[int]], P: int, L: int, width: int) -> BoolArray:
+    """Flags (P W,) of the windows that belong to stops."""
+    still = _still(signals, roles["u"], P, L, width, all_of_them=True)
+    still &= _still(signals, roles["y"], P, L, width, all_of_them=False)
+    flat = _in_rows(still.ravel(), _MIN_STILL_WINDOWS)
+    # A robot that has not started yet does not stop.
+    flat[: int(np.argmin(flat))] = False
+    return flat
+
+
+def _short_stop_windows(
+    signals: FloatArray, roles: Mapping[str, Sequence[int]], P: int, L: int, width: int
+) -> BoolArray:
+    """The same in short windows, where chance and rounding look still: those without their torques after the start."""
+    absent = _absent(signals, roles["u"], P, L, width)
+    flat = _in_rows(_stop_windows(signals, roles, P, L, width) & absent, _MIN_STILL_WINDOWS)
+    flat[: len(flat) // P] = False
+    return flat
+
+
+def _absent(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: int) -> BoolArray:
+    """Flags (P W,) of the windows in which some column differs from its median repetition by much of its rms."""
+    W = L // width
+    repetitions = signals[: P * L, list(columns)].reshape(P, L, -1)[:, : W * width]
+    away = repetitions - np.median(repetitions, axis=0)
+    rms = np.sqrt(np.nanmean((repetitions - np.nanmean(repetitions, axis=(0, 1))) ** 2, axis=(0, 1)))
+    mean_square = np.mean(away.reshape(P, W, width, -1) ** 2, axis=2)
+    return np.asarray(np.any(mean_square > (_MIN_ABSENT_SHARE * rms) ** 2, axis=2).ravel())
 
 
 def _still(signals: FloatArray, columns: Sequence[int], P: int, L: int, width: int, all_of_them: bool) -> BoolArray:
