@@ -22,7 +22,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.frf.friction.shapes import stop
+from elastid.frf.friction.operators import stop
 from elastid.robot.presliding import MaxwellSlip
 
 # Thresholds of the spectrum.

@@ -5,7 +5,11 @@ r"""Friction at the motors, found in the records of a frequency response and tak
 q: measured angle of the motor.  Between independent realisations G must be the same; the levels f_i are those for which
 it is.
 
+- find:         all of it, from the records of a measurement
+- motion:       angle and velocity of a motor between its samples
+- operators:    bristles along a motion, means over its cells
 - shapes:       phi_i, and their spectra
+- candidates:   which shapes are tried, and when none can be found
 - spectra:      torques, motions and shapes of all experiments of a configuration
 - levels:       f_i by regression, with covariance
 - selection:    which of the shapes, by cross-validation over realisations

@@ -3,22 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note
-from elastid.frf.friction.levels import covariance, find_levels, normal_equations
+from elastid.frf.friction.candidates import candidate_shapes, refusal
+from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.selection import MAX_KEPT_SHARE, choose_shapes, shares
-from elastid.frf.friction.shapes import Shape, motion_of
+from elastid.frf.friction.shapes import RATE_OF, Shape
 from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configuration
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 
-# Thresholds of the stop operators over the RMS angle of a motor about its mean. A bristle longer than the motion is a
-# spring, which is part of the response.
-_THRESHOLDS = (0.05, 0.12, 0.3, 0.75)
+# Shapes are chosen in the first configurations, so many records of them; levels are found in all.
+_CHOICE_RECORDS = 24
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations.
+
+    chosen (n,): of the candidates.  rates (n,): thresholds of those whose rates are shapes, too, else 0.
+    """
+
+    shapes: tuple[Shape, ...]
+    motor_of: IntArray
+    kept_share: FloatArray
+    chosen: IntArray
+    rates: FloatArray
 
 
 def find_friction(
@@ -32,116 +47,135 @@ def find_friction(
     data: list[ConfigurationSpectra] = []
     names: list[str] = []
     candidates: tuple[Shape, ...] = ()
+    choice: Choice | None = None
     first: Record | None = None
+    count = 0
     for records in measured:
-        if first is None:
-            first = records[0]
-            candidates = candidate_shapes(records, spec.friction == "coulomb")
         if refused := refusal(records):
-            return _nothing(first, refused)
-        data.append(gather_configuration(records, candidates, spec, planned))
+            return _nothing(first or records[0], refused)
+        if first is None:
+            first, candidates = records[0], candidate_shapes(records, spec.friction == "coulomb")
+        if records[0].inputs != first.inputs:
+            return _nothing(first, "configurations have different inputs, and so no motors in common")
         names.append(records[0].configuration.name)
+        data.append(gather_configuration(records, candidates, spec, planned))
+        if not data[-1].shows_friction:
+            return _nothing(
+                first,
+                f"{len(records)} experiments of {len(first.inputs)} inputs without lines that are not excited agree "
+                "with one response whatever friction is; measure a further realisation with other phases",
+            )
+        if choice is not None:
+            data[-1] = data[-1].with_shapes(np.arange(len(candidates)), choice.rates)
+        count += len(records)
+        if choice is None and count >= _CHOICE_RECORDS:
+            choice = _choose(data, candidates, first.inputs, spec.friction == "auto")
+            data = [each.with_shapes(choice.chosen, choice.rates) for each in data]
+            candidates = tuple(candidates[i] for i in choice.chosen)
     assert first is not None
-    return _found(first, names, data, candidates, spec.friction == "auto")
+    if choice is None:
+        choice = _choose(data, candidates, first.inputs, spec.friction == "auto")
+        data = [each.with_shapes(choice.chosen, choice.rates) for each in data]
+    raw = normal_equations(data, np.zeros(len(choice.shapes)), choice.motor_of)
+    levels, found = find_levels(data, choice.motor_of, np.zeros(len(choice.shapes)))
+    return _result(first, tuple(names), choice, levels, raw, found)
 
 
-def refusal(records: Sequence[Record]) -> str:
-    """Why friction cannot be found in the records of a configuration; empty where it can."""
-    first = records[0]
-    if not first.is_periodic:
-        return "the records have no period; friction is found from differences between periodic experiments"
-    missing = [place for place in first.inputs if place not in first.outputs]
-    if missing:
-        return (
-            f"the angle of {', '.join(missing)} is not among the outputs; log the motor angles, since friction is a "
-            "function of them"
-        )
-    if len({record.realisation for record in records}) < 2:
-        return "there is one realisation; levels of friction need two or more with different phases"
-    if len(records) <= len(first.inputs):
-        return f"{len(records)} experiments explain {len(first.inputs)} torques whatever friction is; measure more"
-    return ""
+def _choose(
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
+) -> Choice:
+    """Shapes by cross-validation: first signs and bristles, then the rates of those that were chosen."""
+    motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
+    chosen, _ = _chosen_of_each(data, motor_of, len(places), auto)
+    rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
+    shapes = _with_rates([candidates[i] for i in chosen], rates)
+    motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
+    final, kept = _chosen_of_each([each.with_shapes(chosen, rates) for each in data], motor_of, len(places), auto)
+    bending = final[final < len(chosen)]
+    # A rate is derived from the shape of its bristle.
+    rated = {int(np.flatnonzero(rates > 0)[i - len(chosen)]) for i in final if i >= len(chosen)}
+    own = np.union1d(bending, np.array(sorted(rated), dtype=np.int64))
+    rates = np.array([rates[i] if i in rated else 0.0 for i in own])
+    shapes = _with_rates([candidates[i] for i in chosen[own]], rates)
+    motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
+    return Choice(shapes, motor_of, kept, chosen[own], rates)
 
 
-def candidate_shapes(records: Sequence[Record], coulomb_alone: bool) -> tuple[Shape, ...]:
-    """The sign at every motor, and stop operators whose thresholds are parts of its motion."""
-    shapes = []
-    for place in records[0].inputs:
-        shapes.append(Shape(place, "sign"))
-        if coulomb_alone or place not in records[0].outputs:
-            continue
-        angle = np.sqrt(np.mean([np.var(motion_of(record, place).angle) for record in records]))
-        shapes += [Shape(place, "stop", float(part * angle)) for part in _THRESHOLDS if angle > 0]
-    return tuple(shapes)
+def _chosen_of_each(
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, n_m: int, auto: bool
+) -> tuple[IntArray, FloatArray]:
+    """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
+    _, found = find_levels(data, motor_of, np.zeros(len(motor_of)))
+    choices = [choose_shapes(found, i, np.flatnonzero(motor_of == i)) for i in range(n_m)]
+    pays = [own if not auto or kept <= MAX_KEPT_SHARE else own[:0] for own, kept in choices]
+    return np.concatenate(pays), np.array([kept for _, kept in choices])
 
 
-def _found(
-    first: Record, names: Sequence[str], data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], auto: bool
-) -> FrictionTakenOut:
-    motor_of = np.array([first.inputs.index(shape.place) for shape in candidates])
-    raw = normal_equations(data, np.zeros(len(candidates)), motor_of)
-    _, every = find_levels(data, motor_of, np.zeros(len(candidates)))
-    choices = [choose_shapes(every, i, np.flatnonzero(motor_of == i)) for i in range(len(first.inputs))]
-    pays = [len(chosen) > 0 and (not auto or kept <= MAX_KEPT_SHARE) for chosen, kept in choices]
-    chosen = np.concatenate([own for (own, _), good in zip(choices, pays, strict=True) if good] or [motor_of[:0]])
-    kept = [kept for _, kept in choices]
-    if not len(chosen):
-        return _result(first, names, candidates, chosen, np.zeros(0), np.zeros((0, 0)), raw.rms, raw.rms, kept)
-    reduced = [each.with_shapes(chosen) for each in data]
-    levels, found = find_levels(reduced, motor_of[chosen], np.zeros(len(chosen)))
-    left = shares(found, len(first.inputs), motor_of[chosen])
-    kept = [left[i] if good else kept[i] for i, good in enumerate(pays)]
-    return _result(first, names, candidates, chosen, levels, covariance(found), raw.rms, found.rms, kept)
+def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]:
+    own = [
+        replace(shape, kind=RATE_OF[shape.kind], threshold=float(D))
+        for shape, D in zip(shapes, rates, strict=True)
+        if D > 0
+    ]
+    return (*shapes, *own)
 
 
 def _result(
     first: Record,
-    names: Sequence[str],
-    candidates: Sequence[Shape],
-    chosen: IntArray,
+    names: tuple[str, ...],
+    choice: Choice,
     levels: FloatArray,
-    of_levels: FloatArray,
-    before: FloatArray,
-    after: FloatArray,
-    kept: Sequence[float],
+    raw: NormalEquations,
+    found: NormalEquations,
 ) -> FrictionTakenOut:
-    units = first.units_of_inputs
-    shapes = tuple(candidates[i] for i in chosen)
+    left = shares(found, len(first.inputs), choice.motor_of)
     result = FrictionTakenOut(
-        first.inputs, units, shapes, levels, of_levels, tuple(names), before, after, np.array(kept)
+        places=first.inputs,
+        place_units=first.units_of_inputs,
+        shapes=choice.shapes,
+        levels=levels,
+        covariance=covariance(found),
+        configurations=names,
+        before=raw.rms,
+        after=found.rms,
+        kept_share=np.array(
+            [left[i] if i in choice.motor_of else choice.kept_share[i] for i in range(len(first.inputs))]
+        ),
     )
+    return replace(result, notes=_notes(result))
+
+
+def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     notes = []
-    for i, place in enumerate(first.inputs):
+    for place, unit, share in zip(result.places, result.place_units, 100 * result.kept_share, strict=True):
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
-                f"friction of {level:.3g} +- {std:.2g} {units[i]} in sliding was found in the records and taken out of "
-                f"the torque; {100 * kept[i]:.2g} % of the power of distortion and noise is left"
+                f"friction of {level:.3g} +- {std:.2g} {unit} in sliding was found in the records and taken out of "
+                f"the torque; {share:.2g} % of the power of distortion and noise is left"
             )
+            notes.append(Note("friction-taken-out", text, place, "information"))
         else:
             text = (
-                f"no friction was taken out of the torque: levels found in some realisations leave {100 * kept[i]:.3g} "
-                "% of the power of distortion and noise in the others"
+                "no friction was taken out of the torque: levels found in some realisations leave "
+                f"{share:.3g} % of the power of distortion and noise in the others"
             )
-        notes.append(Note("friction-taken-out" if place in result.taken_places() else "friction-left", text, place,
-                          severity="information"))  # fmt: skip
-    return FrictionTakenOut(
-        first.inputs, units, shapes, levels, of_levels, tuple(names), before, after, np.array(kept), tuple(notes)
-    )
+            notes.append(Note("friction-left", text, place, "information"))
+    return tuple(notes)
 
 
 def _nothing(first: Record, why: str) -> FrictionTakenOut:
+    """No friction, with the reason."""
     n_m = len(first.inputs)
-    none, note = np.zeros((0, n_m)), Note("friction-left", f"friction is not taken out of the torque: {why}")
     return FrictionTakenOut(
-        first.inputs,
-        first.units_of_inputs,
-        (),
-        np.zeros(0),
-        np.zeros((0, 0)),
-        (),
-        none,
-        none,
-        np.ones(n_m),
-        (note,),
+        places=first.inputs,
+        place_units=first.units_of_inputs,
+        shapes=(),
+        levels=np.zeros(0),
+        covariance=np.zeros((0, 0)),
+        configurations=(),
+        before=np.zeros((0, n_m)),
+        after=np.zeros((0, n_m)),
+        kept_share=np.ones(n_m),
+        notes=(Note("friction-left", f"friction is not taken out of the torque: {why}"),),
     )

@@ -18,20 +18,23 @@ import numpy as np
 from scipy.optimize import nnls
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
-from elastid.frf.friction.spectra import ConfigurationSpectra, taken
+from elastid.frf.friction.spectra import ConfigurationSpectra, Net, taken
 
 # The level of the residual is averaged over so many neighbouring lines for the weights.
 _WINDOW = 9
 # Repetitions of the regression; the change falls by more than ten each time.
 _ITERATIONS = 4
+# Blocks of lines in the place of realisations, where there is one.
+_BLOCKS = 5
 
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """Sums over lines and configurations for each realisation and motor, weighted to residuals of variance 1 about f.
+    """Sums over lines and configurations for each fold and motor, weighted to residuals of variance 1 about f.
 
-    A (M, n_f, n_f), b (M, n_f): X^H X and X^H e.  c (M, n_m): e^H e.  rms (C, n_m): amplitude of e - X f.
-    dof_share: share of the experiments that the elimination of G leaves.
+    A fold is a realisation, or a block of lines where there is one realisation.  A (M, n_f, n_f), b (M, n_f): X^H X and
+    X^H e.  c (M, n_m): e^H e.  rms (C, n_m): amplitude of e - X f.  dof_share: share of the residuals that the
+    elimination of G leaves.
     """
 
     A: FloatArray
@@ -45,24 +48,27 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
     """The sums about given levels (n_f,) of shapes at motors motor_of (n_f,)."""
     n_m, n_f = data[0].U.shape[1], len(levels)
     realisations = np.unique(np.concatenate([each.realisation for each in data]))
-    A, b = np.zeros((len(realisations), n_f, n_f)), np.zeros((len(realisations), n_f))
-    c, rms = np.zeros((len(realisations), n_m)), np.zeros((len(data), n_m))
+    M = len(realisations) if len(realisations) > 1 else _BLOCKS
+    A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
+    rms, shares = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, each in enumerate(data):
         net = each.net(taken(levels, each.Phi, motor_of, n_m))
-        of_each = [np.flatnonzero(each.realisation == m) for m in realisations]
+        of = each.excited[net.counts]
+        shares[i] = 1 - n_m / each.U.shape[2] * of.mean() if of.size else 1.0
+        fold = _folds(each, net, realisations)
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
-            e, X = net.e[:, motor], net.X[:, own]
-            left = np.abs(e - np.einsum("fik,i->fk", X, levels[own])) ** 2
-            rms[i, motor] = np.sqrt(left.mean())
-            w = _weights(left.mean(axis=1), each.excited)
-            for m, own_k in enumerate(of_each):
-                WX = X[:, :, own_k].conj() * w[:, None, None]
-                A[m][np.ix_(own, own)] += np.einsum("fik,fjk->ij", WX, X[:, :, own_k]).real
-                b[m, own] += np.einsum("fik,fk->i", WX, e[:, own_k]).real
-                c[m, motor] += float(np.sum(w[:, None] * np.abs(e[:, own_k]) ** 2))
-    share = np.mean([np.mean(np.where(each.excited, 1 - n_m / each.U.shape[2], 1.0)) for each in data])
-    return NormalEquations(A, b, c, rms, float(share))
+            e, X = net.e[net.counts, motor], np.moveaxis(net.X[net.counts][:, own], 1, 0)
+            left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
+            rms[i, motor] = np.sqrt(left.mean()) if left.size else 0.0
+            w = np.sqrt(_weights(left, of))[:, None]
+            e, X = w * e, w * X
+            for m in range(M):
+                e_m, X_m = e[fold == m], X[:, fold == m]
+                A[m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
+                b[m, own] += (X_m.conj() @ e_m).real
+                c[m, motor] += float(np.sum(np.abs(e_m) ** 2))
+    return NormalEquations(A, b, c, rms, float(shares.mean()))
 
 
 def find_levels(
@@ -78,6 +84,8 @@ def find_levels(
 
 def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     """The f (n,) >= 0 that minimises f^T A f - 2 b^T f."""
+    if not len(b):
+        return b
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     # A small ridge: shapes may be the same in all that was measured.
     R = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(b)))
@@ -87,9 +95,19 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
 
 def covariance(found: NormalEquations) -> FloatArray:
     """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines."""
+    if not found.A.shape[1]:
+        return np.zeros((0, 0))
     A = found.A.sum(axis=0) * found.dof_share
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     return np.asarray(0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size))
+
+
+def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:
+    """The fold (F, K) of each residual at the lines that count."""
+    F, K = int(net.counts.sum()), data.U.shape[2]
+    if len(realisations) > 1:
+        return np.broadcast_to(np.searchsorted(realisations, data.realisation), (F, K))
+    return np.broadcast_to((np.arange(F) * 4 * _BLOCKS // max(F, 1) % _BLOCKS)[:, None], (F, K))
 
 
 def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
@@ -100,4 +118,4 @@ def _weights(power: FloatArray, excited: BoolArray) -> FloatArray:
             continue
         window = np.ones(min(_WINDOW, int(kind.sum())))
         smooth[kind] = np.convolve(power[kind], window, "same") / np.convolve(np.ones(kind.sum()), window, "same")
-    return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max() + 1e-300))
+    return np.asarray(1 / np.maximum(smooth, 1e-12 * smooth.max(initial=0.0) + 1e-300))

@@ -14,8 +14,9 @@ from scipy.fft import irfft, rfft
 
 from elastid.base.arrays import FloatArray
 from elastid.excitation.grids import line_frequencies
+from elastid.frf.friction.motion import motion_of
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.shapes import motion_of, shape_samples
+from elastid.frf.friction.shapes import samples
 from elastid.record import Record
 
 # Near a zero of the hold the torque's samples say nothing of the torque.
@@ -40,7 +41,7 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
 def friction_torque(record: Record, friction: FrictionTakenOut) -> FloatArray:
     """Sum (n, n_u) of f_i phi_i at the samples of all whole periods of a record, Nm on the link side."""
     motions = {place: motion_of(record, place) for place in friction.taken_places()}
-    phi = shape_samples(record, motions, friction.shapes)
+    phi = samples(record, motions, friction.shapes)
     torque = np.zeros((len(phi), len(record.inputs)))
     for i, shape in enumerate(friction.shapes):
         torque[:, record.inputs.index(shape.place)] += friction.levels[i] * phi[:, i]

@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.note import Note
-from elastid.frf.friction.shapes import Shape, reversal_curve
+from elastid.frf.friction.shapes import Shape
 
 
 @frozen_value
@@ -61,14 +61,16 @@ class FrictionTakenOut:
 
     def sliding_level(self, place: str) -> tuple[float, float]:
         """F_c in Nm (N) of steady sliding at a motor, the sum of its levels, and its standard deviation."""
-        return self._combined(np.array([shape.place == place for shape in self.shapes], dtype=np.float64))
+        return self._combined(
+            np.array([shape.place == place and not shape.is_rate for shape in self.shapes], dtype=np.float64)
+        )
 
     def reversal(self, place: str, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Torque (n,) after a reversal out of steady sliding, at `distance` (n,) from it, and its standard deviation.
 
         From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
         """
-        rows = np.stack([reversal_curve(shape, distance) * (shape.place == place) for shape in self.shapes], axis=1)
+        rows = np.stack([shape.reversal(distance) * (shape.place == place) for shape in self.shapes], axis=1)
         return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
 
     def _combined(self, row: FloatArray) -> tuple[float, float]:

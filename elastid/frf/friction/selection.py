@@ -10,7 +10,7 @@ from elastid.frf.friction.levels import NormalEquations, solve
 # A further shape must lower the power that is left in other realisations by this part of it.
 _MIN_SHAPE_GAIN = 0.02
 # Friction is taken out of a motor where at most this share of the power is left in other realisations.
-MAX_KEPT_SHARE = 0.7
+MAX_KEPT_SHARE = 0.5
 
 
 def kept_power(found: NormalEquations, motor: int, chosen: IntArray) -> float:
@@ -41,7 +41,8 @@ def choose_shapes(found: NormalEquations, motor: int, candidates: IntArray) -> t
             break
         chosen.append(others[best])
         left = powers[best]
-    return _without_needless(found, motor, np.array(sorted(chosen), dtype=np.int64), left), left / total
+    share = left / total if total > 0 else 1.0
+    return _without_needless(found, motor, np.array(sorted(chosen), dtype=np.int64), left), share
 
 
 def _without_needless(found: NormalEquations, motor: int, chosen: IntArray, left: float) -> IntArray:
@@ -57,4 +58,5 @@ def shares(found: NormalEquations, motors: int, motor_of: IntArray) -> FloatArra
     """Share (n_m,) of the power that all shapes of each motor leave in other realisations."""
     every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
     none = motor_of[:0]
-    return np.array([kept_power(found, i, own) / kept_power(found, i, none) for i, own in enumerate(every)])
+    powers = [(kept_power(found, i, own), kept_power(found, i, none)) for i, own in enumerate(every)]
+    return np.array([left / total if total > 0 else 1.0 for left, total in powers])

@@ -1,136 +1,96 @@
-r"""Shapes of friction: functions phi(q, v) of a motor's measured angle and velocity, each 1 in steady sliding.
+r"""Shapes of friction: functions phi of a motor's measured angle and velocity, each 1 in steady sliding, and rates.
 
-.. math:: sign: &\quad \phi = \mathrm{sgn}\, v \\
-          stop: &\quad \phi = s / D, \qquad s(t + dt) = \mathrm{clip}(s(t) + dq, -D, D)
+.. math:: sign: \phi = \tanh(v / D), \qquad stop,\ bristle: \phi = s / D, \qquad rate: \phi = \dot s
 
-A stop operator is a bristle that bends over the distance D before it slides (an element of Maxwell's slip law); as
-D -> 0 it is the sign. Friction brakes: the torque on the motor is -f phi.
-
-Angle and velocity are known on a grid finer than the samples, by the DFT of the whole record; a shape is its mean over
-each cell of that grid, with the velocity linear in it, so that a reversal within a cell counts where it is.
+Friction brakes: the torque on the motor is -f phi. A sign of threshold 0 is Coulomb's; one of a small threshold turns
+gradually, as oil or noise in the velocity make it. A rate is the damping of a bristle: 0 in steady sliding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 from scipy.fft import irfft, rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.record import MOTION_ORDER, Record
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.frf.friction.motion import CELLS, Motion
+from elastid.frf.friction.operators import bristle, mean_sign, stop
+from elastid.record import Record
 
-Kind: TypeAlias = Literal["sign", "stop"]
-
-# Cells of the fine grid in a sample.
-CELLS = 8
+Kind: TypeAlias = Literal["sign", "stop", "bristle", "stop rate", "bristle rate"]
+RATE_OF: dict[Kind, Kind] = {"stop": "stop rate", "bristle": "bristle rate"}
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape at a motor, by its place; threshold: D of a stop operator, rad (or m) on the link side, else 0."""
+    """A shape at a motor, by its place; threshold D: rad/s of a sign, else rad (m/s, m) on the link side."""
 
     place: str
     kind: Kind
     threshold: float = 0.0
 
+    @property
+    def is_rate(self) -> bool:
+        """Whether its level is a damping, in Nms/rad, and not a torque."""
+        return self.kind in RATE_OF.values()
 
-@dataclass(frozen=True)
-class Motion:
-    """Angle and velocity (n CELLS + 1,) of one motor on the fine grid of a record of n samples, and its last sample."""
-
-    angle: FloatArray
-    velocity: FloatArray
-
-
-def motion_of(record: Record, place: str) -> Motion:
-    """The motion of a motor over all whole periods of a record; exact where it is periodic and has no frequencies above
-    half the rate."""
-    column = record.outputs.index(place)
-    n = record.n_samples // record.period_samples * record.period_samples
-    y = record.y[:n, column]
-    order = MOTION_ORDER[record.quantities[column]]
-    # What does not return to its start within the record is a drift, and no part of a periodic motion.
-    gain = _gain(y, record.period_samples) if order == 0 else 0.0
-    Y = rfft(y - y[0] - gain * np.arange(n) / n)
-    s = np.asarray(2j * np.pi * record.rate_hz / n * np.arange(len(Y)), dtype=np.complex128)
-    angle = irfft(_integrated(Y, s, order), n * CELLS) * CELLS
-    velocity = irfft(_integrated(Y, s, order - 1), n * CELLS) * CELLS
-    angle = np.append(angle, angle[0])
-    velocity = np.append(velocity, velocity[0])
-    if gain:
-        angle = angle + gain * np.arange(n * CELLS + 1) / (n * CELLS)
-        velocity = velocity + gain * record.rate_hz / n
-    return Motion(angle, velocity)
+    def reversal(self, distance: FloatArray) -> FloatArray:
+        """The shape (n,) at `distance` (n,) after a reversal out of steady sliding, moved slowly: from -1 to 1."""
+        if self.is_rate:
+            return np.zeros(len(distance))
+        if self.kind == "sign":
+            return np.where(distance > 0, 1.0, -1.0)
+        x = distance / self.threshold
+        return np.asarray(np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x))
 
 
-def cell_means(motion: Motion, shape: Shape, warm_up: int) -> FloatArray:
-    """The mean (n CELLS,) of a shape in each cell.  warm_up: cells that a stop operator runs over twice, since its
-    state at the start is not known."""
-    if shape.kind == "sign":
-        return _mean_sign(motion.velocity)
-    before = motion.angle[:warm_up]
-    s = stop(np.concatenate([before - before[-1] + motion.angle[0], motion.angle]), shape.threshold)[warm_up:]
-    return np.asarray((s[:-1] + s[1:]) / (2 * shape.threshold))
+def amplitudes(record: Record, motion: Motion, shape: Shape, periods: IntArray, lines: IntArray) -> ComplexArray:
+    """Amplitudes (F,) of a shape at lines (F,), in the mean over some repetitions of a record."""
+    L = record.repeat_samples * CELLS
+    means = _cell_means(record, motion, shape).reshape(-1, L)[periods]
+    if record.half_wave:
+        means = means * (-1.0) ** periods[:, None]
+    mean = means.mean(axis=0)
+    if record.half_wave:
+        mean = np.concatenate([mean, -mean])
+    found = rfft(mean)[lines] * _of_cells(lines, len(mean)) * (2 / record.period_samples)
+    return np.asarray(found * _derivative(record, shape, lines, record.period_samples))
 
 
-def stop(q: FloatArray, D: float) -> FloatArray:
-    """Stop operator s (n,) of q (n,) from s = 0, exact where q is monotonous between its points.
-
-    Between two turning points it is s_0 + q - q_0, clipped; so only these need to be followed one after the other.
-    """
-    direction = np.sign(np.diff(q))
-    turning = np.concatenate([[0], np.flatnonzero(direction[1:] * direction[:-1] <= 0) + 1, [len(q) - 1]])
-    steps = np.diff(q[turning]).tolist()
-    states = [0.0]
-    for step in steps:
-        states.append(min(max(states[-1] + step, -D), D))
-    last = np.repeat(np.arange(len(steps)), np.diff(turning))
-    last = np.append(last, len(steps) - 1)
-    return np.asarray(np.clip(np.array(states)[last] + q - q[turning[last]], -D, D))
-
-
-def shape_spectrum(record: Record, motion: Motion, shape: Shape) -> ComplexArray:
-    """DFT (n // 2 + 1,) of the shape over the n samples of all whole periods of a record, as band-limited samples."""
-    means = cell_means(motion, shape, record.period_samples * CELLS)
-    n = len(means) // CELLS
-    # The mean over a cell is the value in its middle, filtered by sinc.
-    x = np.arange(n // 2 + 1) / (n * CELLS)
-    return np.asarray(rfft(means)[: len(x)] * np.exp(-1j * np.pi * x) / (np.sinc(x) * CELLS))
-
-
-def shape_samples(record: Record, motions: dict[str, Motion], shapes: Sequence[Shape]) -> FloatArray:
+def samples(record: Record, motions: Mapping[str, Motion], shapes: Sequence[Shape]) -> FloatArray:
     """The shapes (n, n_f) at the samples of all whole periods of a record, without frequencies above half the rate."""
     n = record.n_samples // record.period_samples * record.period_samples
-    columns = [irfft(shape_spectrum(record, motions[shape.place], shape), n) for shape in shapes]
+    lines = np.arange(n // 2 + 1)
+    columns = []
+    for shape in shapes:
+        found = rfft(_cell_means(record, motions[shape.place], shape))[: len(lines)]
+        found = found * _of_cells(lines, n * CELLS) * _derivative(record, shape, lines, n)
+        columns.append(irfft(found, n))
     return np.stack(columns, axis=1)
 
 
-def _gain(y: FloatArray, period: int) -> float:
-    """What y gains over the whole record, from sample to sample a period later."""
-    return float(np.mean(y[-period:] - y[:period]) * len(y) / max(1, len(y) - period)) if len(y) > period else 0.0
-
-
-def _integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
-    """Y / s^order; a mean has no integral."""
-    if order <= 0:
-        return np.asarray(Y * s**-order)
-    return np.concatenate([[0.0], Y[1:] / s[1:] ** order])
-
-
-def _mean_sign(v: FloatArray) -> FloatArray:
-    """Mean of sgn(v) over each cell, v linear in it: (|b| - |a|) / (b - a)."""
-    a, b = v[:-1], v[1:]
-    same = a * b >= 0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = (np.abs(b) - np.abs(a)) / (b - a)
-    return np.where(same, np.sign(a + b), mean)
-
-
-def reversal_curve(shape: Shape, distance: FloatArray) -> FloatArray:
-    """The shape (n,) at `distance` (n,) after a reversal out of steady sliding: from -1 to 1."""
+def _cell_means(record: Record, motion: Motion, shape: Shape) -> FloatArray:
+    """The mean (n CELLS,) in each cell of a shape, or of the bristle whose rate it is."""
     if shape.kind == "sign":
-        return np.where(distance > 0, 1.0, -1.0)
-    return np.minimum(distance / shape.threshold - 1, 1.0)
+        return mean_sign(motion.velocity, shape.threshold)
+    # Its state at the start is not known: the first period is run over twice.
+    before = motion.angle[: record.period_samples * CELLS]
+    q = np.concatenate([before - before[-1] + motion.angle[0], motion.angle])
+    operator = stop if shape.kind.startswith("stop") else bristle
+    s = operator(q, shape.threshold)[len(before) :]
+    return np.asarray((s[:-1] + s[1:]) / (2 * shape.threshold))
+
+
+def _of_cells(lines: IntArray, n: int) -> ComplexArray:
+    """From the DFT of the means over n cells to that of samples: a mean is the middle value, filtered by sinc."""
+    x = lines / n
+    return np.asarray(np.exp(-1j * np.pi * x) / (np.sinc(x) * CELLS))
+
+
+def _derivative(record: Record, shape: Shape, lines: IntArray, n: int) -> ComplexArray | float:
+    if not shape.is_rate:
+        return 1.0
+    return np.asarray(2j * np.pi * record.rate_hz / n * shape.threshold * lines)

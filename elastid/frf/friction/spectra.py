@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.frf.distortion import detection_lines, interpolated
-from elastid.frf.friction.shapes import Shape, motion_of, shape_samples
+from elastid.excitation.grids import line_frequencies
+from elastid.frf.distortion import interpolated
+from elastid.frf.friction.motion import CELLS, motion_of
+from elastid.frf.friction.shapes import Shape, amplitudes
 from elastid.frf.lines import analysed_lines, lines_are_known
-from elastid.frf.matrices import adjoint
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import RecordSpectra, period_spectra
@@ -19,18 +20,24 @@ from elastid.record import Record
 
 # So many lines of a configuration, evenly taken, give the levels as well as all.
 _MAX_LINES = 400
+# G is interpolated between two lines where it changes by at most this part.
+_MAX_CHANGE = 0.3
+# Singular values of the torques below this part of the largest are none.
+_MIN_SINGULAR = 1e-9
 
 
 @dataclass(frozen=True)
 class Net:
-    """What the motors' net torque leaves of a configuration: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
+    """What the net torques leave of a configuration: residuals e (F, n_m, K) in Nm and shapes X (F, n_f, K).
 
     e = (U - G^-1 Y) Q and X = Phi Q, Q being the projector that takes the span of the net torques out of the K
-    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.
+    experiments; at unexcited lines Q = 1.  So e = X f for the levels f of the friction in U.  counts (F,): lines that
+    say something of f.
     """
 
     e: ComplexArray
     X: ComplexArray
+    counts: BoolArray
 
 
 @dataclass(frozen=True)
@@ -38,31 +45,43 @@ class ConfigurationSpectra:
     """Amplitudes of K experiments at F lines: U (F, n_m, K), Y (F, n_m, K) of the same motors, Phi (F, n_f, K).
 
     excited (F,): where G = Y / U is found; at the other lines G is interpolated.  realisation (K,): of each experiment.
+    freq_hz (F,).
     """
 
     lines: IntArray
+    freq_hz: FloatArray
     excited: BoolArray
     U: ComplexArray
     Y: ComplexArray
     Phi: ComplexArray
     realisation: IntArray
 
-    def with_shapes(self, chosen: IntArray) -> ConfigurationSpectra:
-        """The same with some of its shapes."""
-        return replace(self, Phi=self.Phi[:, chosen])
+    @property
+    def shows_friction(self) -> bool:
+        """Whether there are more experiments than inputs, or lines that are not excited."""
+        return self.U.shape[2] > self.U.shape[1] or not self.excited.all()
+
+    def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
+        """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
+        0 without."""
+        Phi = self.Phi[:, chosen]
+        of_rates = 2j * np.pi * self.freq_hz[:, None, None] * rates[:, None] * Phi
+        return replace(self, Phi=np.concatenate([Phi, of_rates[:, rates > 0]], axis=1))
 
     def net(self, friction: ComplexArray) -> Net:
         """Residuals and shapes where `friction` (F, n_m, K) is taken out of U."""
         on = self.excited
         net = self.U - friction
-        pseudo = adjoint(net[on]) @ np.linalg.inv(net[on] @ adjoint(net[on]))
+        pseudo = np.linalg.pinv(net[on], rcond=_MIN_SINGULAR)
         G = self.Y[on] @ pseudo
         e = self.U - np.linalg.solve(interpolated(self.lines, self.lines[on], G), self.Y)
         X = self.Phi.copy()
         # The span of the net torques is that of Y, too, as far as G maps one onto the other.
         e[on] -= (e[on] @ pseudo) @ net[on]
         X[on] -= (X[on] @ pseudo) @ net[on]
-        return Net(e, X)
+        counts = on & (self.U.shape[2] > self.U.shape[1])
+        counts[~on] = _smooth(self.lines[~on], self.lines[on], G)
+        return Net(e, X, counts)
 
 
 def gather_configuration(
@@ -75,46 +94,33 @@ def gather_configuration(
     first = records[0]
     known = lines_are_known(spec, planned)
     spectra = [RecordSpectra(each) if known else RecordSpectra(each).with_driver() for each in records]
-    lines = analysed_lines(spectra, spec, planned)
-    everywhere = np.union1d(lines, detection_lines(lines, first.half_wave))
-    everywhere = everywhere[:: -(-len(everywhere) // _MAX_LINES)]
-    excited = np.isin(everywhere, lines)
-    inside = slice(int(np.argmax(excited)), len(excited) - int(np.argmax(excited[::-1])))
-    everywhere, excited = everywhere[inside], excited[inside]
+    excited = analysed_lines(spectra, spec, planned)
+    everywhere = np.arange(excited[0], excited[-1] + 1, 2 if first.half_wave else 1)
+    lines = np.union1d(_some(excited), _some(np.setdiff1d(everywhere, excited)))
+    is_excited = np.isin(lines, excited)
     columns = [first.outputs.index(place) for place in first.inputs]
     U, Y, Phi = [], [], []
     for each in spectra:
-        found = period_spectra(each, everywhere, spec.quantity)
-        kept = trusted(found.on(excited), spec).periods
+        found = period_spectra(each, lines, spec.quantity)
+        kept = trusted(found.on(is_excited), spec).periods if len(found.periods) > 1 else found.periods
         used = found.only(kept)
         Y.append(used.Y.mean(axis=0)[:, columns])
         U.append(used.U.mean(axis=0))
-        Phi.append(_shape_amplitudes(each.record, shapes, everywhere)[kept].mean(axis=0))
+        motions = {place: motion_of(each.record, place) for place in dict.fromkeys(shape.place for shape in shapes)}
+        # A last half period without its other half is no part of the motion.
+        whole = kept[kept < len(motions[shapes[0].place].angle) // (first.repeat_samples * CELLS)]
+        Phi.append(
+            np.stack([amplitudes(each.record, motions[shape.place], shape, whole, lines) for shape in shapes], axis=1)
+        )
     return ConfigurationSpectra(
-        everywhere,
-        excited,
-        np.stack(U, axis=2),
-        np.stack(Y, axis=2),
-        np.stack(Phi, axis=2),
-        np.array([record.realisation for record in records]),
+        lines=lines,
+        freq_hz=line_frequencies(lines, first.rate_hz, first.period_samples),
+        excited=is_excited,
+        U=np.stack(U, axis=2),
+        Y=np.stack(Y, axis=2),
+        Phi=np.stack(Phi, axis=2),
+        realisation=np.array([record.realisation for record in records]),
     )
-
-
-def _shape_amplitudes(record: Record, shapes: Sequence[Shape], lines: IntArray) -> ComplexArray:
-    """Amplitudes (P, F, n_f) of the shapes in the periods of a record."""
-    motions = {place: motion_of(record, place) for place in dict.fromkeys(shape.place for shape in shapes)}
-    phi = shape_samples(record, motions, shapes)
-    as_inputs = replace(
-        record,
-        inputs=tuple(f"shape {i}" for i in range(len(shapes))),
-        u=phi,
-        y=record.y[: len(phi)],
-        r=None,
-        hold="band-limited",
-        hold_samples=(),
-        input_units=(),
-    )
-    return RecordSpectra(as_inputs).amplitudes("u", lines)
 
 
 def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
@@ -123,3 +129,17 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
     for f, motor in enumerate(motor_of):
         torque[:, motor] += levels[f] * Phi[:, f]
     return torque
+
+
+def _some(lines: IntArray) -> IntArray:
+    """At most _MAX_LINES of the lines, evenly taken, the first and the last among them."""
+    if len(lines) <= _MAX_LINES:
+        return lines
+    return lines[np.linspace(0, len(lines) - 1, _MAX_LINES).round().astype(np.int64)]
+
+
+def _smooth(at: IntArray, lines: IntArray, G: ComplexArray) -> BoolArray:
+    """Whether G (F, n_m, n_m) changes little between the lines (F,) on both sides of `at` (K,)."""
+    right = np.clip(np.searchsorted(lines, at), 1, len(lines) - 1)
+    change = np.linalg.norm(G[right] - G[right - 1], axis=(1, 2))
+    return np.asarray(change < _MAX_CHANGE * np.linalg.norm(G[right], axis=(1, 2)))

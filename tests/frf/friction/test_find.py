@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.dry_friction import COULOMB, measured
+from plants.dry_friction import COULOMB, measured, measured_bristles
 
 from elastid.frf.estimate import estimate
 from elastid.frf.friction.find import find_friction
@@ -82,13 +82,43 @@ def test_without_the_motors_angle_friction_stays() -> None:
     assert "log the motor angles" in note.text
 
 
-def test_one_realisation_says_nothing_of_friction() -> None:
-    """The levels come from differences between realisations."""
+def test_one_realisation_shows_friction_where_lines_are_not_excited() -> None:
+    """On the odd-random grid, within 2 %; where all lines are excited a sentence asks for another realisation."""
     configurations, lines = measured()
     single = [[record for record in records if record.realisation == 0] for records in configurations]
     result = find_friction(single, AUTO, lines)
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.02)
+    every = find_friction(single, AUTO, lines[:1])
+    assert every.shapes == ()
+    assert "further realisation" in every.notes[0].text
+
+
+@pytest.mark.parametrize("law", ["lugre", "maxwell slip"])
+def test_bristles_are_found_and_taken_out(law: str) -> None:
+    """The distortion falls to less than a fifth; the level of sliding is within 5 %; bristles bend as they do."""
+    configurations, lines = measured_bristles(law)
+    result = find_friction(configurations, AUTO, lines)
+    assert all(shape.kind != "sign" for shape in result.shapes)
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], COULOMB, rtol=0.05)
+    assert np.all(result.after < 0.2 * result.before)
+
+
+def test_friction_behind_the_gear_is_left_alone() -> None:
+    """It is no function of the motor's angle: the records stay as they are."""
+    configurations, lines = measured_bristles("joint")
+    result = find_friction(configurations, AUTO, lines)
     assert result.shapes == ()
-    assert "two or more" in result.notes[0].text
+    assert "no friction was taken out" in result.notes[0].text
+
+
+def test_a_coarse_encoder_does_not_show_the_sign_of_the_velocity() -> None:
+    """Noise and speed are named."""
+    configurations, lines = measured()
+    count = 2 * np.pi / 1000 / 6
+    coarse = [[replace(r, y=np.round(r.y / count) * count) for r in records] for records in configurations]
+    result = find_friction(coarse, AUTO, lines)
+    assert result.shapes == ()
+    assert "encoder of more counts" in result.notes[0].text
 
 
 def test_the_reversal_ends_at_the_sliding_level(found: FrictionTakenOut) -> None:

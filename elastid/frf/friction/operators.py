@@ -1,0 +1,60 @@
+r"""Friction of one bristle on the fine grid of a motion: what it remembers, and means over the cells.
+
+.. math:: stop: &\quad s(t + dt) = \mathrm{clip}(s(t) + dq, -D, D) \\
+          bristle: &\quad ds = dq - |dq|\, s / D
+
+A stop operator is an element of Maxwell's slip law, the bristle is Dahl's (and LuGre's without its Stribeck curve).
+Both depend on the way alone; between two turning points they are functions of the way from the first of them. So only
+turning points need to be followed one after the other, and s is exact where q is monotonous between its points.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, IntArray
+
+
+def stop(q: FloatArray, D: float) -> FloatArray:
+    """s (n,) of a stop operator along q (n,), from s = 0."""
+    steps, last, moved = _monotonous(q)
+    states = [0.0]
+    for step in steps:
+        states.append(min(max(states[-1] + step, -D), D))
+    return np.asarray(np.clip(np.array(states)[last] + moved, -D, D))
+
+
+def bristle(q: FloatArray, D: float) -> FloatArray:
+    """s (n,) of a bristle along q (n,), from s = 0."""
+    steps, last, moved = _monotonous(q)
+    states = [0.0]
+    for step in steps:
+        end = math.copysign(D, step)
+        states.append(end + (states[-1] - end) * math.exp(-abs(step) / D))
+    ends = np.copysign(D, moved)
+    return np.asarray(ends + (np.array(states)[last] - ends) * np.exp(-np.abs(moved) / D))
+
+
+def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
+    """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0.
+
+    By its integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
+    """
+    integral = np.abs(v)
+    if v_s > 0:
+        integral = integral + v_s * np.log1p(np.exp(-2 * integral / v_s))
+    step, middle = np.diff(v), (v[:-1] + v[1:]) / 2
+    small = np.abs(step) <= 1e-6 * (np.abs(v[:-1]) + np.abs(v[1:]))
+    inside = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
+    return np.asarray(np.where(small, inside, np.diff(integral) / np.where(small, 1.0, step)))
+
+
+def _monotonous(q: FloatArray) -> tuple[list[float], IntArray, FloatArray]:
+    """Steps from turning point to turning point; the last one (n,) before each q, and how far q (n,) is from it."""
+    direction = np.sign(np.diff(q))
+    turning = np.concatenate([[0], np.flatnonzero(direction[1:] * direction[:-1] <= 0) + 1, [len(q) - 1]])
+    counts = np.diff(turning)
+    last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
+    return np.diff(q[turning]).tolist(), last, np.asarray(q - q[turning[last]])
