@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,8 @@ import pytest
 
 from elastid.app import cli
 from elastid.fit.fitted_model import FittedModel
+from elastid.fit.identify import fit_parameters
+from elastid.fit.spec import WeightSpec
 from elastid.store import read_fit, read_plan, read_responses
 from elastid.study import load
 from elastid.validation.resonances import antiresonances, resonances
@@ -97,6 +100,40 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
         pair = [nearest(extremes(r.freq_hz, r.G[:, 0, 0]), near) for r in (measured, model)]
         assert pair[0] == pytest.approx(pair[1], rel=0.01)
         assert pair[1] == pytest.approx(1.0, rel=0.03)
+
+
+@pytest.mark.slow
+@needs_bench
+def test_the_bench_is_a_misfit_where_its_error_is_not_declared(tmp_path: Path) -> None:
+    """Residuals 48 times the noise: exit code 3 and a whole report, and the intervals by blocks hold the stiffness."""
+    options = ("--set", "fit.weights.floor=0.01", "--set", "fit.starts=4")
+    assert cli.run_command(["run", str(BENCH_STUDY), "--run", str(tmp_path), "-q", *options]) == 3
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert summary["status"] == "misfit"
+    assert (tmp_path / "report.html").stat().st_size > 100_000
+    low, high = summary["parameters"]["k_1"]["interval95"]
+    assert low < 95.4 < high
+
+
+@pytest.mark.slow
+@needs_bench
+@pytest.mark.parametrize("floor", [0.01, 0.05])
+def test_dampings_of_the_bench_by_different_lines_of_its_excitation_agree(tmp_path: Path, floor: float) -> None:
+    """Fits to the lines up to 100 Hz and from 60 Hz: the intervals of every parameter overlap, damping among them.
+
+    By the noise alone the dampings would be tens of deviations apart.
+    """
+    assert cli.run_command(["measure", str(BENCH_STUDY), "--run", str(tmp_path), "-q"]) == 0
+    assert cli.run_command(["estimate", str(BENCH_STUDY), "--run", str(tmp_path), "-q"]) == 0
+    responses, study = read_responses(tmp_path / "frf.h5"), load(BENCH_STUDY).study
+    spec = replace(study.seeded_fit, starts=4, weights=WeightSpec(floor=floor))
+    low, high = (
+        fit_parameters(responses, study.as_robot(), replace(spec, band_hz=band)) for band in ((11, 100), (60, 250))
+    )
+    for name in low.parameters.free_names:
+        one, other = low.interval(name), high.interval(name)
+        assert one[0] < other[1], name
+        assert other[0] < one[1], name
 
 
 @pytest.mark.slow
