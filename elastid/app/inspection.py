@@ -19,8 +19,9 @@ from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.responses.arrays import HOW_TO_SAVE
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
+from elastid.report.friction_rows import friction_rows
 from elastid.store import described as described_artefact
-from elastid.store import kind_of, read_fit
+from elastid.store import kind_of, read_fit, read_friction
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
 _OBJECTS = (
@@ -38,7 +39,8 @@ def described(path: Path) -> str:
     if path.is_dir():
         return "\n".join(_log_lines(path))
     if kind_of(path) is not None:
-        return "\n".join([described_artefact(path), *(_parameters(path) if kind_of(path) == "fit" else ())])
+        numbers = {"fit": _parameters, "frf": _friction}.get(kind_of(path) or "", lambda _: iter(()))
+        return "\n".join([described_artefact(path), *numbers(path)])
     if path.suffix.lower() == ".json":
         return "\n".join([f"{path}:", *_json_lines(path)])
     responses, lines = contents_of(path), []
@@ -99,6 +101,20 @@ def _parameters(path: Path) -> Iterator[str]:
             low, high = result.interval(parameter.name)
             value += f" ({result.std[parameter.name]:.2g}; {low:.6g} to {high:.6g})"
         yield value.rstrip()
+
+
+def _friction(path: Path) -> Iterator[str]:
+    """The friction that was taken out of the responses, where the study asked for it."""
+    friction = read_friction(path)
+    if friction is None:
+        return
+    if friction.shapes:
+        yield "  friction taken out of the torque, link side (standard deviation; 95 % interval):"
+    for row in friction_rows(friction):
+        if row.level is not None and row.std is not None and row.interval is not None:
+            low, high = row.interval
+            yield f"    {row.place}: F_c = {row.level:.6g} {row.unit} ({row.std:.2g}; {low:.6g} to {high:.6g})"
+    yield from (f"  {note}" for note in friction.notes if note.code != "friction-taken-out")
 
 
 def _json_lines(path: Path) -> Iterator[str]:

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.uncertainty.propagation import uncertain_modes
-from elastid.friction.robot_friction import frictions
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.modes import modes, shapes_of_all
@@ -32,21 +33,18 @@ from elastid.validation.results import Agreement, Replay, Validation
 CORRELATED = 0.9
 
 
-def truth(study: Study) -> dict[str, float] | None:
-    """The simulated robot's numbers by name, in SI, as far as a fit can meet them; None where it is recorded."""
+def truth(study: Study, friction: FrictionTakenOut | None = None) -> dict[str, float] | None:
+    """The simulated robot's numbers by name, in SI, as far as a fit can meet them; None where it is recorded.
+
+    friction: what was taken out of the responses; viscous coefficients that contain dry friction have no truth.
+    """
     simulated = study.experiment.simulated
     if simulated is None:
         return None
-    robot = study.as_robot()
+    robot, mixed = study.as_robot(), mixed_numbers(study, friction)
     named = (*robot.geometry, *(name for name in robot.gains if name in study.fit.parameters))
     numbers = {name: value for name, (value, _) in robot.parameters(named).items()} | {DELAY: 0.0}
-    # Dry friction looks viscous to a multisine: the fitted number is then not the motor's viscous number alone,
-    # nor that of a joint which turns rigidly with its motor.
-    rough = {law.place for law in frictions(study.as_robot())}
-    sticking = {place.replace("motor ", "fm_").replace("joint ", "f_") for place in rough}
-    rigid = {joint.name for joint in study.as_robot().driven if joint not in study.as_robot().flexible}
-    sticking |= {f"{f}_{name}" for name in rigid for f in ("f", "fm") if {f"motor {name}", f"joint {name}"} & rough}
-    return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in sticking}
+    return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 
 
 def modes_of(fitted: FittedModel) -> tuple[ModeRow, ...]:
@@ -84,9 +82,10 @@ def summary(
     mode_rows: Sequence[ModeRow],
     agreements: Sequence[Agreement],
     notes: Sequence[Note],
+    friction: FrictionTakenOut | None = None,
 ) -> dict[str, Any]:
-    """The content of summary.json; notes of the measured responses come after those of the fit."""
-    groups = grouped((*result.notes, *notes))
+    """The content of summary.json; notes of the fit come first, then those of friction and of measured responses."""
+    groups = grouped((*result.notes, *(friction.notes if friction is not None else ()), *notes))
     return {
         "schema": 1,
         "study": study.name,
@@ -97,7 +96,8 @@ def summary(
         "dof": result.dof,
         "starts": len(result.starts),
         "hits": result.hits,
-        "parameters": _parameters(study, result),
+        "parameters": _parameters(study, result, friction),
+        "friction": friction_summary(friction),
         "correlations_above_0.9": _correlations(result),
         "modes": [
             {
@@ -149,6 +149,7 @@ def failure(study: Study, message: str) -> dict[str, Any]:
         "starts": study.fit.starts,
         "hits": 0,
         "parameters": {},
+        "friction": None,
         "correlations_above_0.9": [],
         "modes": [],
         "frf_error": [],
@@ -224,8 +225,8 @@ def _replay(replay: Replay) -> dict[str, Any]:
     }
 
 
-def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
-    rows = parameter_rows(result, truth(study))
+def _parameters(study: Study, result: FitResult, friction: FrictionTakenOut | None) -> dict[str, dict[str, Any]]:
+    rows = parameter_rows(result, truth(study, friction), contents(study, friction, result.parameters.free))
     return {
         row.name: {
             "value": row.estimate,
@@ -235,6 +236,7 @@ def _parameters(study: Study, result: FitResult) -> dict[str, dict[str, Any]]:
             "at_bound": row.at_bound,
             "start": row.start,
             **({} if row.truth is None else {"truth": row.truth}),
+            **({"contains": row.contains} if row.contains else {}),
             **_further(result, row.name),
         }
         for row in rows

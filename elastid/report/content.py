@@ -12,6 +12,7 @@ from elastid.design.limit_use import LimitUse
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.fit.result import FitResult
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.modes.mode_row import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
@@ -25,6 +26,7 @@ class ReportContent:
     verdict: one sentence.  frf: measured and modelled response of each configuration, left-out ones too.
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here; forecast, limit_use and nearest_run (to a limit) belong to it, and robot is drawn in its configurations.
+    friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
     model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
     """
@@ -45,6 +47,8 @@ class ReportContent:
     nearest_run: Rehearsal | None = None
     comparison: Comparison | None = None
     model_std: tuple[FloatArray, ...] = ()
+    friction: FrictionTakenOut | None = None
+    contents: Mapping[str, str] | None = None
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

@@ -15,6 +15,7 @@ class ParameterRow:
     """A free parameter in SI: estimate, std, 95 % interval, start, bounds; truth where the rig is simulated.
 
     deviation: estimate less truth in standard deviations of the solver's variable, so of ln p for a logarithmic one.
+    contains: in words, of a viscous coefficient that may contain dry friction.
     """
 
     name: str
@@ -27,6 +28,7 @@ class ParameterRow:
     at_bound: bool
     truth: float | None = None
     deviation: float | None = None
+    contains: str = ""
 
     @property
     def reference(self) -> float:
@@ -35,8 +37,10 @@ class ParameterRow:
         return next((value for value in candidates if value is not None and value != 0), 1.0)
 
 
-def parameter_rows(result: FitResult, truth: Mapping[str, float] | None) -> tuple[ParameterRow, ...]:
-    """One row for each free parameter, in the order of x; truth may name only some of them."""
+def parameter_rows(
+    result: FitResult, truth: Mapping[str, float] | None, contents: Mapping[str, str] | None = None
+) -> tuple[ParameterRow, ...]:
+    """One row for each free parameter, in the order of x; truth and contents (in words) may name only some of them."""
     known, estimates, stds = truth or {}, result.values, result.std
     std_x = np.sqrt(np.diag(result.covariance))
     rows = []
@@ -58,6 +62,7 @@ def parameter_rows(result: FitResult, truth: Mapping[str, float] | None) -> tupl
                 at_bound=bool(result.at_bound[i]),
                 truth=true,
                 deviation=deviation,
+                contains=(contents or {}).get(name, ""),
             )
         )
     return tuple(rows)

@@ -1,5 +1,6 @@
 """Friction is found before the responses are estimated, from records that are read one configuration at a time."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -7,11 +8,15 @@ from plants.artefacts import same
 from plants.dry_friction import measured
 
 from elastid.app.console import Console
+from elastid.app.dry_friction import VISCOUS, WITH_COULOMB
+from elastid.app.inspection import described
 from elastid.app.run import Run, run_stage
 from elastid.app.stages.estimate import estimate_configuration, find_friction_of_run
+from elastid.app.stages.fit import conclude
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec
-from elastid.store import read_friction, read_responses, write_records
+from elastid.report.numbers import digits, number
+from elastid.store import read_friction, read_responses, read_validation, write_records
 from elastid.study import load
 
 
@@ -29,16 +34,48 @@ def test_records_in_a_file_show_the_same_friction(tmp_path: Path) -> None:
     assert find_friction_of_run(path, EstimatorSpec(), lines) is None
 
 
-@pytest.mark.parametrize("friction", ["none", "coulomb"])
-def test_the_file_of_responses_keeps_what_was_taken_out(tiny: Path, friction: str) -> None:
-    """frf.h5 holds both; the study without friction has responses alone."""
-    coulomb = ["robot.bodies[0].joints[0].motor.coulomb=0.01", "experiment.simulated.substeps=20"]
-    run = Run(load(tiny, [*coulomb, f"estimator.friction={friction}"]), tiny.parent / "run", 1, Console(-1))
-    for stage in ("design", "measure", "estimate"):
+def run_of(tiny: Path, friction: str) -> Run:
+    """All stages of the tiny study with dry friction at its motor."""
+    coulomb = ["robot.bodies[0].joints[0].motor.coulomb=0.01", "experiment.simulated.substeps=20", "fit.starts=1"]
+    options = [*coulomb, "fit.parameters={k_1: {}, fm_1: {}}", f"estimator.friction={friction}", "report.formats=[png]"]
+    run = Run(load(tiny, options), tiny.parent / f"run-{friction}", 1, Console(0))
+    for stage in run.stages:
         run_stage(run, stage)
+    conclude(run)
+    return run
+
+
+def test_a_study_without_friction_to_take_out_has_responses_alone(tiny: Path) -> None:
+    """And says that its viscous number contains some."""
+    run = run_of(tiny, "none")
     assert len(read_responses(run.path("estimate"))) == 2
-    found = read_friction(run.path("estimate"))
-    assert (found is None) == (friction == "none")
-    if found is not None:
-        level, std = found.sliding_level("motor 1")
-        assert abs(level - 0.01) < 0.002, (level, std)
+    assert read_friction(run.path("estimate")) is None
+    summary = json.loads(run.summary("fit").read_text())
+    assert summary["friction"] is None
+    assert summary["parameters"]["fm_1"]["contains"] == WITH_COULOMB
+    assert "truth" not in summary["parameters"]["fm_1"]
+    assert 'id="friction"' not in (run.folder / "report.html").read_text("utf-8")
+
+
+def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """frf.h5, the summary, the page, its figures, the terminal and `inspect` show the same; the model explains more."""
+    run = run_of(tiny, "coulomb")
+    friction = read_friction(run.path("estimate"))
+    assert friction is not None
+    level, std = friction.sliding_level("motor 1")
+    assert abs(level - 0.01) < 0.002, (level, std)
+    summary = json.loads(run.summary("fit").read_text())
+    assert [(each["motor"], each["F_c"], each["std"]) for each in summary["friction"]] == [("motor 1", level, std)]
+    viscous = summary["parameters"]["fm_1"]
+    assert viscous["contains"] == VISCOUS
+    assert abs(viscous["value"] - viscous["truth"]) < 0.2 * viscous["truth"]
+    shown = number(level, digits(level, std))
+    page = (run.folder / "report.html").read_text("utf-8")
+    assert f"<td>{shown}</td>" in page[page.index('id="friction"') :]
+    assert (run.folder / "figures" / "friction.png").exists()
+    said = capsys.readouterr().out
+    assert said.count(f"friction taken out of the torque: motor 1 {shown} ") == 1
+    assert f"fm_1: {VISCOUS}" in said
+    assert f"motor 1: F_c = {level:.6g} N*m" in described(run.path("estimate"))
+    explained = [replay.mean.min() for replay in read_validation(run.path("validate")).replays]
+    assert min(explained) > 99

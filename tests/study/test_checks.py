@@ -79,6 +79,16 @@ def refusals(study: Path, *overrides: str) -> list[str]:
             "fit.parameters.[kd]_1.start",
             "different units (N*m*s/rad, N*m/rad)",
         ),
+        (
+            ["estimator.friction=curve", f"{SIMULATED}.outputs=[motor 1, joint 2]"],
+            "estimator.friction",
+            "motor 2 is not among the outputs; add to experiment.simulated.outputs",
+        ),
+        (
+            ["estimator.friction=coulomb", "experiment.realisations=1", "excitation.grid=full"],
+            "estimator.friction",
+            "give experiment.realisations: 2 or more",
+        ),
         (["validation.left_out=[a, b, c, d]"], "validation.left_out", "leave at least one to the fit"),
     ],
     ids=lambda value: value if isinstance(value, str) and " " not in value else "",
@@ -97,6 +107,8 @@ def test_a_contradiction_is_reported_once_at_its_key(study: Path, overrides: lis
         ["experiment.experiments=2", "experiment.realisations=1", "excitation.phases=schroeder"],
         ["experiment.experiments=1", "experiment.realisations=1", "estimator.method=auto"],
         [DESIGN % "given: {e: [0, 0]}", "fit.mask=[{configurations: [a, e, c1]}]"],
+        ["estimator.friction=curve", "experiment.realisations=1"],
+        ["estimator.friction=auto", f"{SIMULATED}.outputs=[joint 1]"],
     ],
 )
 def test_a_study_without_contradiction_is_accepted(study: Path, overrides: list[str]) -> None:
@@ -143,3 +155,26 @@ def test_files_and_channels_are_each_given_once(
     found = refusals(study)
     assert len(found) == bool(key)
     assert all(key in line and message in line for line in found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "channels", "period", "message"),
+    [
+        ("recorded", CHANNELS, "2", "motor 2 is not among the outputs; give a channel of role y there"),
+        ("recorded", f"{CHANNELS}, {{role: y, at: motor 2, channel: y, quantity: position}}", "2", ""),
+        ("recorded", CHANNELS, "none", "a.csv is recorded without a period; give experiment.recorded.period"),
+        ("responses", CHANNELS, "", "take it out where they are estimated"),
+    ],
+)
+def test_friction_that_cannot_be_found_in_the_data_is_refused_with_a_remedy(
+    study: Path, kind: str, channels: str, period: str, message: str
+) -> None:
+    """Where the study asks for it; `auto` leaves it alone."""
+    rate = f"rate_hz: 500, period: {period}, " if period else ""
+    text = study.read_text().replace("simulated: {}", f"{kind}: {{{rate}channels: [{channels}], files: [{FILES}]}}")
+    study.write_text(text)
+    others = ["estimator.method=auto"]
+    assert refusals(study, *others, "estimator.friction=auto") == []
+    found = refusals(study, *others, "estimator.friction=curve")
+    assert len(found) == bool(message)
+    assert all(": estimator.friction: curve: " in line and message in line for line in found)

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from elastid.app.dry_friction import friction_line
 from elastid.app.imported_responses import imported_responses
 from elastid.app.provenance import file_hashes
 from elastid.app.run import Run
@@ -30,7 +31,7 @@ def estimate(run: Run) -> None:
     lines = read_plan(run.path("design")).lines if "design" in run.stages else None
     friction = find_friction_of_run(path, run.study.estimator, lines)
     if friction is not None:
-        run.console.notes(friction.notes)
+        run.console.notes(note for note in friction.notes if note.code != "friction-taken-out")
     responses: list[FrequencyResponse] = []
     said: set[Note] = set()  # when the records were measured
     names = read_configurations(path)
@@ -87,6 +88,8 @@ def _write(run: Run, responses: Sequence[FrequencyResponse], friction: FrictionT
     write_responses(run.path("estimate"), responses, run.stamps["estimate"], friction)
     counts = ", ".join(f"{r.configuration.name} {r.n_lines}" for r in responses)
     run.console.say(f"estimate: {len(responses)} responses (lines: {counts})")
+    if friction is not None and (line := friction_line(friction)):
+        run.console.say(f"estimate: {line}")
 
 
 def _all_repairs(records: Iterable[Record]) -> dict[str, int]:

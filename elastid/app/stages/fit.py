@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from elastid.app.dry_friction import contents
 from elastid.app.run import Run
 from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
 from elastid.app.tables import parameter_table
@@ -15,7 +16,7 @@ from elastid.fit.result import MEANING, FitResult
 from elastid.fit.solve.multistart import Interrupted
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
-from elastid.store import read_fit, read_responses, write_fit
+from elastid.store import read_fit, read_friction, read_responses, write_fit
 from elastid.validation.agreement import agreement
 
 TRUSTED = ("converged", "at_bound")
@@ -56,7 +57,12 @@ def conclude(run: Run) -> None:
     MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
     """
     result = read_fit(run.path("fit"))
-    run.console.table(parameter_table(parameter_rows(result, truth(run.study))))
+    friction = read_friction(run.path("estimate"))
+    held = contents(run.study, friction, result.parameters.free)
+    run.console.table(parameter_table(parameter_rows(result, truth(run.study, friction))))
+    for words in dict.fromkeys(held.values()):
+        names = [name for name, text in held.items() if text == words]
+        run.console.say(f"{', '.join(names)}: {words}")
     for path in (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit")):
         if path.exists():
             run.console.say(str(path))
@@ -79,4 +85,4 @@ def _summary(run: Run, result: FitResult, responses: Sequence[FrequencyResponse]
         agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, fitted.responses, strict=True)
     ]
     notes = [note for response in responses for note in response.notes]
-    return summary(run.study, result, modes_of(fitted), agreements, notes)
+    return summary(run.study, result, modes_of(fitted), agreements, notes, read_friction(run.path("estimate")))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Mapping
 
+from elastid.app.dry_friction import contents
 from elastid.app.run import Run
 from elastid.app.summaries import modes_of, truth
 from elastid.fit.fitted_model import FittedModel
@@ -13,6 +14,7 @@ from elastid.report.page.page import write_report
 from elastid.store import (
     read_fit,
     read_forecast,
+    read_friction,
     read_peaks,
     read_plan,
     read_rehearsal,
@@ -41,6 +43,7 @@ def _content(run: Run) -> ReportContent:
     validation = read_validation(run.path("validate"))
     fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
     plan = run.path("design") if "design" in run.stages else None
+    friction = read_friction(run.path("estimate"))
     return ReportContent(
         title=study.name,
         verdict=validation.verdict,
@@ -55,7 +58,7 @@ def _content(run: Run) -> ReportContent:
             "hash of the inputs": stamp.inputs,
             "hash of the code": stamp.code,
         },
-        truth=truth(study),
+        truth=truth(study, friction),
         plan=read_plan(plan) if plan is not None else None,
         forecast=read_forecast(plan) if plan is not None else None,
         limit_use=read_peaks(plan) if plan is not None else None,
@@ -63,4 +66,6 @@ def _content(run: Run) -> ReportContent:
         robot=study.as_robot(),
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
         model_std=fitted.response_std,
+        friction=friction,
+        contents=contents(study, friction, result.parameters.free),
     )

@@ -8,7 +8,7 @@ from elastid.app.run import Run
 from elastid.export.peaks import write_peaks
 from elastid.frf.peaks import peaks
 from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
-from elastid.store import read_responses
+from elastid.store import read_friction, read_responses
 
 
 def report(run: Run) -> None:
@@ -28,6 +28,7 @@ def report(run: Run) -> None:
             "hash of the inputs": stamp.inputs,
             "hash of the code": stamp.code,
         },
+        friction=read_friction(run.path("estimate")),
     )
     page = write_page_of_responses(content, run.folder, run.study.report.formats)
     for response, of_it in zip(responses, found, strict=True):

@@ -9,9 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures.design import configuration_sketches, excitation, information
 from elastid.report.figures.fit import identifiability, multistart_costs
+from elastid.report.figures.friction import friction_curves
 from elastid.report.figures.limits import limit_use, nearest_run_signals
 from elastid.report.figures.mode_shapes import mode_shapes
 from elastid.report.figures.mode_sketches import mode_sketches
@@ -39,13 +41,14 @@ class Drawing:
 
 def drawings(content: ReportContent) -> Iterator[Drawing]:
     """The figures of a report, drawn one by one so that only one is in memory."""
-    rows = parameter_rows(content.result, content.truth)
+    rows = parameter_rows(content.result, content.truth, content.contents)
     if rows:
         yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
     judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
         yield Drawing("errors", "validation", caption, model_errors(content.validation))
+    yield from friction_drawings(content.friction)
     yield from _configurations(content)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
@@ -61,6 +64,16 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     yield from _limits(content)
     if content.plan is not None:
         yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
+
+
+def friction_drawings(friction: FrictionTakenOut | None) -> Iterator[Drawing]:
+    """Of friction that was looked for in records; none where it was not, or could not be."""
+    if friction is not None and friction.configurations:
+        caption = (
+            "Friction over the distance from a reversal out of steady sliding, or over velocity where it depends on "
+            "that alone (link side); amplitude of the torque that no response explains, with friction and without."
+        )
+        yield Drawing("friction", "friction", caption, friction_curves(friction))
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:

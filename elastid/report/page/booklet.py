@@ -12,8 +12,10 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from elastid.base.note import NoteGroup
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures import style
+from elastid.report.friction_rows import FrictionRow, friction_rows
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
@@ -34,7 +36,7 @@ def missing_glyphs_allowed() -> Iterator[None]:
 
 
 def front_pages(content: ReportContent) -> Iterator[Figure]:
-    """Title, notes, verdict and the tables of parameters and modes, on as many pages as they take."""
+    """Title, notes, verdict and the tables of parameters, friction and modes, on as many pages as they take."""
     return text_pages(list(_text(content)))
 
 
@@ -69,14 +71,38 @@ def _text(content: ReportContent) -> Iterator[str]:
     for words in (content.validation.folded, content.validation.cost, content.validation.replayed):
         yield from _wrapped(words) if words else ()
     yield ""
-    rows = parameter_rows(content.result, content.truth)
+    rows = parameter_rows(content.result, content.truth, content.contents)
     yield from columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
+    yield from friction_text(content.friction)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     modes = [line for row in content.modes for line in _modes(row)]
     if modes:
         yield ""
         unit = style.frequency_unit(rate_is_known)
         yield from columns([("configuration", "mode", unit, "damping", "energy in"), *modes])
+
+
+def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:
+    """The table of friction that was taken out, and why some was not; nothing where none was looked for."""
+    if friction is None:
+        return
+    yield ""
+    taken = [row for row in friction_rows(friction) if row.level is not None]
+    if taken:
+        table = [("friction taken out at", "unit", "F_c", "std", "95 % interval", "power left")]
+        yield from columns([*table, *map(_friction_row, taken)])
+    for note in friction.notes:
+        if note.code != "friction-taken-out":
+            yield from _wrapped(str(note), "  ")
+
+
+def _friction_row(row: FrictionRow) -> tuple[str, ...]:
+    assert row.level is not None
+    assert row.std is not None
+    assert row.interval is not None
+    places = digits(row.level, row.std)
+    interval = " … ".join(interval_of(row.interval, places))
+    return row.place, row.unit, number(row.level, places), number(row.std, 2), interval, percent(row.kept_share)
 
 
 def heading(title: str, notes: Sequence[NoteGroup]) -> Iterator[str]:
@@ -98,8 +124,8 @@ def _modes(row: ModeRow) -> Iterator[tuple[str, ...]]:
 def _row(row: ParameterRow) -> tuple[str, ...]:
     places = digits(row.estimate, row.std)
     interval = " … ".join(interval_of(row.interval, places))
-    bound_hit = "at its bound" if row.at_bound else ""
-    return row.name, row.unit, number(row.estimate, places), number(row.std, 2), interval, bound_hit
+    remark = "; ".join(filter(None, (row.contains, "at its bound" if row.at_bound else "")))
+    return row.name, row.unit, number(row.estimate, places), number(row.std, 2), interval, remark
 
 
 def columns(table: Sequence[Sequence[str]]) -> Iterator[str]:

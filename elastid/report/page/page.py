@@ -17,6 +17,7 @@ from PIL import Image
 from elastid.base.note import grouped
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
+from elastid.report.friction_rows import friction_rows
 from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.page.booklet import PDF_METADATA, booklet, front_pages, missing_glyphs_allowed
 from elastid.report.page.embedding import script_policy
@@ -113,7 +114,7 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     return template("template.html.j2").render(
         content=content,
         result=content.result,
-        rows=parameter_rows(content.result, content.truth),
+        rows=parameter_rows(content.result, content.truth, content.contents),
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
         figures=figures,
@@ -135,7 +136,7 @@ def template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
-    environment.filters["grouped"] = grouped
+    environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
     return environment.get_template(name)
 
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elastid.base.note import NoteGroup, grouped
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.peaks import Peak
 from elastid.report.figures import style
-from elastid.report.figures.drawings import Drawing, file_names, of_configuration, quality_drawings
+from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, of_configuration, quality_drawings
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
 from elastid.report.numbers import digits, interval_of, number, percent
-from elastid.report.page.booklet import columns, heading, text_pages
+from elastid.report.page.booklet import columns, friction_text, heading, text_pages
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer
 from elastid.report.page.page import EmbeddedFigure, FigureFormat, template, write_figures, write_whole
@@ -21,13 +22,17 @@ from elastid.response import FrequencyResponse
 
 @dataclass(frozen=True)
 class ResponsesContent:
-    """Measured responses and the peaks of each, with the text of the study and the provenance that the page shows."""
+    """Measured responses and the peaks of each, with the text of the study and the provenance that the page shows.
+
+    friction: what was taken out of the responses.
+    """
 
     title: str
     responses: tuple[FrequencyResponse, ...]
     peaks: tuple[tuple[Peak, ...], ...]
     study_text: str
     provenance: Mapping[str, str]
+    friction: FrictionTakenOut | None = None
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
@@ -47,7 +52,9 @@ class ResponsesContent:
 
 def write_page_of_responses(content: ResponsesContent, folder: Path, formats: Collection[FigureFormat]) -> Path:
     """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
-    front = text_pages([*heading(content.title, content.notes), *columns(list(_peak_table(content)))])
+    front = text_pages(
+        [*heading(content.title, content.notes), *columns(list(_peak_table(content))), *friction_text(content.friction)]
+    )
     figures = write_figures(_drawings(content), front, folder, formats)
     page = folder / "report.html"
     write_whole(page, html_of_responses(content, figures).encode("utf-8"))
@@ -68,6 +75,7 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
 
 
 def _drawings(content: ResponsesContent) -> Iterator[Drawing]:
+    yield from friction_drawings(content.friction)
     for file, response in zip(file_names(content.responses), content.responses, strict=True):
         name, title = response.configuration.name, configuration_title(response, left_out=False)
         for kind, what, figure in (

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.study.checks.design import check_design
+from elastid.study.checks.estimator import check_estimator
 from elastid.study.checks.excitation import check_excitation, check_lines
 from elastid.study.checks.experiment import check_experiment
 from elastid.study.checks.fit import check_fit
@@ -29,12 +30,15 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     experiment = study.experiment
     if study.robot is None:
         yield from check_structure(study)
+        if experiment.simulated is None:
+            yield from check_estimator(study)
         if experiment.recorded is not None:
             yield from check_recorded(study, experiment.recorded, base)
         if experiment.responses is not None:
             yield from check_responses(study, experiment.responses, base)
         return
     yield from check_experiment(study)
+    yield from check_estimator(study)
     yield from check_excitation(study)
     yield from check_design(study, base)
     if experiment.simulated is not None:

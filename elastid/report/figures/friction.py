@@ -1,0 +1,109 @@
+"""Friction that was taken out of the responses: its curve, and the torque that nothing explains."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from elastid.base.arrays import FloatArray
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.report.figures import style
+
+# Quantile of 95 % intervals, and points of a curve.
+_Z_95, _POINTS = 1.96, 400
+# In thresholds: a stop operator slides after 2; a sign that turns gradually has turned at 3.
+_BEYOND, _TURNS = 4.0, 5.0
+# Velocity in rad/s (m/s) that is drawn to either side where friction turns at once.
+_SHORT = 1e-3
+# Panels in a row.
+_COLUMNS = 3
+
+
+def friction_curves(friction: FrictionTakenOut) -> Figure:
+    """For each motor the torque after a reversal, or over velocity, with its 95 % interval; torque not explained.
+
+    The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
+    has no curve.
+    """
+    n = len(friction.places)
+    columns = min(n, _COLUMNS)
+    blocks = -(-n // columns)
+    figure, axes = style.panels(
+        2 * blocks, columns, (style.WIDE, 1.2 + 4.4 * blocks), (0.9, 0.25, 0.85, 0.75), (0.35, 0.55)
+    )
+    for spare in axes.flat:
+        spare.set_axis_off()
+    drawn = []
+    for i, place in enumerate(friction.places):
+        row, column = divmod(i, columns)
+        curve, levels = axes[2 * row, column], axes[2 * row + 1, column]
+        if place in friction.taken_places():
+            _draw_curve(curve, friction, i)
+            drawn.append(curve)
+        _draw_levels(levels, friction, i)
+        drawn.append(levels)
+    style.add_title(figure, "Friction taken out of the responses")
+    style.add_legend(figure, drawn)
+    return figure
+
+
+def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+    """x (n,), torque and its std of a motor, and whether x is a distance from a reversal, in rad (m) on the link side.
+
+    Where no bristle was taken out, friction is a function of velocity, and x is that, in rad/s (m/s).
+    """
+    own = [shape for shape in friction.shapes if shape.place == place]
+    bend = max((shape.threshold for shape in own if shape.kind != "sign"), default=0.0)
+    if bend > 0:
+        distance = np.linspace(0.0, _BEYOND * bend, _POINTS)
+        torque, std = friction.reversal(place, distance)
+        level, of_level = friction.sliding_level(place)
+        return (
+            np.concatenate([[-0.1 * distance[-1], 0.0], distance]),
+            np.concatenate([[-level, -level], torque]),
+            np.concatenate([[of_level, of_level], std]),
+            True,
+        )
+    turning = max(shape.threshold for shape in own)
+    v = np.linspace(-1.0, 1.0, _POINTS) * (_TURNS * turning if turning > 0 else _SHORT)
+    rows = np.stack([np.tanh(v / each.threshold) if each.threshold > 0 else np.sign(v) for each in own])
+    chosen = [i for i, shape in enumerate(friction.shapes) if shape.place == place]
+    of_levels = friction.covariance[np.ix_(chosen, chosen)]
+    return v, friction.levels[chosen] @ rows, np.sqrt(np.einsum("in,ij,jn->n", rows, of_levels, rows)), False
+
+
+def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
+    place, unit = friction.places[i], friction.place_units[i]
+    x, torque, std, is_distance = curve_of(friction, place)
+    axes.set_axis_on()
+    axes.fill_between(
+        1e3 * x, torque - _Z_95 * std, torque + _Z_95 * std, color=style.FITTED, alpha=0.3, lw=0, label="95 % interval"
+    )
+    axes.plot(1e3 * x, torque, color=style.FITTED, lw=1.2, label="friction")
+    level, of_level = friction.sliding_level(place)
+    length, what = ("mm", "force") if unit == "N" else ("mrad", "torque")
+    style.label(
+        axes,
+        f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s",
+        f"{what} in {style.pretty_unit(unit)}",
+        f"{place}: F_c = {level:.4g} ± {_Z_95 * of_level:.2g} {style.pretty_unit(unit)}",
+    )
+    style.lighten(axes)
+
+
+def _draw_levels(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
+    """RMS amplitude of the torque that no response explains in each configuration."""
+    x = np.arange(len(friction.configurations))
+    axes.set_axis_on()
+    for values, color, face, label in (
+        (friction.before[:, i], style.MEASURED, "none", "unexplained, with friction"),
+        (friction.after[:, i], style.MEASURED, style.MEASURED, "unexplained, friction taken out"),
+    ):
+        axes.plot(x, values, ls="none", marker="o", ms=4, mec=color, mfc=face, label=label)
+    axes.set_ylim(bottom=0)
+    axes.set_xlim(-0.5, len(x) - 0.5)
+    style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
+    unit = friction.place_units[i]
+    style.label(axes, y=f"RMS in {style.pretty_unit(unit)}", title=f"{friction.places[i]}: torque not explained")
+    style.lighten(axes)

@@ -1,0 +1,31 @@
+"""Friction that was taken out of one motor of two, made up: a sign and a bristle of known levels."""
+
+import numpy as np
+
+from elastid.base.note import Note
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.shapes import Shape
+
+LEVELS, STDS, THRESHOLD = (3.0, 1.5), (0.1, 0.2), 2e-3
+LEFT = "no friction was taken out of the torque: it leaves 98 % of the power"
+
+
+def taken_friction(bristle: bool = True) -> FrictionTakenOut:
+    """At motor 1, in Nm; motor 2 slides and keeps its friction."""
+    n = 2 if bristle else 1
+    shapes = (Shape("motor 1", "sign"), Shape("motor 1", "stop", THRESHOLD))
+    return FrictionTakenOut(
+        places=("motor 1", "motor 2"),
+        place_units=("N*m", "N"),
+        shapes=shapes[:n],
+        levels=np.array(LEVELS[:n]),
+        covariance=np.diag(np.square(STDS[:n])),
+        configurations=("c1", "c2"),
+        before=np.array([[0.41, 0.62], [0.43, 0.64]]),
+        after=np.array([[0.11, 0.62], [0.13, 0.64]]),
+        kept_share=np.array([0.0321, 0.98]),
+        notes=(
+            Note("friction-taken-out", "friction was taken out", "motor 1", "information"),
+            Note("friction-left", LEFT, "motor 2", "information"),
+        ),
+    )
