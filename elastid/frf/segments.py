@@ -19,6 +19,8 @@ from elastid.record import MOTION_ORDER, Record
 # Segments that `auto` wants at least, of all records together, and for each input.
 _MIN_SEGMENTS = 16
 _MIN_SEGMENTS_PER_INPUT = 8
+# Numbers in a segment of all channels that `auto` takes at most.
+_MAX_NUMBERS = 1 << 20
 # Numbers in the segments that are transformed at once: 32 MB.
 _NUMBERS_AT_ONCE = 4_000_000
 
@@ -101,7 +103,8 @@ def make_segments(records: Sequence[Record], spec: EstimatorSpec) -> Segments:
         segments = of(L)
     else:
         wanted = max(_MIN_SEGMENTS, _MIN_SEGMENTS_PER_INPUT * n_u)
-        L = 2 ** int(np.log2(max(lengths)))
+        most = _MAX_NUMBERS // (len(first.outputs) + n_u)
+        L = 2 ** int(np.log2(min(max(lengths), most)))
         segments = of(L)
         while L > 8 and sum(map(segments.count, lengths)) < wanted:
             L //= 2

@@ -56,8 +56,9 @@ class EstimatorSpec:
     `full`.
     window: of each segment in Welch's method.  overlap: of neighbouring segments, as a part of their length.
     segment: length in Welch's method, whose lines are 1/segment apart; `auto`: the longest power of two in samples that
-    leaves 16 segments, and 8 for each input.  resolution_hz: distance of the lines of a local method, whose windows are
-    as wide at least, for records without a period; default: each line of their DFT.
+    leaves 16 segments, and 8 for each input, and holds a million numbers at most in all channels together, for memory.
+    resolution_hz: distance of the lines of a local method, whose windows are as wide at least, for records without a
+    period; default: each line of their DFT.
     """
 
     method: Method = "arithmetic"

@@ -21,6 +21,7 @@ from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.structure import Places
 
+UNWRAPPED = "unwrapped-angle"
 # A jump between two samples this close to a whole turn, in rad, is an encoder that starts again.
 _TURN_TOLERANCE = 1.0
 # Smaller elements of E or its inverse are rounding.
@@ -42,7 +43,7 @@ def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[
         wraps = jumps > np.pi
         if wraps.any() and np.all(np.abs(jumps[wraps] - 2 * np.pi) < _TURN_TOLERANCE):
             signal[known], turns = np.unwrap(signal[known]), int(wraps.sum())
-    note = Note("unwrapped-angle", f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
+    note = Note(UNWRAPPED, f"{turns} jumps of a whole turn were taken out of {channel.name_in_file}")
     return signal * _gear_factor(channel, robot), (note,) if turns else ()
 
 

@@ -1,5 +1,7 @@
 """A log that is too large for memory: measured in pieces of whole periods, which must be in step with each other.
 
+Without a period the pieces are of any length, and follow each other.
+
 A piece is read, repaired and checked as a log of its own, and its samples go to a file.  Where the pieces are not in
 step (lost samples, a clock that differs, a piece that is refused) the log must be measured as a whole.
 """
@@ -18,6 +20,7 @@ from elastid.base import mapped
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.record import Record
+from elastid.recorded.link_side import UNWRAPPED
 from elastid.recorded.repair.clock import RESAMPLED
 from elastid.recorded.repair.delay import MIN_CORRELATION, delay
 from elastid.recorded.repair.lost_samples import DOUBLED, DROPPED
@@ -33,10 +36,16 @@ def may_be_large(path: Path) -> bool:
     return path.stat().st_size >= mapped.MIN_LARGE_VALUES
 
 
-def pieces(n: int, N: int, n_channels: int) -> tuple[tuple[int, int], ...]:
-    """First and last sample of each piece of whole periods of N samples; none where the log fits into memory."""
+def pieces(n: int, N: int | None, n_channels: int) -> tuple[tuple[int, int], ...]:
+    """First and last sample of each piece of whole periods of N samples; none where the log fits into memory.
+
+    N: None without a period, where the last piece ends with the log.
+    """
     if n * n_channels < mapped.MIN_LARGE_VALUES:
         return ()
+    if N is None:
+        count = -(-n * n_channels // mapped.PIECE_VALUES)
+        return tuple(pairwise(i * n // count for i in range(count + 1)))
     periods = max(_MIN_PERIODS, mapped.PIECE_VALUES // (N * n_channels))
     count = n // N // periods
     bounds = [i * periods * N for i in range(count)] + [n // N * N]
@@ -55,11 +64,11 @@ def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
     for part, size in zip(parts, sizes, strict=True):
         driver = part.u if part.r is None else part.r
         if whole is None:
-            whole, first = part, _mean_period(driver, part.period_samples)
+            whole, first = part, _mean_period(driver, part.period_samples) if part.is_periodic else first
             roles = {role: getattr(part, role) for role in ("u", "y", "r")}
             shapes = {role: (sum(sizes), x.shape[1]) for role, x in roles.items() if x is not None}
             signals = {role: mapped.empty_in_file(shape) for role, shape in shapes.items()}
-        if part.n_samples != size or not _is_in_step(part, driver, first):
+        if part.n_samples != size or not (_is_in_step(part, driver, first) if part.is_periodic else _follows(part)):
             return None
         for role, signal in signals.items():
             signal[done : done + size] = getattr(part, role)
@@ -71,7 +80,9 @@ def joined(parts: Iterable[Record], sizes: tuple[int, ...]) -> Record | None:
     if whole is None:
         return None
     kept = {role: mapped.read_only(signal) for role, signal in signals.items()}
-    return replace(whole, **kept, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))  # type: ignore[arg-type]
+    period = whole.period_samples if whole.is_periodic else done
+    whole = replace(whole, **kept, period_samples=period)  # type: ignore[arg-type]
+    return replace(whole, notes=tuple(notes), repairs=dict(repairs), left_out=tuple(left_out))
 
 
 def with_end(record: Record, n: int) -> Record:
@@ -81,6 +92,11 @@ def with_end(record: Record, n: int) -> Record:
         return record
     text = f"the last {lost} of {n} samples are no whole period of {record.repeat_samples} samples and are left out"
     return replace(record, notes=(*record.notes, Note("incomplete-period", text, f"record {record.name}")))
+
+
+def _follows(part: Record) -> bool:
+    """Whether the pieces of a record without a period join: not where an angle lost its turns in one of them."""
+    return all(note.code != UNWRAPPED for note in part.notes)
 
 
 def _is_in_step(part: Record, driver: FloatArray, first: FloatArray) -> bool:

@@ -72,7 +72,7 @@ class RecordedRig:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""
         recorded, path, period = self._recorded, self.base / file.path, self._recorded.period_of(file)
         several_rates = any(channel.rate_hz is not None for channel in recorded.channels)
-        if not isinstance(period, float) or period % 1 or recorded.time or file.also or several_rates:
+        if period == "find" or (period or 0) % 1 or recorded.time or file.also or several_rates:
             return None
         if not may_be_large(path):
             return None
@@ -80,7 +80,7 @@ class RecordedRig:
         start, end = file.samples or (0, n)
         if not 0 <= start < end <= n:
             return None
-        bounds = pieces(end - start, int(period), len(recorded.channels))
+        bounds = pieces(end - start, None if period is None else int(period), len(recorded.channels))
         cuts = [replace(file, samples=(start + first, start + last)) for first, last in bounds]
         try:
             parts = (self._as_a_whole(experiment, cut) for cut in cuts)

@@ -11,8 +11,9 @@ from plants.notes import said
 from scipy.signal import coherence, csd, lfilter
 
 from elastid.base.errors import DataError
+from elastid.frf import segments
 from elastid.frf.estimate import estimate
-from elastid.frf.spec import Method
+from elastid.frf.spec import EstimatorSpec, Method
 
 
 @pytest.mark.parametrize("window", ["hann", "hamming", "boxcar"])
@@ -102,3 +103,12 @@ def test_inputs_in_proportion_are_refused_and_a_narrow_resonance_is_reported() -
     y = lfilter([1.0], [1.0, -2 * pole.real, abs(pole) ** 2], u, axis=0)
     words = " ".join(said(estimate([replace(noise_record(20_000, 0, n=1), u=u, y=y)], H1).notes))
     assert "barely resolve 1 of 1 resonances, that at 29.69 Hz" in words
+
+
+def test_segments_of_a_long_record_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To 400 numbers in four channels: 64 samples, where 30 s leave enough segments of 512."""
+    record = noise_record(6000, 0)
+    spec = EstimatorSpec(method="h1")
+    assert len(segments.make_segments([record], spec).window) == 512
+    monkeypatch.setattr(segments, "_MAX_NUMBERS", 400)
+    assert len(segments.make_segments([record], spec).window) == 64

@@ -68,6 +68,7 @@ def test_pieces_are_whole_periods_and_cover_the_log(large: None) -> None:
         (24 * N, 32 * N),
         (32 * N, 40 * N),
     )
+    assert pieces(4000, None, 4) == ((0, 1333), (1333, 2666), (2666, 4000))
     assert pieces(19 * N, N, 4) == ((0, 8 * N), (8 * N, 19 * N))
     assert pieces(9 * N, N, 4) == ()
 
@@ -89,6 +90,26 @@ def test_a_log_in_pieces_is_the_same_record(
     _same(read, whole)
     with h5py.File(tmp_path / "records.h5") as file:
         np.testing.assert_array_equal(file[f"{read.name}/time"][:], np.arange(read.n_samples) / read.rate_hz)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_a_log_without_a_period_in_pieces_is_the_same_record(
+    turns: bool, tmp_path: Path, log: dict[str, np.ndarray], request: pytest.FixtureRequest
+) -> None:
+    """To its last sample, with a missing one; as a whole where an angle starts again after a turn."""
+    spec = _write(tmp_path, log, extra=7)
+    recorded = replace(spec.as_recorded(), period_samples=None, period="none")
+    with h5py.File(tmp_path / "log.h5", "r+") as file:
+        file["w2"][3000] = np.nan
+        if turns:
+            file["phi"][...] = np.mod(np.linspace(0, 3000, PERIODS * N + 7), 360)
+    whole = measured(tmp_path, replace(spec, recorded=recorded))
+    request.getfixturevalue("large")
+    parts = measured(tmp_path, replace(spec, recorded=recorded))
+    assert isinstance(parts.u, np.memmap) != turns
+    assert (parts.is_periodic, parts.n_samples, parts.period_samples) == (False, PERIODS * N + 7, PERIODS * N + 7)
+    assert parts.repairs == whole.repairs == {"missing samples interpolated": 1}
+    _same(parts, whole)
 
 
 def test_a_large_record_has_the_same_response(
