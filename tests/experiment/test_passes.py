@@ -1,0 +1,72 @@
+"""Plans of friction passes and their references."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.base.errors import StudyError
+from elastid.experiment.plan.passes import (
+    PassLimits,
+    PlannedPass,
+    fastest_speed,
+    pass_reference,
+    pass_time,
+    plan_passes,
+)
+
+LIMITS = PassLimits("motor 2", (-0.6, 0.6), 1.8, 6.0, 2 * np.pi / 240, 6.0)
+SPEEDS = tuple(np.geomspace(0.004, 1.0, 12))
+
+
+def test_every_pass_stays_in_the_window_and_covers_a_turn_at_its_speed() -> None:
+    """Velocity constant between the marks, there and back; position within the window, at rest where it began."""
+    for planned in plan_passes(SPEEDS, 1, LIMITS, 0):
+        reference = pass_reference(planned, LIMITS, 500.0)
+        assert reference.position.min() > LIMITS.window[0] - 1e-3
+        assert reference.position.max() < LIMITS.window[1] + 1e-3
+        assert reference.position[-1] == pytest.approx(planned.start, abs=1e-9)
+        for (start, stop), sign in ((reference.there, 1), (reference.back, -1)):
+            np.testing.assert_allclose(reference.velocity[start:stop], sign * planned.speed, rtol=1e-12)
+            covered = np.ptp(reference.position[start:stop])
+            assert covered > min(0.95 * LIMITS.turn, 0.95 * 20.0 * planned.speed)
+        assert np.abs(reference.acceleration).max() < 1.02 * LIMITS.acceleration
+        assert reference.time_s == pytest.approx(pass_time(planned, LIMITS), rel=0.02, abs=0.02)
+
+
+def test_the_order_is_random_and_the_same_for_a_seed_with_references_between() -> None:
+    plan = plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
+    assert plan == plan_passes(SPEEDS, 2, LIMITS, 3, reference_every_s=60.0)
+    speeds = [one.speed for one in plan if not one.is_reference]
+    assert sorted(speeds) == sorted([*SPEEDS, *SPEEDS])
+    assert speeds != sorted(speeds)
+    assert plan[0].is_reference
+    assert plan[-1].is_reference
+    since = 0.0
+    for one in plan[1:]:
+        since = 0.0 if one.is_reference else since + pass_time(one, LIMITS)
+        assert since < 60.0 + max(pass_time(other, LIMITS) for other in plan)
+    assert len({one.name for one in plan}) == len(plan)
+
+
+@pytest.mark.parametrize(
+    ("speed", "limits", "word"),
+    [
+        (2.0, LIMITS, r"may move at 1.8 rad/s, and a pass at 2 is asked for"),
+        (1.2, replace(LIMITS, window=(-0.1, 0.1)), r"a pass of motor 2 at 1.2 rad/s takes .* measure up to 0\.3"),
+    ],
+)
+def test_a_speed_without_room_is_refused_by_name(speed: float, limits: PassLimits, word: str) -> None:
+    with pytest.raises(StudyError, match=word):
+        plan_passes((0.01, speed), 1, limits, 0)
+
+
+def test_the_fastest_speed_just_fits() -> None:
+    tight = replace(LIMITS, window=(-0.1, 0.1))
+    fastest = fastest_speed(tight)
+    planned = [one for one in plan_passes((fastest,), 1, tight, 0) if isinstance(one, PlannedPass)]
+    assert planned[1].speed == fastest
+    with pytest.raises(StudyError, match="widen it"):
+        plan_passes((1.3 * fastest,), 1, tight, 0)
