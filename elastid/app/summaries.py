@@ -13,6 +13,7 @@ import numpy as np
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_model import FittedModel
+from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult, LocalOptimum
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.uncertainty.propagation import uncertain_modes
@@ -99,6 +100,7 @@ def summary(
         "parameters": _parameters(study, result, friction),
         "friction": friction_summary(friction),
         "correlations_above_0.9": _correlations(result),
+        "modification_indices": [_modification(result, one) for one in result.indices],
         "modes": [
             {
                 "configuration": row.configuration,
@@ -151,6 +153,7 @@ def failure(study: Study, message: str) -> dict[str, Any]:
         "parameters": {},
         "friction": None,
         "correlations_above_0.9": [],
+        "modification_indices": [],
         "modes": [],
         "frf_error": [],
         "warnings": [],
@@ -254,6 +257,23 @@ def _further(result: FitResult, name: str) -> dict[str, Any]:
         if len(ends) and not np.isnan(ends[i]).any():
             found[key] = _numbers(ends[i].tolist())
     return found
+
+
+def _modification(result: FitResult, one: ModificationIndex) -> dict[str, Any]:
+    """One number or reading: what it was, what it would be, and what that would do; place 0 is of it alone."""
+    return {
+        "name": one.name,
+        "group": one.group,
+        "place": one.place,
+        "share": _number(one.share),
+        "drop": _number(one.drop),
+        "members": [
+            {"name": name, "unit": unit, "value": _number(value), "changed": _number(changed)}
+            for name, unit, value, changed in zip(one.members, one.units, one.values.tolist(), one.changed, strict=True)
+        ],
+        "alike": list(one.alike),
+        "effects": dict(zip(result.parameters.free_names, _numbers(one.effects.tolist()), strict=True)),
+    }
 
 
 def _correlations(result: FitResult) -> list[list[Any]]:

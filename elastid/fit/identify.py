@@ -19,8 +19,6 @@ from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.diagnosis.diagnosis import diagnose, with_status
 from elastid.fit.diagnosis.findings import at_bound
-from elastid.fit.diagnosis.misfit import telling_index
-from elastid.fit.diagnosis.modification_indices import modification_indices
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.result import FitResult, LocalOptimum
@@ -33,7 +31,6 @@ from elastid.fit.solve.multistart import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
 from elastid.fit.uncertainty.intervals import add_intervals
-from elastid.fit.uncertainty.jackknife import is_in_error
 from elastid.fit.weights.weights import check_masks
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
@@ -65,11 +62,7 @@ def identify(
     assembly, starts, hits = _search(responses, robot, spec, model, execution)
     try:
         optimum, uncertainty, result = _estimate(assembly, starts, hits)
-        indices = modification_indices(assembly, optimum, result)
-        in_error = is_in_error(result.cost, result.cost_expected, result.dof)
-        if in_error or telling_index(result, uncertainty, indices) is not None:
-            result = replace(result, indices=indices)
-        result = diagnose(result, optimum, uncertainty, _notes(assembly, optimum), spec.robots)
+        result = diagnose(result, assembly, optimum, uncertainty, _notes(assembly, optimum))
         return add_intervals(result, optimum, spec, execution)
     except KeyboardInterrupt:
         raise Interrupted(starts) from None

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from elastid.base.arrays import FloatArray, frozen_value
+
+# Of ln k; a larger one is of a fit that ended far from any robot.
+LARGEST_EFFECT = 50.0
 
 
 @frozen_value
@@ -40,3 +44,11 @@ class ModificationIndex:
             value * math.exp(step) if log else value + step
             for value, step, log in zip(self.values.tolist(), self.steps.tolist(), self.log, strict=True)
         )
+
+    def most_moved(self, free_names: Sequence[str]) -> tuple[str, float]:
+        """The stiffness among the free parameters that moves most, and its relative change; "" where there is none."""
+        stiff = [i for i, name in enumerate(free_names) if name.startswith("k") and math.isfinite(self.effects[i])]
+        if not stiff:
+            return "", 0.0
+        most = max(stiff, key=lambda i: abs(float(self.effects[i])))
+        return free_names[most], math.expm1(min(float(self.effects[most]), LARGEST_EFFECT))

@@ -23,6 +23,7 @@ from elastid.store.files import (
     variable,
     write_notes,
 )
+from elastid.store.modification_indices import read_indices, write_indices
 from elastid.validation.resonances import Peak
 from elastid.validation.results import Agreement, Fold, Replay, Validation
 
@@ -48,6 +49,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         variable(file, "singular_values", result.singular_values, [singular], "of the Jacobian, columns scaled")
         _write_starts(file, result, free)
         _write_further(file, result, free)
+        write_indices(file, result.indices, free)
         write_notes(file, result.notes)
 
 
@@ -63,6 +65,7 @@ def read_fit(path: Path) -> FitResult:
             at_bound=file["at_bound"][:],
             singular_values=file["singular_values"][:],
             notes=read_notes(file),
+            indices=read_indices(file),
             **_read_further(file),
             **{name: known[name] for name in _FIT_ATTRIBUTES},
         )

@@ -3,10 +3,10 @@
     python scripts/studies/held_torque.py [--quick] [--clean 300] [--held 100] [--seed 0]
 
 Responses of the three-mass axis (torque to motor velocity, 1 to 40 Hz) with 2 % of noise of known variance, fitted from
-the truth.  Clean: the search is made in every fit, also where the residuals are those of the noise and a fit would not
-search; the share of them with a hint is the false alarm rate, at most 1 %.  Held: responses times the hold of a torque
-that is constant for T, f T from 0.01 to 0.16 at 40 Hz, searched where the residuals are too large for the noise, as a
-fit does; the share with a hint, the share of hints that name a hold and no delay beside it, and the median error of T.
+the truth.  A hint is a modification index that names a hold, a delay or a low pass first.  Clean: the share of fits
+with a hint is the false alarm rate, at most 1 %.  Held: responses times the hold of a torque that is constant for T,
+f T from 0.01 to 0.16 at 40 Hz; the share with a hint, the share of hints that name a hold and no delay of all channels
+beside it, and the median error of T.
 From f T = 0.02 on at least 95 % must be found, their T within 10 % in the median; from 0.16 on 95 % as holds alone.
 The last line is one JSON object with the numbers of the table.
 
@@ -23,16 +23,14 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
 from study_plants import Rig, three_mass
 
-from elastid.base.note import Note
-from elastid.fit.diagnosis.held_torque import find_held_torque, hold
-from elastid.fit.solve.solvers import solve
-from elastid.fit.uncertainty.jackknife import is_in_error
+from elastid.fit.diagnosis.modification.lateness import hold
+from elastid.fit.identify import identify
+from elastid.fit.modification_index import ModificationIndex
 
 EDGE_PHASES = (0.01, 0.02, 0.04, 0.08, 0.16)
 MAX_FALSE_ALARMS = 0.01
@@ -41,38 +39,35 @@ CLEAR_EDGE_PHASE, UNLIKE_DELAY_EDGE_PHASE = 0.02, 0.16
 MIN_FOUND, MAX_ERROR = 0.95, 0.1
 
 
-def hint(rig: Rig, T: float, seed: int, always: bool) -> Note | None:
-    """The note of a fit to one data set of a torque held for T; searched always, or where the residuals ask for it."""
+def hint(rig: Rig, T: float, seed: int) -> ModificationIndex | None:
+    """The first index of a fit to one data set of a torque held for T, where it is of lateness."""
     truth = tuple(replace(each, G=each.G * hold(each.freq_hz, T)[:, None, None]) for each in rig.exact)
     plant = rig.plant
-    fit = rig.assembly(rig.drawn(np.random.default_rng(seed), truth), plant.spec).at(plant.parameters.x, "complex")
-    end = solve(fit.problem, plant.parameters.x)
-    dof = fit.problem.dof
-    if not always and not is_in_error(end.cost, dof, dof):
-        return None
-    notes = find_held_torque(fit, end.x, end.cost, dof)
-    return notes[0] if notes else None
+    spec = replace(plant.spec, starts=1, start_factor=1.0, profile=())
+    indices = identify(rig.drawn(np.random.default_rng(seed), truth), plant.robot, spec).indices
+    return indices[0] if indices and indices[0].group == "time" else None
 
 
-def time_of(note: Note) -> float:
-    """T in s that a note on a hold or a delay gives; half of it is in its text."""
-    found = re.search(r"acts (\S+) ms late|delay of (\S+) ms", note.text)
-    return 2e-3 * float(found[1] or found[2]) if found else 0.0
+def time_of(one: ModificationIndex) -> float:
+    """T in s of a hold, or of one that has the delay found."""
+    return float(one.steps[0]) * (1.0 if one.name == "hold" else 2.0)
 
 
 def false_alarms(rig: Rig, sets: int, seed: int) -> float:
     """The share of clean data sets with a hint."""
-    return float(np.mean([hint(rig, 0.0, seed + i, always=True) is not None for i in range(sets)]))
+    return float(np.mean([hint(rig, 0.0, seed + i) is not None for i in range(sets)]))
 
 
 def detection(rig: Rig, edge_phase: float, sets: int, seed: int) -> dict[str, float]:
     """Shares found, and of these called a hold alone; the median relative error of T of those found."""
     T = edge_phase / float(rig.plant.freq_hz[-1])
-    found = [note for note in (hint(rig, T, seed + i, always=False) for i in range(sets)) if note is not None]
-    errors = [abs(time_of(note) / T - 1) for note in found]
+    found = [one for one in (hint(rig, T, seed + i) for i in range(sets)) if one is not None]
+    errors = [abs(time_of(one) / T - 1) for one in found]
     return {
         "found": len(found) / sets,
-        "hold_alone": float(np.mean(["free delay" not in note.text for note in found])) if found else 0.0,
+        "hold_alone": float(np.mean([one.name == "hold" and "delay" not in one.alike for one in found]))
+        if found
+        else 0.0,
         "median_error": float(np.median(errors)) if found else float("nan"),
     }
 

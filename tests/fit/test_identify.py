@@ -229,14 +229,15 @@ def test_a_channel_of_the_wrong_sign_is_named(output: str, source: str) -> None:
     result = fitted(output, source)
     assert result.status not in TRUSTED  # whether such a fit converges is chance
     name = f"y at {output}" if output else f"u at {source}"
-    assert said(result.notes)[0].startswith(f"{name} fits far better with the other sign (V = ")
+    assert said(result.notes)[0].startswith(f"{name} with the other sign would explain 9")
 
 
 def test_input_and_output_of_the_only_motor_are_named_together() -> None:
     """With one channel of each kind, the data cannot tell which of the two is wrong."""
     (response,) = measure(pendulum(), [(0.0,)], np.random.default_rng(1))
     result = identify([turned(response, "motor 1")], pendulum(), FitSpec(starts=2))
-    assert said(result.notes)[0].startswith("y at motor 1 or u at motor 1 fits far better with the other sign")
+    either = "y at motor 1 with the other sign (or u at motor 1 with the other sign: the data cannot tell)"
+    assert said(result.notes)[0].startswith(f"{either} would explain 99 %")
 
 
 @pytest.mark.slow
@@ -244,7 +245,7 @@ def test_no_sign_is_blamed_for_a_wrong_scale() -> None:
     """Torques in the wrong unit: nothing is explained, and not by a sign but by a factor."""
     result = fitted(times=20.0)
     assert result.status == "model_error"
-    assert said(result.notes)[0].startswith("the responses fit far better with channels scaled (V falls to ")
+    assert said(result.notes)[0].startswith("channels in another scale (u at motor 1 times")
     factors = [float(one) for one in re.findall(r"u at motor \d times ([\d.]+)", said(result.notes)[0])]
     np.testing.assert_allclose(factors, [20, 20], rtol=0.1)
 
@@ -260,11 +261,11 @@ def read_as(response: FrequencyResponse, conjugate: bool, factor: complex, power
 @pytest.mark.parametrize(
     ("conjugate", "factor", "power", "says"),
     [
-        (True, 1, 0, "with all phases negated"),
-        slow(True, 1j, 0, "with real and imaginary parts exchanged"),
-        (False, 1, -1, "differentiated once more in time"),
-        slow(False, 1, -2, "differentiated twice more in time"),
-        slow(False, 1, 1, "differentiated once less in time"),
+        (True, 1, 0, "all phases negated"),
+        slow(True, 1j, 0, "real and imaginary parts exchanged"),
+        (False, 1, -1, "responses differentiated once more in time"),
+        slow(False, 1, -2, "responses differentiated twice more in time"),
+        slow(False, 1, 1, "responses differentiated once less in time"),
     ],
 )
 def test_what_was_written_otherwise_is_named(
@@ -276,7 +277,7 @@ def test_what_was_written_otherwise_is_named(
     response = response if noise == "known" else replace(response, total=None)
     result = identify([response], started_elsewhere(pendulum(), 2.0), FitSpec(starts=3, seed=3))
     assert result.status == "model_error"
-    assert said(result.notes)[0].startswith(f"the responses fit far better {says} (V = ")
+    assert said(result.notes)[0].startswith(f"{says} would explain 99 %")
     assert "another reading of them far more" in result.message
 
 

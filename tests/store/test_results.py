@@ -11,6 +11,7 @@ from plants.artefacts import (
     some_fit,
 )
 
+from elastid.fit.modification_index import ModificationIndex
 from elastid.store import (
     read_fit,
     read_validation,
@@ -40,6 +41,21 @@ def test_intervals_and_information_come_back_to_the_last_bit(tmp_path):
         informing_hz=3 * pairs,
         weakest=np.array([0.6, -0.8]),
     )
+    write_fit(tmp_path / "fit.h5", full)
+    assert same(read_fit(tmp_path / "fit.h5"), full)
+
+
+def test_modification_indices_come_back_to_the_last_bit(tmp_path):
+    """Of one number, of several at once, and of a reading that has none."""
+    none = np.zeros(0)
+    indices = (
+        ModificationIndex("m_arm", "mass", ("m_arm",), [75.0], ("kg",), (True,), [-0.05], 1e-3, 9.0, 0.9, [0.1, 0.2]),
+        ModificationIndex(
+            "g_*", "gain", ("a", "b"), [1, 2], ("1", "1"), (True, False), [3, 4], 5.0, 6.0, 7.0, [8, 9], ("x",), 1
+        ),
+        ModificationIndex("y at a/b turned", "sign", (), none, (), (), none, 0.0, 1.0, 0.5, [0, 0], ("y", "z")),
+    )
+    full = dataclasses.replace(some_fit(), indices=indices)
     write_fit(tmp_path / "fit.h5", full)
     assert same(read_fit(tmp_path / "fit.h5"), full)
 

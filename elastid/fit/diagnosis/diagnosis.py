@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,28 +9,26 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.findings import findings, status_and_message
-from elastid.fit.diagnosis.held_torque import find_held_torque
-from elastid.fit.diagnosis.misfit import describe_misfit
-from elastid.fit.diagnosis.misread_channels import (
-    find_foreign_configurations,
-    find_misread_channels,
-    find_wrong_frequency_unit,
-)
+from elastid.fit.diagnosis.frequency_unit import find_wrong_frequency_unit
+from elastid.fit.diagnosis.misfit import describe_misfit, telling_index
+from elastid.fit.diagnosis.modification.indices import held_indices, modification_indices
+from elastid.fit.diagnosis.modification.sentences import MISREAD, explanations
 from elastid.fit.diagnosis.two_robots import find_two_groups
+from elastid.fit.diagnosis.unlike_configurations import find_foreign_configurations, find_unlike_configurations
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.problem.residuals import error_gain
 from elastid.fit.result import FitResult
-from elastid.fit.setup.assembly import RelinearisedOptimum
+from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.fit.uncertainty.jackknife import is_in_error
 
-# Residuals of a configuration over the median of all beyond which it is unlike the others.
-MAX_RESIDUAL_RATIO = 5.0
-# Model error beyond which misread channels are searched for; so they are where the noise is unknown and the model
-# explains less than this share of the responses.
+# Model error beyond which foreign configurations are searched for, and responses that were read wrongly are not the
+# robot's; where the noise is unknown, the share of the responses that the model explains below which they are.
 SUSPECT_MODEL_ERROR = 10.0
 SUSPECT_EXPLAINED_SHARE = 0.9
+# Of the excess of V: where one number or reading explains more, no configurations are looked for that differ.
+MAX_EXPLAINED_SHARE = 0.8
 
 
 def explained_share(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
@@ -44,28 +41,6 @@ def explained_share(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
         left += float(np.sum(np.abs(error) ** 2))
         whole += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
-
-
-def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
-    """A note on each configuration that the model at x explains far worse than the others."""
-    level = {}
-    for part in fit.parts:
-        if part.n_residuals:
-            name = part.configuration
-            level[name] = np.sqrt(part.normal.at(fit.theta(part, x))[0] / part.n_residuals)
-    if len(level) < 3:
-        return ()
-    usual = float(np.median(list(level.values())))
-    return tuple(
-        Note(
-            "unlike-configuration",
-            f"its residuals are {one / usual:.0f} times those of the other configurations; is it of "
-            "the same robot, with the same load, at the stated angles?",
-            f"configuration {name}",
-        )
-        for name, one in level.items()
-        if one > MAX_RESIDUAL_RATIO * usual
-    )
 
 
 def with_status(
@@ -81,27 +56,35 @@ def with_status(
 
 def diagnose(
     result: FitResult,
+    assembly: Assembly,
     optimum: RelinearisedOptimum,
     uncertainty: Uncertainty,
     notes: tuple[Note, ...],
-    robots: Mapping[str, Sequence[str]],
 ) -> FitResult:
-    """The same with notes: misread channels, a held torque and foreign configurations first, which takes further fits.
+    """The same with notes and indices: what the fit held or read wrongly, foreign configurations.
 
-    notes: of the data and the search.  robots: of fit.robots.
+    notes: of the data and the search.
     """
     fit, end = optimum.fit, optimum.end
     suspect = _is_suspect(result, optimum)
-    misread = find_misread_channels(fit, end.x, end.cost) if suspect else ()
-    apart = find_unlike_configurations(fit, end.x) if result.model_error > 1 else ()
     in_error = is_in_error(result.cost, result.cost_expected, result.dof)
-    held = find_held_torque(fit, end.x, end.cost, result.cost_expected) if in_error and not misread else ()
-    if not apart and not misread and in_error:
-        apart = find_two_groups(fit, end.x, end.cost, result.cost_expected, robots)
-    apart = apart or (find_foreign_configurations(fit, end.x) if suspect and not misread else ())
+    noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
+    if in_error or suspect:
+        result = replace(result, indices=modification_indices(assembly, optimum, result, noise_cost))
+    elif noise_cost > 0:
+        numbers = held_indices(assembly, optimum, result, noise_cost)
+        result = replace(result, indices=numbers if telling_index(result, uncertainty, numbers) is not None else ())
+    explained = next((one.share for one in result.indices), 0.0)
+    misread = suspect and any(one.place and one.group in MISREAD for one in result.indices)
+    apart = find_unlike_configurations(fit, end.x) if result.model_error > 1 else ()
+    if in_error and not apart and explained < MAX_EXPLAINED_SHARE:
+        apart = find_two_groups(fit, end.x, end.cost, result.cost_expected, assembly.spec.robots)
+    if suspect and not apart and explained < MAX_EXPLAINED_SHARE:
+        apart = find_foreign_configurations(fit, end.x)
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
-    words = (*misread, *held, *find_wrong_frequency_unit(result), *apart, *notes, *found)
-    return replace(with_status(result, optimum, uncertainty, bool(misread)), notes=words)
+    why = explanations(result)
+    words = (*find_wrong_frequency_unit(result), *(why if misread or not apart else ()), *apart, *notes, *found)
+    return replace(with_status(result, optimum, uncertainty, misread), notes=words)
 
 
 def _is_suspect(result: FitResult, optimum: RelinearisedOptimum) -> bool:

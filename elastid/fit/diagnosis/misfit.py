@@ -51,7 +51,8 @@ def telling_index(
         one
         for one in indices
         if one.place == 0
-        and np.ptp(one.steps) == 0  # one direction: where several are free at once, noise alone moves parameters far
+        and len(set(one.steps.tolist()))
+        == 1  # one direction: where several are free at once, noise alone moves parameters far
         and one.drop > MIN_DROP
         and np.any(np.abs(one.effects) > reach)
     )

@@ -17,6 +17,7 @@ from elastid.report.figures.friction import friction_curves
 from elastid.report.figures.limits import limit_use, nearest_run_signals
 from elastid.report.figures.mode_shapes import mode_shapes
 from elastid.report.figures.mode_sketches import mode_sketches
+from elastid.report.figures.modification_indices import modification_shares
 from elastid.report.figures.parameters import forest
 from elastid.report.figures.response_quality import coherence, levels
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
@@ -60,6 +61,9 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, identifiability(content.result))
+    if any(not one.place for one in content.result.indices):
+        caption = "Share of what V has beyond the noise that each would explain, were it free or read so, alone."
+        yield Drawing("modification_indices", "fit", caption, modification_shares(content.result))
     yield from _plan(content)
     yield from _limits(content)
     if content.plan is not None:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from plants.report_values import fit_result, lines_of
 
+from elastid.fit.modification_index import ModificationIndex
 from elastid.report.figures.fit import identifiability, multistart_costs
+from elastid.report.figures.modification_indices import modification_shares
 
 
 def test_the_multistart_figure_separates_hits_from_other_endings():
@@ -25,3 +29,17 @@ def test_the_identifiability_figure_writes_strong_correlations_into_the_matrix()
     assert [text.get_text() for text in matrix.texts] == ["-0.97", "-0.97"]
     np.testing.assert_allclose(values.get_lines()[0].get_ydata(), [2.0, 1.0, 0.5, 0.01])
     assert values.get_title() == "singular values, condition 200"
+
+
+def test_the_figure_of_modification_indices_has_a_bar_for_each_alone():
+    """The best on top, at most 100 %."""
+
+    def index(name: str, share: float, place: int = 0) -> ModificationIndex:
+        return ModificationIndex(
+            name, "mass", (name,), [1.0], ("kg",), (True,), [0.1], 0.1, 9.0, share, [0.1] * 4, (), place
+        )
+
+    indices = (index("m_arm", 1.02, 1), index("m_arm", 1.02), index("delay", 0.25))
+    (axes,) = modification_shares(replace(fit_result(), indices=indices)).axes
+    np.testing.assert_allclose([bar.get_width() for bar in axes.patches], [25.0, 100.0])
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["delay", "m_arm"]

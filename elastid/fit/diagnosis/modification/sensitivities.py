@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.diagnosis.held_numbers import RATE, HeldNumbers
+from elastid.fit.diagnosis.modification.held_numbers import RATE, HeldNumbers
 from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.residuals import RESIDUALS, as_real
 from elastid.fit.setup.assembly import Assembly
@@ -94,9 +94,9 @@ def _further(
 ) -> dict[str, ComplexArray]:
     """Slopes of what only the response knows: delays of channels, ratios, the rate, angles of this configuration."""
     s = 2j * np.pi * kernel.freq_hz[:, None, None]
-    found = {RATE: slopes[RATE] + 2 * G}
+    found = {RATE: slopes[RATE] - 2 * G}
     for role, places, axis in (("y", model.outputs, 1), ("u", model.inputs, 2)):
-        for i, place in enumerate(places):
+        for i, place in enumerate(places if len(places) > 1 else ()):  # a single one is all of them
             mask = np.zeros((1, len(model.outputs), len(model.inputs)))
             mask[(slice(None),) * axis + (i,)] = 1.0
             found[gain_name(role, place).replace("gain", "delay", 1)] = -s * mask * G

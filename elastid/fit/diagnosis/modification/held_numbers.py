@@ -7,10 +7,10 @@ Beside the robot's own numbers, its geometry and the gains of its channels there
 - torsion_arm_x: the compliance 1 / k of an elastic rotation about x before the body arm, gear_2: of a rigid gear.
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
   between it and the ground; where the torque that was logged is the loop's reference.
-- rate: of the sampling rate. A rate that is 1 + e too high reads all frequencies so, and motions that are
-  differentiated from positions (1 + e)^2 too large:
+- rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
+  differentiated from positions (1 + e)^2:
 
-.. math:: \frac{dG}{d\epsilon} = \omega \frac{\partial G}{\partial \omega} + 2 G, \qquad
+.. math:: \frac{dG}{d\epsilon} = \omega \frac{\partial G}{\partial \omega} - 2 G, \qquad
           \omega \frac{\partial}{\partial \omega}: \quad dK = -2 K\, d\epsilon, \; dD = -D\, d\epsilon
 
 A stiff spring stands in for a rigid coordinate: dK = -k^2 dc (...).

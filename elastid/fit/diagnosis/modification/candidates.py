@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.fit.diagnosis.score_test import Candidate, HeldNumber
+from elastid.fit.diagnosis.modification.score_test import Candidate, HeldNumber
 from elastid.robot import Robot
 
 
@@ -32,7 +32,7 @@ _DAMPING = Kind("damping", 0.5, math.log(100), True)
 _LENGTH = Kind("length", 0.005, 0.2)
 _LAG = Kind("time", 0.3, math.log(10), True)
 _COMPLIANCE = Kind("compliance", math.inf, math.inf, unit="rad/(N*m)", grows=True)
-# By what the name of a number begins with, up to its first underscore.
+# By what the name of a number begins with, up to an underscore.
 KINDS = {
     "m": Kind("mass", 0.05, math.log(3), True),
     "c": Kind("centre of mass", 0.02, 0.3),
@@ -43,7 +43,8 @@ KINDS = {
     **dict.fromkeys(("d", "dm", "f", "fm"), _DAMPING),
     **dict.fromkeys(("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0"), _LENGTH),
     "angle": Kind("angle", 0.02, 0.6, unit="rad"),
-    "gain": Kind("gain", 0.03, math.log(2), True, "1"),
+    "gain_u": Kind("gain", 0.05, math.log(2), True, "1"),
+    "gain_y": Kind("gain", 0.01, math.log(2), True, "1"),
     "ratio": Kind("gear ratio", 0.005, math.log(1.5), True, "1"),
     "rate": Kind("rate", 0.005, 0.2, unit="1"),
     "delay": Kind("time", 5e-4, 0.05, unit="s"),
@@ -56,9 +57,15 @@ _OTHER = Kind("number", 0.1, 1.0, True)
 COMMON_FACTORS = ("gain_u", "gain_y", "ratio", "Jm", "loop")
 
 
+def kind_of(name: str) -> Kind:
+    """By the beginning of the name of a number."""
+    first, second = (*name.split("_", 2), "")[:2]
+    return KINDS.get(f"{first}_{second}", KINDS.get(first, _OTHER))
+
+
 def held_number(name: str, value: float, unit: str = "") -> HeldNumber:
     """The number with what is plausible; one that is positive by its nature and zero can only grow."""
-    kind = KINDS.get(name.partition("_")[0], _OTHER)
+    kind = kind_of(name)
     unit = unit or kind.unit
     if kind.log and value > 0:
         return HeldNumber(name, kind.group, value, unit, True, -kind.limit, kind.limit, kind.usual)
