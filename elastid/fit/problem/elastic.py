@@ -18,7 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
-from elastid.fit.problem.inertia_barrier import BodyInertia, barrier
+from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.normal_equations import NormalEquations
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind, as_real, error_gain
@@ -105,7 +105,8 @@ class ElasticFit:
     @property
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
-        return LeastSquares(self.parameters, self.n_residuals, self.rough, self.residual)
+        border = self.border if self.inertias else None
+        return LeastSquares(self.parameters, self.n_residuals, self.rough, self.residual, border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
@@ -133,6 +134,10 @@ class ElasticFit:
             2 * (g + slope * distance) + b_slope,
             2 * (A + np.diag(slope**2)) + b_curvature,
         )
+
+    def border(self, x: FloatArray) -> FloatArray:
+        """D (n_x, n_x): bodies keep possible inertias over steps s with s^T D s < 1."""
+        return border_metric(self.inertias, self.parameters, x)
 
     def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked."""

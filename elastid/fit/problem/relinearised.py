@@ -31,7 +31,8 @@ class RelinearisedFit:
     @property
     def problem(self) -> LeastSquares:
         """The problem of a solver; it pickles."""
-        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, self.residual)
+        border = self.first.problem.border
+        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, self.residual, border)
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand."""

@@ -7,6 +7,11 @@ r"""Gauss-Newton within a trust region and bounds: the step from the gradient g 
 the step takes to its bound stays there, and the others take the step that is best then. Delta doubles where V falls as
 predicted and shrinks to where a parabola through V, its slope and the new V has its minimum, if it does not.
 
+Where V has a barrier, the region is besides within the ellipsoid s^T D s < beta^2, all of which is inside (Dikin's):
+steps that are merely shortened until V is finite would creep along the border.
+
+.. math:: \|s\|^2 = s^T M s, \qquad M = 1 + (\Delta / \beta)^2 D
+
 An increase s of a logarithmic parameter p is taken as one of p itself, p (1 + s) instead of p e^s, which is the same to
 first order: a response is nearly linear in a damping that hardly acts, whose step would otherwise span powers of e.
 """
@@ -14,6 +19,7 @@ first order: a response is nearly linear in a damping that hardly acts, whose st
 from __future__ import annotations
 
 import numpy as np
+from scipy.linalg import eigh
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
@@ -30,6 +36,8 @@ MIN_SHARE = 1e-4
 SHRINK = (0.1, 0.5)
 # A step of this share of the radius was limited by it, and one longer by less is within it.
 AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
+# The largest step towards a border, as a share of the way to it; the largest condition number of a metric.
+SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
 # Predictions below this share of V drown in rounding; so do those of steps shorter than this.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
 
@@ -56,10 +64,13 @@ def trust_region(
         if used == max_iterations:
             break
         gradient, hessian = unit * here.gradient, np.outer(unit, unit) * here.hessian
-        step, predicted = np.zeros(len(x)), 0.0
+        border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
+        metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
         # Many variables held at their bounds at once may cost more than the step gains: a shorter one holds fewer.
         while not predicted > ROUNDING * here.cost and radius > MIN_RADIUS:
-            step = _bounded_step(gradient, hessian, _room(parameters, x, unit), held, radius)
+            if border is not None:
+                metric = np.eye(len(x)) + _weight_of(border, radius) * border
+            step = _bounded_step(gradient, hessian, metric, _room(parameters, x, unit), held, radius)
             predicted = -float(gradient @ step + 0.5 * step @ hessian @ step)
             radius *= 1.0 if predicted > ROUNDING * here.cost else SHRINK[0]
         if not predicted > ROUNDING * here.cost:
@@ -67,10 +78,16 @@ def trust_region(
         x_new = _moved(parameters, x, unit * step)
         new = problem.evaluate(x_new)
         share = (here.cost - new.cost) / predicted if np.isfinite(new.cost) else -np.inf
-        radius = _next_radius(radius, step, share, predicted, float(gradient @ step))
+        length = float(np.sqrt(step @ metric @ step))
+        radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
         if share > MIN_SHARE:
             x, here = x_new, new
     return Ending(x, here, "stopped", max_iterations)
+
+
+def _weight_of(border: FloatArray, radius: float) -> float:
+    """The weight of a border's metric beside the unit matrix: (Delta / beta)^2, unless rounding would swallow 1."""
+    return min((radius / SHARE_OF_BORDER) ** 2, MAX_CONDITION / max(float(np.trace(border)), 1e-300))
 
 
 def _units(parameters: ParameterSet, x: FloatArray, here: Evaluation) -> FloatArray:
@@ -103,17 +120,23 @@ def _moved(parameters: ParameterSet, x: FloatArray, step: FloatArray) -> FloatAr
 
 
 def _bounded_step(
-    gradient: FloatArray, hessian: FloatArray, room: tuple[FloatArray, FloatArray], held: BoolArray, radius: float
+    gradient: FloatArray,
+    hessian: FloatArray,
+    metric: FloatArray,
+    room: tuple[FloatArray, FloatArray],
+    held: BoolArray,
+    radius: float,
 ) -> FloatArray:
     """The step (n_x,) within radius and room of the variables that are not held."""
     step, free = np.zeros(len(gradient)), ~held
     while free.any():
-        left = radius**2 - float(step[~free] @ step[~free])
+        left = radius**2 - float(step[~free] @ metric[np.ix_(~free, ~free)] @ step[~free])
         if left <= 0:
             step[free] = 0.0
             break
         slope = gradient[free] + hessian[np.ix_(free, ~free)] @ step[~free]
-        step[free] = _step_within(slope, hessian[np.ix_(free, free)], float(np.sqrt(left)))
+        among = np.ix_(free, free)
+        step[free] = _step_within(slope, hessian[among], metric[among], float(np.sqrt(left)))
         within = np.clip(step, *room)
         beyond = free & (step != within)
         if not beyond.any():
@@ -123,9 +146,9 @@ def _bounded_step(
     return step
 
 
-def _step_within(gradient: FloatArray, hessian: FloatArray, radius: float) -> FloatArray:
+def _step_within(gradient: FloatArray, hessian: FloatArray, metric: FloatArray, radius: float) -> FloatArray:
     """The step (n,) within the radius, bounds aside: lambda by Newton's method on 1 / |s|, from below."""
-    values, vectors = np.linalg.eigh(hessian)
+    values, vectors = eigh(hessian, metric)
     along = vectors.T @ gradient
     damping = max(0.0, -float(values[0])) + 1e-12 * max(float(values[-1]), 1e-300)
     while (length := float(np.linalg.norm(along / (values + damping)))) > RADIUS_TOLERANCE * radius:
@@ -133,9 +156,8 @@ def _step_within(gradient: FloatArray, hessian: FloatArray, radius: float) -> Fl
     return np.asarray(-(vectors @ (along / (values + damping))))
 
 
-def _next_radius(radius: float, step: FloatArray, share: float, predicted: float, slope: float) -> float:
+def _next_radius(radius: float, length: float, share: float, predicted: float, slope: float) -> float:
     """The radius after a step by which V fell by a share of the prediction; slope: of V along the step."""
-    length = float(np.linalg.norm(step))
     if share < POOR_SHARE:
         if not np.isfinite(share):
             return SHRINK[0] * length
