@@ -188,7 +188,8 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
             axes = [frequency, element, element]
             variable(part, "matrix", covariance.matrix, axes, "covariance of vec G", f"({response.unit})^2")
     if response.bias is not None:
-        axes = [inputs, frequency, outputs, inputs]
+        extent = scale(group, "extent", ("all configurations", "this configuration"), "extent of a systematic error")
+        axes = [extent, inputs, frequency, outputs, inputs]
         variable(group, "bias", response.bias, axes, "systematic error of G by friction of each motor", response.unit)
     _write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)

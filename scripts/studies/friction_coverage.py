@@ -1,7 +1,7 @@
 """Do 95 % intervals of stiffness and damping hold the truth on a robot with friction, through the whole measured wing?
 
     python scripts/studies/friction_coverage.py [--quick] [--sets 300] [--axes 2 3] [--coulomb 0 0.05 0.16 0.3]
-                                       [--carrier yes no] [--friction none] [--realisations 4] [--jobs 1]
+                                       [--carrier yes no] [--friction none coulomb] [--realisations 4] [--jobs 1]
 
 Simulated records of a robot with Coulomb friction of so many times the rms torque (`fast_rig`, new phases and new noise
 for every data set), estimated and fitted from the truth without a floor, so that the intervals are made of noise and
@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from fast_rig import FastRig, with_coulomb
@@ -39,7 +39,9 @@ from elastid.fit.identify import fit_parameters
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.estimate import estimate
-from elastid.frf.spec import EstimatorSpec
+from elastid.frf.friction.find import find_friction
+from elastid.frf.friction.net_torque import net_record
+from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.study import load
 
@@ -119,7 +121,7 @@ class Case:
     axes: int
     coulomb: float
     carrier: bool
-    friction: str
+    friction: Friction
     realisations: int = 4
     periods: int = 2
 
@@ -134,11 +136,12 @@ class Case:
         rig, experiment, excitation = _prepared(self)
         plan = make_plan(excitation, experiment, rig.robot, number)
         records = rig.measure(plan, number)
-        spec = EstimatorSpec()
-        found = [
-            estimate([one for one in records if one.configuration.name == name], spec, plan.lines)
-            for name in rig.postures
-        ]
+        spec = EstimatorSpec(friction=self.friction)
+        groups = [[one for one in records if one.configuration.name == name] for name in rig.postures]
+        if self.friction != "none":
+            taken = find_friction(groups, spec, plan.lines)
+            groups = [[net_record(one, taken) for one in group] for group in groups]
+        found = [estimate(group, spec, plan.lines) for group in groups]
         return found, fit_parameters(found, rig.robot, FIT)
 
     def __call__(self, number: int) -> FloatArray:
@@ -228,7 +231,7 @@ def main() -> None:
     parser.add_argument("--axes", type=int, nargs="*", default=[2, 3], choices=sorted(BENCHES))
     parser.add_argument("--coulomb", type=float, nargs="*", default=list(LEVELS))
     parser.add_argument("--carrier", nargs="*", default=["yes", "no"], choices=["yes", "no"])
-    parser.add_argument("--friction", nargs="*", default=["none"])
+    parser.add_argument("--friction", nargs="*", default=["none", "coulomb"], choices=get_args(Friction))
     parser.add_argument("--realisations", type=int, default=4)
     parser.add_argument("--periods", type=int, default=2)
     parser.add_argument("--jobs", type=int, default=1)

@@ -83,7 +83,7 @@ def responses(draw, name=NAME):
         draw(st.none() | qualities(freq_hz, n_y, n_u)),
         draw(REPAIRS),
         tuple(draw(st.lists(NAME, max_size=2))),
-        bias=draw(st.none() | complex_numbers(n_u, F, n_y, n_u)),
+        bias=draw(st.none() | complex_numbers(2, n_u, F, n_y, n_u)),
     )
 
 

@@ -1,14 +1,18 @@
-r"""Systematic errors of measured responses of which only the size is known, one factor a motor for all configurations.
+r"""Systematic errors of measured responses of which only the size is known, such as friction that is left in them.
 
-.. math:: \hat G = G(x) + \sum_b c_b\, \delta G_b + noise, \qquad c_b \sim N(0, 1)
+.. math:: \hat G_q = G_q(x) + \sum_b (c_b\, \delta G_{bq} + c_{bq}\, \delta G'_{bq}) + noise, \qquad
+          c_b, c_{bq} + \bar c_b \sim N(0, 1)
 
-The factors are further unknowns with a prior, estimated together with x: generalised least squares with the covariance
-that such errors have. delta G: `FrequencyResponse.bias`.
+for motor b in configuration q: one factor that all configurations share, and the difference of one of each by itself
+from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
+estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
+`FrequencyResponse.bias`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeAlias
 
 import numpy as np
 
@@ -17,47 +21,58 @@ from elastid.fit.problem.elastic import ElasticFit, Part, mixed
 from elastid.fit.problem.residuals import as_real, error_gain
 from elastid.response import FrequencyResponse
 
+# Input and configuration of a factor; without one, of all configurations.
+Factor: TypeAlias = tuple[str, str]
 
-def biased_inputs(responses: Sequence[FrequencyResponse]) -> tuple[str, ...]:
-    """The inputs whose motors bias any of the responses, each with a factor."""
-    found: dict[str, None] = {}
+
+def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
+    """The factors of all responses: of each motor that biases one, shared and in each configuration by itself."""
+    found: dict[Factor, None] = {}
     for response in responses:
         if response.bias is not None:
-            found |= {name: None for name, one in zip(response.inputs, response.bias, strict=True) if np.any(one)}
+            for errors, where in zip(response.bias, ("", response.configuration.name), strict=True):
+                there = (name for name, one in zip(response.inputs, errors, strict=True) if np.any(one))
+                found |= {(name, where): None for name in there}
     return tuple(found)
 
 
-def bias_of(response: FrequencyResponse, inputs: Sequence[str]) -> ComplexArray:
-    """delta G (n_b, F, n_y, n_u) of one response in the order of all inputs, zero where it has none."""
-    bias = np.zeros((len(inputs), *response.G.shape), complex)
-    if response.bias is not None:
-        for b, name in enumerate(inputs):
-            if name in response.inputs:
-                bias[b] = response.bias[response.inputs.index(name)]
+def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:
+    """d Ghat / d c (n_b, F, n_y, n_u) of one response, zero where a factor is not of it."""
+    bias = np.zeros((len(factors), *response.G.shape), complex)
+    if response.bias is None:
+        return bias
+    for b, (name, configuration) in enumerate(factors):
+        if name not in response.inputs:
+            continue
+        shared, own = response.bias[:, response.inputs.index(name)]
+        if not configuration:
+            bias[b] = shared
+        elif np.any(own):
+            count = sum(one[0] == name and one[1] != "" for one in factors)
+            bias[b] = ((configuration == response.configuration.name) - 1 / count) * own
     return bias
 
 
-def bias_slopes(part: Part, response: FrequencyResponse, inputs: Sequence[str]) -> ComplexArray:
+def bias_slopes(part: Part, response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:
     """-dr/dc (n_b, F, n_y, n_u) of whitened residuals r as they change with the factors c, taken out of Ghat."""
     used = part.gain > 0
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(used, part.gain * error_gain(part.criterion, part.measured), 0j)
-    whitened = bias_of(response, inputs) * gain
+    whitened = bias_of(response, factors) * gain
     return -whitened if part.mixing is None else -mixed(part.mixing, whitened)
 
 
-def shared_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: FloatArray) -> FloatArray:
-    """c (n_b,) of the optimum in x and c together, one Gauss-Newton step from x; fit: of the responses as measured."""
-    inputs = biased_inputs(responses)
+def next_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: FloatArray, c: FloatArray) -> FloatArray:
+    """c (n_b,) after one Gauss-Newton step in x and c together; fit: of the responses without their errors for c."""
+    factors = find_factors(responses)
     r_priors, slope = fit.residual(x)[0][fit.n_residuals :], fit.prior_slopes
-    known = np.flatnonzero(slope)
-    n = len(x) + len(inputs)
-    A, g = np.diag(np.concatenate([slope**2, np.ones(len(inputs))])), np.zeros(n)
+    n, known = len(x) + len(c), np.flatnonzero(slope)
+    A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([np.zeros(len(x)), c])
     g[known] = slope[known] * r_priors
     for part, response, (r, J) in zip(fit.parts, responses, fit.blocks(x), strict=True):
-        rows = as_real(np.concatenate([J, bias_slopes(part, response, inputs)])).reshape(n, -1)
+        rows = as_real(np.concatenate([J, bias_slopes(part, response, factors)])).reshape(n, -1)
         A += rows @ rows.T
         g += rows @ as_real(r).ravel()
     length = np.sqrt(np.maximum(np.diag(A), 1e-300))
     step = np.linalg.lstsq(A / np.outer(length, length), -g / length, rcond=1e-12)[0] / length
-    return np.asarray(step[len(x) :])
+    return np.asarray(c + step[len(x) :])

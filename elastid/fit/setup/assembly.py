@@ -17,7 +17,7 @@ from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import RelinearisedFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
-from elastid.fit.problem.shared_bias import bias_of, biased_inputs, shared_factors
+from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors
 from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.ending import distance
 from elastid.fit.solve.solvers import solve
@@ -120,14 +120,13 @@ class Assembly:
         weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
         return replace(self, weights=tuple(weights))
 
-    def unbiased(self, x: FloatArray) -> tuple[Assembly, FloatArray]:
-        """The same without the systematic errors of its responses as the residuals about x show them, and c (n_b,)."""
-        inputs = biased_inputs(self.responses)
-        if not inputs:
-            return self, np.zeros(0)
-        c = shared_factors(self.at(x, self.spec.criterion), self.responses, x)
-        corrected = (replace(one, G=one.G - np.tensordot(c, bias_of(one, inputs), axes=1)) for one in self.responses)
-        return replace(self, responses=tuple(corrected)), c
+    def unbiased(self, c: FloatArray) -> Assembly:
+        """The same without the systematic errors of its responses, for their factors c (n_b,)."""
+        if not c.any():
+            return self
+        factors = find_factors(self.responses)
+        corrected = (replace(one, G=one.G - np.tensordot(c, bias_of(one, factors), axes=1)) for one in self.responses)
+        return replace(self, responses=tuple(corrected))
 
 
 def widening_bands(fit: ElasticFit, bands: int) -> list[ElasticFit]:
@@ -154,23 +153,26 @@ class RelinearisedOptimum:
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
     """Linearise at the result, weigh by the robust loss there, and solve again until x stays."""
     rounds = MAX_ROUNDS if assembly.spec.weights.loss == "square" else MAX_ROUNDS_OF_LOSS
-    end = start
+    end, c = start, np.zeros(len(find_factors(assembly.responses)))
     for _ in range(rounds):
         try:
-            there, factors = assembly.reweighted(end.x).unbiased(end.x)
-            fit = there.at(end.x, criterion)
+            there = assembly.reweighted(end.x)
+            fit = there.unbiased(c).at(end.x, criterion)
+            if len(c):
+                c = next_factors(fit, assembly.responses, end.x, c)
+                fit = there.unbiased(c).at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < MAX_MOVE:
-            return RelinearisedOptimum(end, fit, there.weights, (), factors)
+            return RelinearisedOptimum(end, fit, there.weights, (), c)
     note = Note(
         "still-moving",
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
     )
-    return RelinearisedOptimum(end, fit, there.weights, (note,), factors)
+    return RelinearisedOptimum(end, fit, there.weights, (note,), c)
 
 
 def robust_factors(

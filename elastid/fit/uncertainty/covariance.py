@@ -32,7 +32,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.shared_bias import bias_slopes, biased_inputs
+from elastid.fit.problem.shared_bias import bias_slopes, find_factors
 from elastid.fit.uncertainty.blocks import block_variance, disagreement
 from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
 from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
@@ -68,12 +68,12 @@ def estimate_uncertainty(
     fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], x: FloatArray
 ) -> Uncertainty:
     """The covariance of x (n_x,), the optimum of `fit`."""
-    inputs, n_x = biased_inputs(responses), len(x)
-    prior = np.concatenate([fit.prior_slopes, np.ones(len(inputs))])
+    factors, n_x = find_factors(responses), len(x)
+    prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
     R, parts = np.diag(prior), []
     for part, response, weight, (r, J) in zip(fit.parts, responses, weights, fit.blocks(x), strict=True):
-        if inputs:
-            J = np.concatenate([J, bias_slopes(part, response, inputs)])
+        if factors:
+            J = np.concatenate([J, bias_slopes(part, response, factors)])
         parts.append(sum_lines(part, response, weight, r, J))
         # R of the stacked J = Q R, configuration by configuration.
         R = np.asarray(np.linalg.qr(np.vstack([R, parts[-1].rows]), mode="r"))
@@ -97,7 +97,7 @@ def estimate_uncertainty(
     known = np.diag(noise) + np.diag(floor)
     shift = np.sqrt(np.divide(by_blocks, known, out=np.zeros_like(known), where=(known > 0) & ~unreached))
     parted = disagreement(blocks, A_inverse)
-    if inputs:  # their factors are no part of the result
+    if factors:  # they are no part of the result
         covariance, unreached, shift = covariance[:n_x, :n_x], unreached[:n_x], shift[:n_x]
         shares = InformationShares(shares.share[:, :n_x], shares.band_hz[:n_x], shares.weakest[:n_x])
     return Uncertainty(covariance, singular_values, unreached, expected_cost, shares, parted, shift)

@@ -1,4 +1,4 @@
-r"""Bias of a mean response by dry friction at its motors, beyond viscous friction: the second order of F sgn(v).
+r"""Systematic errors of a response by dry friction that is left in its records: first and second order of F sgn(v).
 
 To first order Coulomb friction F sgn(v) is the viscous friction 2 F p(0) of a Gaussian velocity v with density p
 (Bussgang), which a fit finds, and a distortion s without correlation to v. But s moves the motor, through its mobility
@@ -10,10 +10,12 @@ constant,
 
 p_2(tau): density of (v(t), v(t - tau)) at (0, 0), which falls as 1 / tau; a slow carrier c(t) moves both densities, and
 their means over t count. delta Z rises with frequency as a mass and a loss do: stiffness and damping absorb some of it.
+It is alike in all configurations. 2 F p(0) is not: where the arm moves less, it is more; a fit that shares one viscous
+friction between configurations lacks the difference, some OWN_SHARE of it.
 
 F^2 is the distortion's power over that of sgn(v) less its linear part, both as torques at the motor. Sizes are right
 to about a third up to F of 0.3 rms torques; what makes the distortion need not be Coulomb friction. So a fit takes the
-size of each motor's bias for the standard deviation of its factor, alike at all lines and in all configurations.
+sizes for the standard deviations of factors.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ VELOCITY_BAND = 4
 # Lags in a period of the highest line, and moments of a period at which the carrier is looked at.
 LAGS_PER_PERIOD = 16
 CARRIER_MOMENTS = 512
+# Share of the equivalent viscous friction by which configurations differ.
+OWN_SHARE = 0.2
 
 
 def friction_bias(
@@ -44,8 +48,9 @@ def friction_bias(
     error: ComplexArray,
     noise: ComplexArray,
 ) -> ComplexArray | None:
-    """delta G (n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
+    """delta G (2, n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
 
+    First the second order, which configurations share, then the part of the first that each has by itself.
     G (F, n_y, n_u) at DFT lines (F,), in `quantity`.  error, noise (F, n_y, n_y): of Y - G U in one experiment, by
     noise and distortion and by noise alone.  None where nothing exceeds the noise, or a motor's own motion was not
     logged.
@@ -66,20 +71,26 @@ def friction_bias(
         return None
     V = _velocities([each for group in spectra for each in group], rows, lines)
     omega = 2j * np.pi * (lines * first.rate_hz / first.period_samples)
-    bias = np.zeros((len(rows), *G.shape), complex)
+    bias = np.zeros((2, len(rows), *G.shape), complex)
     for j in np.flatnonzero(is_distorted):
         weight = 1 / (torque_noise[:, j] + torque_error[:, j].mean()) ** 2
         unit = _unit_distortion(V[:, :, j], lines, first)
         F_squared = max(0.0, float(weight @ excess[:, j] / (weight @ unit)))
         mobility = G[:, rows[j], j] * omega ** (1 - MOTION_ORDER[quantity])
-        Z = F_squared * unit_impedance(V[:, :, j], mobility, lines, first)
-        along = Z * omega ** (1 - MOTION_ORDER[quantity])
-        bias[j] = -along[:, None, None] * G[:, :, j, None] * G[:, rows[j], None, :]
+        density, second = unit_impedance(V[:, :, j], mobility, lines, first)
+        twice = -G[:, :, j, None] * G[:, rows[j], None, :] * omega[:, None, None] ** (1 - MOTION_ORDER[quantity])
+        bias[0, j] = F_squared * second[:, None, None] * twice
+        bias[1, j] = OWN_SHARE * 2 * np.sqrt(F_squared) * density * twice
     return bias
 
 
-def unit_impedance(V: ComplexArray, mobility: ComplexArray, lines: IntArray, record: Record) -> ComplexArray:
-    """delta Z (F,) at DFT lines (F,) for F = 1, of velocity spectra V (K, N // 2 + 1) and the mobility (F,) there."""
+def unit_impedance(
+    V: ComplexArray, mobility: ComplexArray, lines: IntArray, record: Record
+) -> tuple[float, ComplexArray]:
+    """p(0) and the second order (F,) at DFT lines (F,) for F = 1.
+
+    V (K, N // 2 + 1): DFT of the velocity in K experiments.  mobility (F,): velocity per torque at the lines.
+    """
     N, rate_hz = record.period_samples, record.rate_hz
     step = max(1, int(N / (LAGS_PER_PERIOD * lines[-1])))
     lag = np.arange(0, int(N / lines[0]) + 1, step)
@@ -100,7 +111,7 @@ def unit_impedance(V: ComplexArray, mobility: ComplexArray, lines: IntArray, rec
     turned = np.exp(-2j * np.pi * np.outer(lines / N, lag)) - 1
     # At lag 0 the product of a density that grows as 1 / tau and of -j omega tau is finite.
     start = -2j * np.pi * lines / N * lag[1] * kernel[1]
-    return np.asarray(-4 * (turned @ kernel + start / 2) * step / rate_hz)
+    return float(p_0), np.asarray(-4 * (turned @ kernel + start / 2) * step / rate_hz)
 
 
 def _velocities(records: Sequence[RecordSpectra], rows: Sequence[int], lines: IntArray) -> ComplexArray:

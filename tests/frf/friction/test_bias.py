@@ -7,6 +7,7 @@ import pytest
 
 from elastid.excitation.multisine import synthesise
 from elastid.frf.estimate import estimate
+from elastid.frf.friction.bias import OWN_SHARE
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Configuration, Record
 
@@ -59,11 +60,14 @@ def test_the_second_order_of_coulomb_friction_is_predicted_from_six_records(coul
     added = impedance(mean) - (VISCOUS + 1j * (J * omega - STIFFNESS / omega))
     response = estimate(many[:6], EstimatorSpec(), LINES)
     assert response.bias is not None
-    predicted = impedance(response.G[:, 0, 0] + response.bias[0, :, 0, 0]) - impedance(response.G[:, 0, 0])
+    predicted = impedance(response.G[:, 0, 0] + response.bias[0, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
     upper = LINES > 30
     assert added.imag[upper].mean() > 0.05 * added.real.mean()
     assert predicted.imag[upper].mean() == pytest.approx(added.imag[upper].mean(), rel=0.34)
     assert predicted.imag[upper].mean() > 2 * predicted.imag[LINES < 15].mean()
+    viscous = impedance(response.G[:, 0, 0] + response.bias[1, 0, :, 0, 0]) - impedance(response.G[:, 0, 0])
+    low = LINES < 10
+    assert viscous.real[low].mean() / OWN_SHARE == pytest.approx(added.real[low].mean(), rel=0.15)
 
 
 def test_without_friction_there_is_no_bias() -> None:
