@@ -88,6 +88,11 @@ class FitResult:
             raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
 
     @property
+    def meaning(self) -> str:
+        """What the status says of the parameters, and what to do."""
+        return MEANING[self.status]
+
+    @property
     def model_error(self) -> float:
         """Residuals over what the noise alone explains, root mean square, at least 1."""
         return math.sqrt(max(1.0, self.cost / max(self.cost_expected, 1e-300)))

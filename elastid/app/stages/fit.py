@@ -12,7 +12,7 @@ from elastid.app.tables import parameter_table
 from elastid.base.errors import FitError, MisfitError
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.identify import identify
-from elastid.fit.result import MEANING, FitResult
+from elastid.fit.result import FitResult
 from elastid.fit.solve.multistart import Interrupted
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
@@ -66,7 +66,7 @@ def conclude(run: Run) -> None:
     for path in (*(run.folder / leaves for leaves in run.stages["report"].leaves), run.summary("fit")):
         if path.exists():
             run.console.say(str(path))
-    status, meaning = result.status.replace("_", " "), MEANING[result.status]
+    status, meaning = result.status.replace("_", " "), result.meaning
     if result.status == "misfit":
         raise MisfitError(f"done, but a misfit: {meaning}. {_sentence(result.message)}")
     if result.status not in TRUSTED:
