@@ -27,7 +27,9 @@ def write_friction(file: Any, friction: FrictionTakenOut) -> None:
     variable(group, "covariance", friction.covariance, [shape, shape], "covariance of the levels")
     configurations = scale(group, "configuration", friction.configurations, "configuration")
     axes = [configurations, places]
-    variable(group, "before", friction.before, axes, "RMS amplitude of torque that no response explains", "N*m")
+    variable(
+        group, "before", friction.before, axes, "amplitude of torque that no response explains, median line", "N*m"
+    )
     variable(group, "after", friction.after, axes, "the same with friction taken out", "N*m")
     variable(group, "kept_share", friction.kept_share, [places], "share of its power left in other realisations")
     write_notes(group, friction.notes)

@@ -31,7 +31,7 @@ def estimate(run: Run) -> None:
     lines = read_plan(run.path("design")).lines if "design" in run.stages else None
     friction = find_friction_of_run(path, run.study.estimator, lines)
     if friction is not None:
-        run.console.notes(note for note in friction.notes if note.code != "friction-taken-out")
+        run.console.notes(note for note in friction.notes if note.severity == "warning")
     responses: list[FrequencyResponse] = []
     said: set[Note] = set()  # when the records were measured
     names = read_configurations(path)

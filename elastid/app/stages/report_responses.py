@@ -6,6 +6,7 @@ import shutil
 
 from elastid.app.run import Run
 from elastid.export.peaks import write_peaks
+from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.peaks import peaks
 from elastid.report.page.page_of_responses import ResponsesContent, write_page_of_responses
 from elastid.store import read_friction, read_responses
@@ -28,7 +29,7 @@ def report(run: Run) -> None:
             "hash of the inputs": stamp.inputs,
             "hash of the code": stamp.code,
         },
-        friction=read_friction(run.path("estimate")),
+        friction=_friction(run),
     )
     page = write_page_of_responses(content, run.folder, run.study.report.formats)
     for response, of_it in zip(responses, found, strict=True):
@@ -36,3 +37,11 @@ def report(run: Run) -> None:
         unit = "Hz" if response.rate_is_known else "of the sampling rate"
         run.console.say(f"report: {response.configuration.name}: " + (f"peaks at {at} {unit}" if at else "no peak"))
     run.console.say(f"report: {page}")
+
+
+def _friction(run: Run) -> FrictionTakenOut | None:
+    """Friction that was taken out, or asked for by name; `auto` finds none in most structures, which says nothing."""
+    friction = read_friction(run.path("estimate"))
+    if friction is None or (run.study.estimator.friction == "auto" and not friction.shapes):
+        return None
+    return friction

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
-from elastid.base.note import Note
+from elastid.base.note import Note, Severity
 from elastid.frf.friction.candidates import candidate_shapes, refusal
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.selection import MAX_KEPT_SHARE, choose_shapes, shares
 from elastid.frf.friction.shapes import RATE_OF, Shape
 from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configuration
-from elastid.frf.spec import EstimatorSpec
+from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.record import Record
 
 # Shapes are chosen in the first configurations, so many records of them; levels are found in all.
@@ -52,11 +52,11 @@ def find_friction(
     count = 0
     for records in measured:
         if refused := refusal(records):
-            return _nothing(first or records[0], refused)
+            return _nothing(first or records[0], refused, spec.friction)
         if first is None:
             first, candidates = records[0], candidate_shapes(records, spec.friction == "coulomb")
         if records[0].inputs != first.inputs:
-            return _nothing(first, "configurations have different inputs, and so no motors in common")
+            return _nothing(first, "configurations have different inputs, and so no motors in common", spec.friction)
         names.append(records[0].configuration.name)
         data.append(gather_configuration(records, candidates, spec, planned))
         if not data[-1].shows_friction:
@@ -64,6 +64,7 @@ def find_friction(
                 first,
                 f"{len(records)} experiments of {len(first.inputs)} inputs without lines that are not excited agree "
                 "with one response whatever friction is; measure a further realisation with other phases",
+                spec.friction,
             )
         if choice is not None:
             data[-1] = data[-1].with_shapes(np.arange(len(candidates)), choice.rates)
@@ -136,8 +137,8 @@ def _result(
         levels=levels,
         covariance=covariance(found),
         configurations=names,
-        before=raw.rms,
-        after=found.rms,
+        before=raw.level,
+        after=found.level,
         kept_share=np.array(
             [left[i] if i in choice.motor_of else choice.kept_share[i] for i in range(len(first.inputs))]
         ),
@@ -164,9 +165,10 @@ def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
     return tuple(notes)
 
 
-def _nothing(first: Record, why: str) -> FrictionTakenOut:
-    """No friction, with the reason."""
+def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
+    """No friction, with the reason: a warning where the study asks for it by name."""
     n_m = len(first.inputs)
+    severity: Severity = "information" if wanted == "auto" else "warning"
     return FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
@@ -177,5 +179,5 @@ def _nothing(first: Record, why: str) -> FrictionTakenOut:
         before=np.zeros((0, n_m)),
         after=np.zeros((0, n_m)),
         kept_share=np.ones(n_m),
-        notes=(Note("friction-left", f"friction is not taken out of the torque: {why}"),),
+        notes=(Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity),),
     )

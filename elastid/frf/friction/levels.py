@@ -33,14 +33,14 @@ class NormalEquations:
     """Sums over lines and configurations for each fold and motor, weighted to residuals of variance 1 about f.
 
     A fold is a realisation, or a block of lines where there is one realisation.  A (M, n_f, n_f), b (M, n_f): X^H X and
-    X^H e.  c (M, n_m): e^H e.  rms (C, n_m): amplitude of e - X f.  dof_share: share of the residuals that the
-    elimination of G leaves.
+    X^H e.  c (M, n_m): e^H e.  level (C, n_m): amplitude of e - X f at a line, the median, which a few lines
+    beside sharp resonances do not move.  dof_share: share of the residuals that the elimination of G leaves.
     """
 
     A: FloatArray
     b: FloatArray
     c: FloatArray
-    rms: FloatArray
+    level: FloatArray
     dof_share: float
 
 
@@ -50,7 +50,7 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
     realisations = np.unique(np.concatenate([each.realisation for each in data]))
     M = len(realisations) if len(realisations) > 1 else _BLOCKS
     A, b, c = np.zeros((M, n_f, n_f)), np.zeros((M, n_f)), np.zeros((M, n_m))
-    rms, shares = np.zeros((len(data), n_m)), np.ones(len(data))
+    level, shares = np.zeros((len(data), n_m)), np.ones(len(data))
     for i, each in enumerate(data):
         net = each.net(taken(levels, each.Phi, motor_of, n_m))
         of = each.excited[net.counts]
@@ -60,7 +60,7 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
             own = np.flatnonzero(motor_of == motor)
             e, X = net.e[net.counts, motor], np.moveaxis(net.X[net.counts][:, own], 1, 0)
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
-            rms[i, motor] = np.sqrt(left.mean()) if left.size else 0.0
+            level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(_weights(left, of))[:, None]
             e, X = w * e, w * X
             for m in range(M):
@@ -68,7 +68,7 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
                 A[m][np.ix_(own, own)] += (X_m.conj() @ X_m.T).real
                 b[m, own] += (X_m.conj() @ e_m).real
                 c[m, motor] += float(np.sum(np.abs(e_m) ** 2))
-    return NormalEquations(A, b, c, rms, float(shares.mean()))
+    return NormalEquations(A, b, c, level, float(shares.mean()))
 
 
 def find_levels(

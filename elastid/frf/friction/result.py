@@ -19,8 +19,8 @@ class FrictionTakenOut:
     places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
     shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
     side, with covariance (n_f, n_f): standard deviations are those of a normal distribution.
-    configurations (C,).  before, after (C, n_m): RMS amplitude over lines of the torque that no response explains
-    (Nm), of an experiment, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
+    configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
+    median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
     notes: what was taken out of which motor, or why nothing was.
     """

@@ -105,5 +105,5 @@ def _draw_levels(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
     axes.set_xlim(-0.5, len(x) - 0.5)
     style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
     unit = friction.place_units[i]
-    style.label(axes, y=f"RMS in {style.pretty_unit(unit)}", title=f"{friction.places[i]}: torque not explained")
+    style.label(axes, y=f"amplitude in {style.pretty_unit(unit)}", title=f"{friction.places[i]}: torque not explained")
     style.lighten(axes)
