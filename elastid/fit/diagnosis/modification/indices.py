@@ -33,6 +33,7 @@ MIN_FURTHER_SHARE = 0.05
 MAX_SEQUENCE = 3
 # The table has so many candidates.
 MAX_ALONE = 15
+MAX_RANKED = 25
 # A delay that explains so much is looked at by its form; forms whose V differs by less, in variances of the noise and
 # as a part of what is left, cannot be told apart.
 MIN_LATE_SHARE = 0.1
@@ -99,7 +100,7 @@ def _beside(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]
         if linear not in by_name:
             break
         test = test.freed(by_name[linear])
-        best = [one for one in _ranked(test, scores, place)[:1] if one.share >= MIN_FURTHER_SHARE]
+        best = [one for one in _ranked(test, scores, place, 1)[:1] if one.share >= MIN_FURTHER_SHARE]
         if not best:
             break
         found += best
@@ -107,12 +108,15 @@ def _beside(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]
     return found
 
 
-def _ranked(test: ScoreTest, scores: Scores, place: int = 0) -> list[ModificationIndex]:
-    """All candidates with a significant drop, best first."""
+def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = MAX_RANKED) -> list[ModificationIndex]:
+    """Candidates with a significant drop, best first: so many, and every delay, whose form is looked at."""
     steps = [test.step(one) for one in scores.candidates]
     drops, least = np.array([step.drop for step in steps]), scores.least
-    chosen = [i for i, one in enumerate(scores.candidates) if drops[i] > least[one.directions.shape[1]]]
-    return sorted((_index(test, scores, drops, i, place) for i in chosen), key=_rank, reverse=True)
+    charge = SHARE_OF_NUMBER * max(scores.excess, 0.0)
+    counts = np.array([one.directions.shape[1] for one in scores.candidates])
+    order = [int(i) for i in np.argsort(-(drops - charge * (counts - 1))) if drops[i] > least[int(counts[i])]]
+    kept = [i for k, i in enumerate(order) if k < most or scores.candidates[i].name.startswith("delay")]
+    return [_index(test, scores, drops, i, place) for i in kept]
 
 
 def _index(test: ScoreTest, scores: Scores, drops: FloatArray, i: int, place: int) -> ModificationIndex:

@@ -25,8 +25,10 @@ MAX_RESIDUALS = 8_000
 MIN_LINES = 20
 # Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
 STEP_STD = 0.5
-# Of `settled`: steps of each criterion, the relative decrease that ends it, and the weight of a line at most.
+# Of `settled`: steps of each criterion, the factor of that width after a good step, the relative decrease that ends it,
+# and the weight of a line at most.
 MAX_STEPS = 12
+GROWTH = 4.0
 MIN_DECREASE = 1e-2
 MAX_LOG_GAIN = 10.0
 
@@ -108,11 +110,11 @@ def settled(reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray) -
             further = read(reading, evaluated_at(problem, there), fit.prior_slopes, free, std)
             if further.before < now.before:
                 done = now.before - further.before < MIN_DECREASE * now.before
-                x, now, std = there, further, 2 * std
+                x, now, std = there, further, GROWTH * std
                 if done:
                     break
             else:
-                std /= 4
+                std /= GROWTH
                 now = read(reading, evaluated_at(problem, x), fit.prior_slopes, free, std)
         V = now.before
     return V, x
