@@ -10,6 +10,7 @@ from elastid.friction.robot_friction import frictions
 from elastid.parameters import Parameter
 from elastid.report.friction_rows import friction_rows
 from elastid.report.numbers import digits, number
+from elastid.robot import Robot
 from elastid.study import Study
 
 VISCOUS = "viscous friction alone"
@@ -49,15 +50,17 @@ def contents(study: Study, friction: FrictionTakenOut | None, parameters: Iterab
     }
 
 
-def friction_summary(friction: FrictionTakenOut | None) -> list[dict[str, Any]] | None:
+def friction_summary(robot: Robot, friction: FrictionTakenOut | None) -> list[dict[str, Any]] | None:
     """The section `friction` of summary.json, an entry a motor; None where the study asked for none.
 
     Torques in the motor's unit on the link side, thresholds in rad (m) there, of a sign in rad/s (m/s).  before, after:
-    amplitude of the torque that no response explains, by configuration.
+    amplitude of the torque that no response explains, by configuration.  coulomb: F_c on the motor side, as the robot's
+    file has it under `motor`.
     """
     if friction is None:
         return None
     entries = []
+    ratio = {f"motor {j.name}": abs(j.motor.ratio) for j in robot.driven if j.motor is not None}
     for i, row in enumerate(friction_rows(friction)):
         shapes = zip(friction.shapes, friction.levels.tolist(), friction.std.tolist(), strict=True)
         entries.append(
@@ -68,6 +71,7 @@ def friction_summary(friction: FrictionTakenOut | None) -> list[dict[str, Any]] 
                 "std": row.std,
                 "interval95": None if row.interval is None else list(row.interval),
                 "unit": row.unit,
+                "coulomb": None if row.level is None else row.level / ratio[row.place],
                 "shapes": [
                     {"kind": shape.kind, "threshold": shape.threshold, "level": level, "std": std}
                     for shape, level, std in shapes

@@ -98,7 +98,7 @@ def summary(
         "starts": len(result.starts),
         "hits": result.hits,
         "parameters": _parameters(study, result, friction),
-        "friction": friction_summary(friction),
+        "friction": friction_summary(study.as_robot(), friction),
         "correlations_above_0.9": _correlations(result),
         "modification_indices": [_modification(result, one) for one in result.indices],
         "modes": [

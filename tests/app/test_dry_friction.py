@@ -63,14 +63,16 @@ def test_of_a_recorded_robot_no_motor_is_known_to_be_without_friction() -> None:
 
 
 def test_the_summary_has_levels_shapes_and_what_they_explain() -> None:
-    """An entry a motor, as JSON."""
-    assert friction_summary(None) is None
-    found = friction_summary(taken_friction())
+    """An entry a motor, as JSON; on the motor side as the robot file has it."""
+    assert friction_summary(ROBOT, None) is None
+    found = friction_summary(ROBOT, taken_friction())
     assert found is not None
     first, second = json.loads(json.dumps(found))
     std = math.hypot(*STDS)
     assert (first["motor"], first["F_c"], first["std"]) == ("motor 1", 4.5, pytest.approx(std))
     assert first["interval95"] == pytest.approx([4.5 - 1.96 * std, 4.5 + 1.96 * std])
+    assert first["coulomb"] == pytest.approx(4.5 / 50)
+    assert second["coulomb"] is None
     assert first["shapes"] == [
         {"kind": "sign", "threshold": 0.0, "level": LEVELS[0], "std": pytest.approx(STDS[0])},
         {"kind": "stop", "threshold": THRESHOLD, "level": LEVELS[1], "std": pytest.approx(STDS[1])},

@@ -57,8 +57,9 @@ def conclude(run: Run) -> None:
     MisfitError where the fit is not to be believed as it stands, FitError where it cannot be trusted at all.
     """
     result = read_fit(run.path("fit"))
-    friction = read_friction(run.path("estimate"))
-    held = contents(run.study, friction, result.parameters.free)
+    estimated = run.path("estimate").exists()  # a kept fit does not need it
+    friction = read_friction(run.path("estimate")) if estimated else None
+    held = contents(run.study, friction, result.parameters.free) if estimated else {}
     run.console.table(parameter_table(parameter_rows(result, truth(run.study, friction))))
     for words in dict.fromkeys(held.values()):
         names = [name for name, text in held.items() if text == words]
