@@ -25,8 +25,9 @@ from elastid.experiment.plan.plan import Plan
 from elastid.experiment.plan.rehearsal import Rehearsal
 from elastid.experiment.simulated.plant import true_robot
 
-# Rounds in which the damping by Coulomb friction and the motion that it damps converge.
-FRICTION_ROUNDS = 3
+# Rounds in which the damping by Coulomb friction and the motion that it damps converge, at most, and when they have.
+FRICTION_ROUNDS = 20
+MAX_DAMPING_CHANGE = 0.01
 
 
 @dataclass(frozen=True)
@@ -78,11 +79,12 @@ def with_friction_damping(problem: DesignProblem) -> DesignProblem:
     """
     damped = problem
     probe = problem.probe(problem.experiment)
+    before = np.zeros(len(problem.robot.driven))
     for _ in range(FRICTION_ROUNDS):
         d = np.mean(_equivalent_damping(damped, probe, damped.parameters.x), axis=0)
-        if not d.any():
-            return problem
-        damped = _with_damping(problem, d)
+        if np.all(np.abs(d - before) <= MAX_DAMPING_CHANGE * d):
+            break
+        damped, before = _with_damping(problem, d), d
     return damped
 
 

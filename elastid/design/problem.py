@@ -23,6 +23,7 @@ from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import weigh
+from elastid.frf.spec import Friction
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
@@ -40,7 +41,8 @@ class DesignProblem:
 
     left_out: configurations that the fit does not see.  measured: responses that the choice adds to.  found: values of
     parameters that their fit found.  like: responses whose variance is expected again.  model: of the fit.  typical
-    (F, n_u): spectrum that stands for all while none is found for each configuration.
+    (F, n_u): spectrum that stands for all while none is found for each configuration.  friction: whether the estimator
+    leaves that of the motors in the responses.
     """
 
     robot: Robot
@@ -56,6 +58,7 @@ class DesignProblem:
     like: tuple[FrequencyResponse, ...] = ()
     model: ModelSpec = EXACT
     typical: FloatArray | None = None
+    friction: Friction = "none"
 
     @property
     def simulated(self) -> SimulatedSpec:
@@ -145,7 +148,17 @@ class DesignProblem:
             period_samples=plan.period_samples,
             periods=plan.periods,
             realisations=self.experiment.realisations,
+            friction_is_left=self.friction_is_left,
         )
+
+    @property
+    def friction_is_left(self) -> bool:
+        """Whether the responses will contain the motors' friction: it is not taken out, or cannot be found."""
+        outputs = self.simulated.outputs or self.robot.motor_locations
+        n_u, M = len(self.robot.driven), self.experiment.realisations
+        E = self.experiment.runs(n_u)
+        shows = n_u < M * E if M > 1 else self.excitation.grid == "odd-random" and n_u <= E
+        return self.friction == "none" or not shows or not set(self.robot.motor_locations) <= set(outputs)
 
     def fitted(self, plan: Plan) -> list[tuple[Prospect, Configuration, int]]:
         """Prospect, configuration and realisations of each configuration of a plan that the fit sees."""

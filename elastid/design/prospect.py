@@ -61,7 +61,8 @@ class Prospect:
     """All that the information of a configuration depends on, but for the configuration; it pickles.
 
     R (M, E, F, n_u): torques to be injected, in realisations that stand for all, on lines (F,) of period_samples.
-    outputs and quantity: what is estimated.
+    outputs and quantity: what is estimated.  friction_is_left: in the responses, with its damping and its scatter; what
+    remains of friction that the estimator takes out is not counted.
     """
 
     robot: Robot
@@ -79,6 +80,7 @@ class Prospect:
     periods: int
     realisations: int
     model: ModelSpec = EXACT
+    friction_is_left: bool = True
 
     @property
     def freq_hz(self) -> FloatArray:
@@ -218,7 +220,7 @@ class Prospect:
     def _friction(self, U: ComplexArray, motion: ComplexArray) -> tuple[FloatArray, FloatArray]:
         """d (n_u,) and the scattered power (F, n_u) of Coulomb friction, of the motors' shafts."""
         coulomb = coulomb_levels(self.robot)
-        if not coulomb.any():
+        if not coulomb.any() or not self.friction_is_left:
             return np.zeros(len(coulomb)), np.zeros((len(self.lines), len(coulomb)))
         s = 2j * np.pi * self.freq_hz[:, None, None]
         shafts = self.robot.mixing @ motion

@@ -87,6 +87,7 @@ ROBOTS: dict[str, Callable[[], DesignProblem]] = {"demo": demo, "two-axis": two_
 
 def compared(name: str, problem: DesignProblem, friction: Friction, sets: int) -> dict[str, Any]:
     """Predicted, fitted and scattered standard deviations of ln p of one robot."""
+    problem = replace(problem, friction=friction)
     plan, expected = foretold(problem)
     predicted = dict(zip(expected.parameters, expected.relative.tolist(), strict=True))
     rig = FastRig.of(problem.robot, problem.simulated, plan)

@@ -16,7 +16,7 @@ from elastid.app.cli import run_command
 from elastid.app.console import Console
 from elastid.app.run import Run
 from elastid.base.errors import StudyError
-from elastid.design.design import design
+from elastid.design.design import design, with_friction_damping
 from elastid.design.friction_effects import friction_level
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec, GuessSpec, LevelSpec
@@ -451,3 +451,32 @@ def test_a_motor_that_friction_holds_is_told_with_the_forecast() -> None:
     experiment = ExperimentSpec({"a": (0.1, 0.2)}, ramp=0.0, simulated=simulated)
     notes = said(design(replace(PROBLEM, robot=robot, experiment=experiment)).forecast.notes)
     assert notes[0].startswith("motor 1: its Coulomb friction (3 N*m) is more than a third of its rms torque (5 N*m)")
+
+
+def _rough(problem: DesignProblem, coulomb: float) -> DesignProblem:
+    """With Coulomb friction of so many Nm at both motors, link side."""
+    bodies = tuple(
+        replace(body, joints=tuple(replace(j, motor=replace(j.motor, coulomb=coulomb / 30)) for j in body.joints))  # type: ignore[type-var]
+        for body in problem.robot.bodies
+    )
+    return replace(problem, robot=replace(problem.robot, bodies=bodies))
+
+
+@pytest.mark.parametrize(("realisations", "is_left"), [(1, True), (2, False)])
+def test_friction_that_the_estimator_takes_out_is_not_in_the_forecast(realisations: int, is_left: bool) -> None:
+    """With estimator.friction the forecast is that of a robot without Coulomb friction, where realisations show it."""
+    problem = replace(GIVEN, experiment=replace(GIVEN.experiment, realisations=realisations))
+    smooth, left = design(problem).forecast, design(_rough(problem, 0.3)).forecast
+    taken = design(replace(_rough(problem, 0.3), friction="coulomb")).forecast
+    assert np.all(left.relative > 1.5 * smooth.relative)
+    np.testing.assert_allclose(taken.relative, left.relative if is_left else smooth.relative, rtol=1e-9)
+
+
+def test_the_damping_of_strong_friction_is_that_of_the_motion_that_it_leaves() -> None:
+    """Damping and the motion that it damps are consistent: 2 F p(0) of the velocity under that very damping."""
+    problem = _rough(GIVEN, 1.0)
+    probe = problem.probe(problem.experiment)
+    damped = with_friction_damping(problem)
+    d = damped.prospect(probe, 0).equivalent_damping(probe.configurations[0], damped.parameters.x)
+    viscous = [damped.robot.parameters()[f"fm_{i}"][0] - TWO.parameters()[f"fm_{i}"][0] for i in (1, 2)]
+    np.testing.assert_allclose(d, 900 * np.array(viscous), rtol=0.01)

@@ -90,6 +90,7 @@ def design_problem(loaded: LoadedStudy) -> DesignProblem:
         found=tuple(found.items()),
         like=like,
         model=study.model,
+        friction=study.estimator.friction,
     )
 
 
@@ -97,7 +98,7 @@ def further_inputs(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
     """Settings of the later fit, on which choice and forecast depend, and the earlier results that the study names."""
     study, fit = loaded.study, asdict(loaded.study.fit)
     settings: list[Any] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
-    settings += [study.estimator.quantity, study.validation.left_out]
+    settings += [study.estimator.quantity, study.estimator.friction, study.validation.left_out]
     if study.design is not None:
         files = [responses_file(loaded.base, path) for path in (*study.design.measured, study.design.noise.frf) if path]
         files += [file.with_name("fit.h5") for file in files if file.with_name("fit.h5").is_file()]
