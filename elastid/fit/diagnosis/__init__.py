@@ -1,1 +1,1 @@
-"""What may be wrong with a fit: status and findings, misread channels, two robots in one fit."""
+"""What may be wrong with a fit: status, findings, modification indices, configurations that are unlike the others."""

@@ -83,7 +83,7 @@ def diagnose(
         apart = find_foreign_configurations(fit, end.x)
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
     why = explanations(result)
-    words = (*find_wrong_frequency_unit(result), *(why if misread or not apart else ()), *apart, *notes, *found)
+    words = (*find_wrong_frequency_unit(result), *(why if explained > MAX_EXPLAINED_SHARE or not apart else ()), *apart, *notes, *found)
     return replace(with_status(result, optimum, uncertainty, misread), notes=words)
 
 
