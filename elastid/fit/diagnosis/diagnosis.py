@@ -82,8 +82,8 @@ def diagnose(
     if suspect and not apart and explained < MAX_EXPLAINED_SHARE:
         apart = find_foreign_configurations(fit, end.x)
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
-    why = explanations(result)
-    words = (*find_wrong_frequency_unit(result), *(why if explained > MAX_EXPLAINED_SHARE or not apart else ()), *apart, *notes, *found)
+    why = explanations(result) if explained > MAX_EXPLAINED_SHARE or not apart else ()
+    words = (*find_wrong_frequency_unit(result), *why, *apart, *notes, *found)
     return replace(with_status(result, optimum, uncertainty, misread), notes=words)
 
 
