@@ -28,8 +28,9 @@ MIN_EXCESS = 1.2
 MIN_DISAGREEMENT = 1.5
 MIN_STRUCTURE = 1.3
 MIN_SHIFT = 1.5
-# Seven standard deviations of one number; friction in a simulated arm reaches 61 with an effect of 2.1 deviations.
-MIN_DROP = 50.0
+# More than five standard deviations of one number. Of 330 true models, some with a variance of two degrees of freedom,
+# none reached 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations.
+MIN_DROP = 30.0
 MIN_EFFECT = 3.0
 # A message names so many parameters, those that are moved most.
 MAX_NAMED = 3
@@ -46,13 +47,13 @@ def telling_index(
     """The held number, freed alone, that shows the model to be wrong by more than the intervals, if one does."""
     if np.isnan(uncertainty.disagreement):  # no noise is known
         return None
+    # Of one direction: where several numbers are free at once, noise alone moves parameters far.
     reach = MIN_EFFECT * np.sqrt(np.diag(result.covariance))
     telling = (
         one
         for one in indices
         if one.place == 0
-        and len(set(one.steps.tolist()))
-        == 1  # one direction: where several are free at once, noise alone moves parameters far
+        and len(set(one.steps.tolist())) == 1
         and one.drop > MIN_DROP
         and np.any(np.abs(one.effects) > reach)
     )
