@@ -15,6 +15,7 @@ from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
 
 from elastid.base.note import Note
+from elastid.fit.modification_index import ModificationIndex
 from elastid.parameters import ParameterSet
 from elastid.report.figures.responses import frf_magnitude
 from elastid.report.numbers import number
@@ -240,3 +241,26 @@ def test_the_page_says_where_the_energy_is() -> None:
     plain = html(report_content(modes=(replace(mode_row(), drawing=None),)), [])
     assert "mode-data" not in plain
     assert "PERIOD" not in plain
+
+
+def test_the_page_has_a_table_of_modification_indices():
+    """Where there are any: what was held, what it would be, the share, and the stiffness that would move most."""
+    none, effects = np.zeros(0), [0.0] * len(fit_result().x)
+    effects[0] = -0.05
+    indices = (
+        ModificationIndex("m_a", "mass", ("m_a",), [75.0], ("kg",), (True,), [-0.05], 0.1, 9.0, 0.93, effects, (), 1),
+        ModificationIndex("y turned", "sign", (), none, (), (), none, 0.1, 1.0, 0.5, effects, ("u turned",)),
+    )
+    text = Page(html(small_content(result=replace(fit_result(), indices=indices)), [])).text
+    for given in (
+        "Modification indices",
+        "m_a",
+        "75.0",
+        "71.3",
+        "93",
+        "y turned",
+        "u turned",
+        f"{fit_result().parameters.free_names[0]} -4.9",
+    ):
+        assert given.replace("-", "−") in text or given in text, given
+    assert "Modification indices" not in Page(html(small_content(), [])).text
