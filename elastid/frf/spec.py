@@ -67,7 +67,7 @@ class EstimatorSpec:
     band_hz: tuple[Frequency, Frequency] | None = None
     transient_periods: int | Literal["auto"] = "auto"
     outlier_sigma: float = 6.0
-    friction: Friction = "none"
+    friction: Friction = "auto"
     local_order: int | Literal["auto"] = "auto"
     local_margin: int = 2
     window: Window = "hann"

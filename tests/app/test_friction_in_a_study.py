@@ -31,7 +31,7 @@ def test_records_in_a_file_show_the_same_friction(tmp_path: Path) -> None:
     assert raw is not None
     assert net is not None
     assert net.variance.mean() < 0.1 * raw.variance.mean()
-    assert find_friction_of_run(path, EstimatorSpec(), lines) is None
+    assert find_friction_of_run(path, EstimatorSpec(friction="none"), lines) is None
 
 
 def run_of(tiny: Path, friction: str) -> Run:

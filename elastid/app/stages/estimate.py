@@ -16,7 +16,7 @@ from elastid.base.arrays import IntArray
 from elastid.base.note import Note
 from elastid.frf.estimate import estimate as estimate_response
 from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.net_torque import net_record
+from elastid.frf.friction.net_torque import net_records
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
@@ -69,9 +69,7 @@ def estimate_configuration(
 
     friction: what is taken out of the records' torque before.
     """
-    records = tuple(read_records(path, configuration))
-    if friction is not None:
-        records = tuple(net_record(record, friction) for record in records)
+    records = tuple(net_records(read_records(path, configuration), friction))
     response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
     return response, {note for record in records for note in record.notes}
 

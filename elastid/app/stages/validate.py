@@ -10,7 +10,7 @@ from elastid.app.run import Run
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.base.execution import Execution, in_order
 from elastid.fit.fitted_model import FittedModel
-from elastid.frf.friction.net_torque import net_record
+from elastid.frf.friction.net_torque import net_records
 from elastid.response import FrequencyResponse
 from elastid.store import (
     read_configurations,
@@ -83,13 +83,12 @@ def _replays(run: Run, fitted: FittedModel, execution: Execution) -> Iterator[Re
     if found is None or found.inputs != stamp.inputs:
         run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
         return
-    names, friction = read_configurations(path), read_friction(run.path("estimate"))
+    names = read_configurations(path)
+    friction = read_friction(run.path("estimate"))
     todo = [response for response in fitted.measured if response.configuration.name in names]
     for done, response in enumerate(todo):
         execution.progress(done, len(todo))
         name = response.configuration.name
         band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
-        records = read_records(path, name)
-        if friction is not None:  # the model has none of it
-            records = (net_record(record, friction) for record in records)
+        records = net_records(read_records(path, name), friction)
         yield replay(records, fitted.at(name), fitted.theta_of(name), band_hz, run.study.estimator)

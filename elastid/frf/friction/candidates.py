@@ -8,6 +8,7 @@ import numpy as np
 
 from elastid.frf.friction.motion import Motion, motion_of
 from elastid.frf.friction.shapes import Kind, Shape
+from elastid.frf.spectra import RecordSpectra
 from elastid.record import Record
 
 # Speeds over which a sign turns, over the RMS speed.
@@ -44,6 +45,8 @@ def refusal(records: Sequence[Record]) -> str:
             f"the angle of {', '.join(missing)} is not among the outputs; log the motor angles, since friction is a "
             "function of them"
         )
+    if any(RecordSpectra(record).is_large for record in records):
+        return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"
     n_u, K = len(first.inputs), len(records)
     if n_u > K:
         return f"{K} experiments do not separate {n_u} inputs; measure more, since friction is what responses leave"

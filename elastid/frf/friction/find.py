@@ -9,6 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note, Severity
+from elastid.frf.checks.records import refuse_mismatch
 from elastid.frf.friction.candidates import candidate_shapes, refusal
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.result import FrictionTakenOut
@@ -51,8 +52,11 @@ def find_friction(
     first: Record | None = None
     count = 0
     for records in measured:
+        refuse_mismatch(records)
         if refused := refusal(records):
-            return _nothing(first or records[0], refused, spec.friction)
+            of_motors = any(place.startswith("motor ") for place in records[0].inputs)
+            why = refused if of_motors or spec.friction != "auto" else ""
+            return _nothing(first or records[0], why, spec.friction)
         if first is None:
             first, candidates = records[0], candidate_shapes(records, spec.friction == "coulomb")
         if records[0].inputs != first.inputs:
@@ -147,26 +151,31 @@ def _result(
 
 
 def _notes(result: FrictionTakenOut) -> tuple[Note, ...]:
+    """One for each motor; the place is in the text, so that notes of several motors are not grouped into one."""
     notes = []
     for place, unit, share in zip(result.places, result.place_units, 100 * result.kept_share, strict=True):
         if place in result.taken_places():
             level, std = result.sliding_level(place)
             text = (
-                f"friction of {level:.3g} +- {std:.2g} {unit} in sliding was found in the records and taken out of "
-                f"the torque; {share:.2g} % of the power of distortion and noise is left"
+                f"{place}: friction of {level:.4g} +- {std:.2g} {unit} in sliding (link side) was found in the records "
+                f"and taken out of the torque; {share:.2g} % of the power of distortion and noise is left"
             )
-            notes.append(Note("friction-taken-out", text, place, "information"))
+            notes.append(Note("friction-taken-out", text, severity="information"))
         else:
             text = (
-                "no friction was taken out of the torque: levels found in some realisations leave "
-                f"{share:.3g} % of the power of distortion and noise in the others"
+                f"{place}: no friction was taken out of the torque, since levels found in some realisations leave "
+                f"{share:.3g} % of the power of distortion and noise in the others; it may be small, or no friction "
+                "of this motor"
             )
-            notes.append(Note("friction-left", text, place, "information"))
+            notes.append(Note("friction-left", text, severity="information"))
     return tuple(notes)
 
 
 def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
-    """No friction, with the reason: a warning where the study asks for it by name."""
+    """No friction, with the reason: a warning where the study asks for it by name.
+
+    It goes without saying where no motor moves the structure.
+    """
     n_m = len(first.inputs)
     severity: Severity = "information" if wanted == "auto" else "warning"
     return FrictionTakenOut(
@@ -179,5 +188,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         before=np.zeros((0, n_m)),
         after=np.zeros((0, n_m)),
         kept_share=np.ones(n_m),
-        notes=(Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity),),
+        notes=(Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity),)
+        if why
+        else (),
     )

@@ -7,6 +7,7 @@ The torque of a record is held between its samples, friction is not; so friction
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,12 @@ from elastid.record import Record
 
 # Near a zero of the hold the torque's samples say nothing of the torque.
 _MIN_HOLD = 0.1
+
+
+def net_records(records: Iterable[Record], friction: FrictionTakenOut | None) -> Iterator[Record]:
+    """The records with the net torque as u, one at a time; as they are where no friction was looked for."""
+    for record in records:
+        yield record if friction is None else net_record(record, friction)
 
 
 def net_record(record: Record, friction: FrictionTakenOut) -> Record:

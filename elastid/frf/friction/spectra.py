@@ -10,7 +10,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.distortion import interpolated
-from elastid.frf.friction.motion import CELLS, motion_of
+from elastid.frf.friction.motion import motion_of
 from elastid.frf.friction.shapes import Shape, amplitudes
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.period_selection import trusted
@@ -108,10 +108,9 @@ def gather_configuration(
         U.append(used.U.mean(axis=0))
         motions = {place: motion_of(each.record, place) for place in dict.fromkeys(shape.place for shape in shapes)}
         # A last half period without its other half is no part of the motion.
-        whole = kept[kept < len(motions[shapes[0].place].angle) // (first.repeat_samples * CELLS)]
-        Phi.append(
-            np.stack([amplitudes(each.record, motions[shape.place], shape, whole, lines) for shape in shapes], axis=1)
-        )
+        whole = kept[kept < each.record.n_periods * first.period_samples // first.repeat_samples]
+        phi = [amplitudes(each.record, motions[shape.place], shape, whole, lines) for shape in shapes]
+        Phi.append(np.array(phi, dtype=np.complex128).reshape(len(shapes), len(lines)).T)
     return ConfigurationSpectra(
         lines=lines,
         freq_hz=line_frequencies(lines, first.rate_hz, first.period_samples),

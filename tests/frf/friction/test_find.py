@@ -7,6 +7,7 @@ import pytest
 from plants.dry_friction import COULOMB, measured, measured_bristles
 
 from elastid.frf.estimate import estimate
+from elastid.frf.friction import find
 from elastid.frf.friction.find import find_friction
 from elastid.frf.friction.net_torque import friction_torque, net_record
 from elastid.frf.friction.result import FrictionTakenOut
@@ -127,3 +128,24 @@ def test_the_reversal_ends_at_the_sliding_level(found: FrictionTakenOut) -> None
     torque, of_torque = found.reversal("motor 1", np.array([0.0, 1.0]))
     np.testing.assert_allclose(torque, [-level, level])
     np.testing.assert_allclose(of_torque, std)
+
+
+@pytest.mark.parametrize("coulomb", [COULOMB, (0.0, 0.0)])
+def test_shapes_may_be_chosen_in_the_first_configuration_alone(
+    coulomb: tuple[float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where records are many; levels are those of all configurations, and none where there is no friction."""
+    configurations, lines = measured(coulomb)
+    monkeypatch.setattr(find, "_CHOICE_RECORDS", 1)
+    result = find_friction(configurations, AUTO, lines)
+    assert result.configurations == ("a", "b")
+    assert bool(result.shapes) == bool(coulomb[0])
+    np.testing.assert_allclose([result.sliding_level(place)[0] for place in result.places], coulomb, rtol=0.02)
+
+
+def test_a_structure_without_motors_has_no_word_of_friction() -> None:
+    """Only a study that asks for it is told why it is not taken out."""
+    configurations, lines = measured()
+    structure = [[replace(r, inputs=("point 1", "point 2")) for r in records] for records in configurations]
+    assert find_friction(structure, AUTO, lines).notes == ()
+    assert len(find_friction(structure, EstimatorSpec(friction="curve"), lines).notes) == 1
