@@ -239,7 +239,16 @@ def test_the_summary_keeps_its_form(finished: Path) -> None:
     summary = json.loads((finished / "run" / "summary.json").read_text())
     assert list(summary) == [
         *("schema", "study", "status", "message", "cost", "cost_expected", "dof", "starts", "hits"),
-        *("parameters", "correlations_above_0.9", "modification_indices", "modes", "frf_error", "warnings", "notes"),
+        *(
+            "parameters",
+            "friction",
+            "correlations_above_0.9",
+            "modification_indices",
+            "modes",
+            "frf_error",
+            "warnings",
+            "notes",
+        ),
     ]
     assert summary["schema"] == 1
     assert summary["status"] == "converged"
