@@ -11,6 +11,11 @@ noise, with either floor. Counted is how the fits end, and by how many of its st
 stiffness is off where a wrong model ends as converged or at a bound. It is asserted that 99 % of true models converge,
 and that no wrong model whose stiffness is 5 standard deviations off ends as converged but for a torsion that the robot
 lacks, which no number that was held stands for, in 5 % of noise. The last line is one JSON object.
+
+380 true models (--sets 40 --rig 15): all converge. One data set of each fault with either floor in 0.5, 2 and 5 % of
+noise: exchanged postures and a mirrored motor end as model errors, everything else as misfits, but for the missing
+torsion in 5 %, which ends as converged with a stiffness 21 deviations off. A gear ratio 1 % wrong in 5 %, where V is
+that of a true model and k is 6 to 11 deviations off, ends as a misfit in 18 of 18 fits, by the ratio that was held.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -1,4 +1,4 @@
-"""A fit whose model is wrong never ends as converged, and a fit whose model is true always does."""
+"""A fit whose model is wrong does not end as converged, and a fit whose model is true does."""
 
 from __future__ import annotations
 
