@@ -137,7 +137,11 @@ def table(row: dict[str, Any]) -> str:
     for name, predicted, stated, scatter, ratio in zip(*(row[key] for key in keys), strict=True):
         lines.append(f"  {name:<8}{predicted:>13.4g}{stated:>11.4g}{scatter:>11.4g}{ratio:>20.2f}")
     low, high = min(row["ratio"]), max(row["ratio"])
-    lines.append(f"  geometric mean of predicted / fitted {row['mean_ratio']:.2f}, from {low:.2f} to {high:.2f}")
+    verdict = "within" if WANTED[0] <= row["mean_ratio"] <= WANTED[1] else "NOT within"
+    lines.append(
+        f"  geometric mean of predicted / fitted {row['mean_ratio']:.2f} ({verdict} {WANTED[0]:g} to {WANTED[1]:g}), "
+        f"from {low:.2f} to {high:.2f}"
+    )
     return "\n".join(lines)
 
 
