@@ -16,6 +16,11 @@ true ones. Asserted: `auto` is never worse than `none`, and the figures of each 
     cogging         no friction but a torque that repeats with the motor's turn: left alone
     coarse encoder  4096 counts in a turn of a motor with a ratio of 6: left alone
 
+Found, 12 data sets, scatter of `auto` over `none`: coulomb 0.07 to 0.13 (levels 0.998 and 0.999 of the true ones, 94 %
+of the intervals hold the truth); lugre 0.10 to 0.30, bias of damping from -3.5 to +0.1 % and from -1.3 to +0.3 %,
+of stiffness from 0.3 to 0.03 % (88 % hold); maxwell slip 0.09 to 0.21, bias of damping from -3.6 to 0.05 % (94 % hold).
+Behind the gears and cogging, 4 data sets: left alone.
+
 The last line is one JSON object.
 """
 
