@@ -168,6 +168,7 @@ def _result(
         cost=end.cost + float(optimum.factors @ optimum.factors),
         dof=dof,
         cost_expected=float(expected),
+        cost_dof=uncertainty.cost_dof,
         status="converged",
         message="",
         starts=starts,

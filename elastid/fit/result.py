@@ -52,7 +52,8 @@ class FitResult:
 
     parameters: names, units, scale, bounds and starts.  covariance: of x, the largest of several estimates
     (`estimate_uncertainty`); infinite variances where the data do not reach.  cost: V.  cost_expected: the V that the
-    measured noise alone would leave.  singular_values: of the Jacobian with columns scaled to unit length, largest
+    measured noise alone would leave; 2 / cost_dof is the relative variance of V over it for a true model, NaN where no
+    noise was measured.  singular_values: of the Jacobian with columns scaled to unit length, largest
     first.  starts: sorted by V.  hits: of them that reached the best V.
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
@@ -79,6 +80,7 @@ class FitResult:
     share: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     informing_hz: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
+    cost_dof: float = math.nan
     indices: tuple[ModificationIndex, ...] = ()
 
     def __post_init__(self) -> None:

@@ -176,7 +176,8 @@ class WeightSpec:
     smooth: lines over which a variance from few periods or realisations is averaged; 0 chooses it from the degrees of
     freedom.
     covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
-    `auto` with the full one where it has ten times as many degrees of freedom as correlated elements.
+    `auto` with the full one where the measurement gave correlations. All are smoothed: noise of the outputs, and of
+    torques that pass through the robot, by levels common to all lines, and neighbouring lines for what remains.
     normalise: every configuration counts alike in sum, however many lines it has and however quiet they are.
     factors: further factors of some elements.
     loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares.

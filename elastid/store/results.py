@@ -28,6 +28,7 @@ from elastid.validation.resonances import Peak
 from elastid.validation.results import Agreement, Fold, Replay, Validation
 
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
+_TESTS = ("power_ratio", "power_dof", "white_p")
 
 
 def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
@@ -35,6 +36,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
     with created(path, "fit", stamp) as file:
         for name in _FIT_ATTRIBUTES:
             file.attrs[name] = getattr(result, name)
+        file.attrs["cost_dof"] = result.cost_dof
         values = result.values
         names = [p.name for p in result.parameters]
         parameter = scale(file, "parameter", names, "parameter")
@@ -67,6 +69,7 @@ def read_fit(path: Path) -> FitResult:
             notes=read_notes(file),
             indices=read_indices(file),
             **_read_further(file),
+            cost_dof=known.get("cost_dof", math.nan),
             **{name: known[name] for name in _FIT_ATTRIBUTES},
         )
 
@@ -208,7 +211,8 @@ def read_validation(path: Path) -> Validation:
 def _write_agreement(group: Any, agreement: Agreement) -> None:
     group.attrs["left_out"] = agreement.left_out
     group.attrs["inside_expected"] = agreement.inside_expected
-    group.attrs["coloured_std"] = agreement.coloured_std
+    for name in _TESTS:
+        group.attrs[name] = getattr(agreement, name)
     elements = [scale(group, "output", agreement.outputs, "output"), scale(group, "input", agreement.inputs, "input")]
     for name, what in _ELEMENT_VARIABLES.items():
         variable(group, name, getattr(agreement, name), elements, what, _ELEMENT_UNITS.get(name, ""))
@@ -233,7 +237,7 @@ def _read_agreement(group: Any, name: str) -> Agreement:
         outputs=texts(group, "output"),
         inputs=texts(group, "input"),
         inside_expected=known["inside_expected"],
-        coloured_std=known.get("coloured_std", math.nan),
+        **{name: known[name] for name in _TESTS if name in known},
         peaks=tuple(Peak(*row) for row in zip(*columns, strict=True)),
         **{field: group[field][:] for field in (*_ELEMENT_VARIABLES, *_LAG_VARIABLES)},
     )

@@ -15,12 +15,14 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import StudyError
+from elastid.fit.weights.smoothed_noise import smooth_noise
+from elastid.fit.weights.weights import vec
 from elastid.response import FrequencyResponse
 from elastid.validation.cross_validation import generalises
+from elastid.validation.noise_tests import FALSE_ALARM, power_over_noise, white_by_chance, whitening
 from elastid.validation.residual_tests import (
     above_2sigma,
     autocorrelation,
-    coloured_by_chance,
     inside_expected,
     normality,
     sigma_of,
@@ -33,19 +35,20 @@ from elastid.validation.resonances import (
     paired_resonances,
     resonances,
 )
-from elastid.validation.results import Agreement, Validation, are_white, pooled_rms
-
-# A share of lines within 2 sigma this far below the expected one is still explained by noise.
-SHARE_TOLERANCE = 0.05
+from elastid.validation.results import Agreement, Validation, are_white, noise_p, pooled_rms
 
 _FINDERS: dict[PeakKind, Callable[..., FloatArray]] = {"resonance": resonances, "antiresonance": antiresonances}
 
 
 def validate(
-    measured: Sequence[FrequencyResponse], modelled: Sequence[FrequencyResponse], left_out: Sequence[str]
+    measured: Sequence[FrequencyResponse],
+    modelled: Sequence[FrequencyResponse],
+    left_out: Sequence[str],
+    cost_p: float = math.nan,
 ) -> Validation:
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
+    cost_p: P(as large a cost of the fit) by noise alone, which is judged beside the residuals; NaN where it is unknown.
     Raises StudyError where left_out names a configuration that was not measured, or all of them.
     """
     names = [response.configuration.name for response in measured]
@@ -57,7 +60,7 @@ def validate(
     agreements = tuple(
         agreement(Ghat, G, Ghat.configuration.name in left_out) for Ghat, G in zip(measured, modelled, strict=True)
     )
-    return Validation(agreements, _verdict(agreements))
+    return Validation(agreements, _verdict(agreements, cost_p))
 
 
 def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out: bool = False) -> Agreement:
@@ -69,6 +72,7 @@ def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
     r, bound = autocorrelation(e)
+    ratio, ratio_dof, white_p = _tests(measured, Ghat - G)
     inside = np.where(known.any(axis=0), _mean(np.abs(e) <= 2, known), np.nan)
     return Agreement(
         configuration=measured.configuration.name,
@@ -85,8 +89,20 @@ def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
         rms_sigma=np.sqrt(_mean(np.abs(e) ** 2, known)),
         normality=normality(e, dof),
         peaks=_peaks(measured, modelled, sigma),
-        coloured_std=coloured_by_chance(e),
+        power_ratio=ratio,
+        power_dof=ratio_dof,
+        white_p=white_p,
     )
+
+
+def _tests(measured: FrequencyResponse, E: ComplexArray) -> tuple[float, float, float]:
+    """Power of the errors E (F, n_y, n_u) over the noise with its degrees of freedom, and p of their whiteness."""
+    noise = smooth_noise(measured)
+    if noise is None or not np.any(noise.variance > 0):
+        return math.nan, 0.0, math.nan
+    whiten = whitening(noise)
+    z = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0])
+    return *power_over_noise(z, whiten, noise), white_by_chance(z)
 
 
 def _check_pair(measured: FrequencyResponse, modelled: FrequencyResponse) -> None:
@@ -126,7 +142,7 @@ def _peaks(measured: FrequencyResponse, modelled: FrequencyResponse, sigma: Floa
     return tuple(found)
 
 
-def _verdict(agreements: Sequence[Agreement]) -> str:
+def _verdict(agreements: Sequence[Agreement], cost_p: float) -> str:
     fitted = [a for a in agreements if not a.left_out]
     left_out = [a for a in agreements if a.left_out]
     judged = left_out or fitted
@@ -136,17 +152,19 @@ def _verdict(agreements: Sequence[Agreement]) -> str:
     sentence = f"off by {db:.2g} dB and {deg:.2g} deg rms"
     if left_out:
         fitted_db, fitted_deg = _over(fitted)
+        # Of a left-out configuration with more noise than the fitted ones no error is the model's.
+        carries = generalises(db, fitted_db) or noise_p(left_out) >= FALSE_ALARM
         sentence = (
             f"On the left-out configurations ({', '.join(a.configuration for a in left_out)}) the model is {sentence}, "
             f"on the fitted ones by {fitted_db:.2g} dB and {fitted_deg:.2g} deg: "
-            f"it {'generalises' if generalises(db, fitted_db) else 'does not generalise'} to other postures"
+            f"it {'generalises' if carries else 'does not generalise'} to other postures"
         )
     else:
         sentence = (
             f"On the fitted configurations the model is {sentence}; its error on others is unknown, because "
             "validation.left_out names none"
         )
-    return sentence + _noise_clause(judged) + _resonance_clause(judged) + "."
+    return sentence + _noise_clause(judged, math.nan if left_out else cost_p) + _resonance_clause(judged) + "."
 
 
 def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
@@ -156,15 +174,19 @@ def _over(agreements: Sequence[Agreement]) -> tuple[float, float]:
     return pooled_rms(db, lines), pooled_rms(np.array([a.overall_phase_rms_deg for a in agreements]), lines)
 
 
-def _noise_clause(agreements: Sequence[Agreement]) -> str:
+def _noise_clause(agreements: Sequence[Agreement], cost_p: float) -> str:
     inside = np.mean([a.overall_inside_2sigma for a in agreements])
     expected = np.mean([a.inside_expected for a in agreements])
-    if not np.isfinite(inside):
+    p = noise_p(agreements, cost_p)
+    if not np.isfinite(inside) or math.isnan(p):
         return ""
     white = are_white(agreements)
-    meaning = "no more than the noise" if inside >= expected - SHARE_TOLERANCE and white else "more than the noise"
+    meaning = "more than the noise" if p < FALSE_ALARM or not white else "no more than the noise"
     share = f"{100 * inside:.0f} % of the lines lie within 2 sigma ({100 * expected:.0f} % expected)"
-    return f"; {share}{'' if white else ' and the residuals are coloured'}, {meaning}"
+    return (
+        f"; {share}{'' if white else ' and the residuals are coloured'}, {meaning} (of a true model, each of these two "
+        f"tests says more in {100 * FALSE_ALARM:g} % of measurements)"
+    )
 
 
 def _resonance_clause(agreements: Sequence[Agreement]) -> str:

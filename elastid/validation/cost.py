@@ -17,10 +17,9 @@ from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import weigh
 from elastid.response import FrequencyResponse
-from elastid.validation.results import Agreement, are_white
+from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance, falls_short_by_chance
+from elastid.validation.results import Agreement, are_white, noise_p, power_ratio
 
-# Relative difference of the cost from the expected one, beyond its own scatter, that needs no explanation.
-COST_TOLERANCE = 0.1
 # A configuration or element is named from this share of the excess on, and from twice its share of the lines.
 MIN_EXCESS_SHARE = 0.25
 # A band that holds half of the excess is named if it has at most this share of the lines.
@@ -99,24 +98,32 @@ def explain_cost(
             f"The cost is {result.cost:.4g} for {result.dof} degrees of freedom, in units of fit.weights.floor: the "
             "responses came without an uncertainty, so it cannot be compared with the noise."
         )
-    margin = COST_TOLERANCE + 3 * math.sqrt(2 / max(result.dof, 1))
-    if abs(ratio - 1) <= margin:
-        fitted = [a for a in agreements if a.configuration in names]
+    fitted = [a for a in agreements if a.configuration in names]
+    more = noise_p(fitted, cost_p(result)) < FALSE_ALARM
+    less = falls_short_by_chance(ratio, result.cost_dof) < FALSE_ALARM
+    rate = f"of a true model this test says otherwise in {100 * FALSE_ALARM:g} % of measurements"
+    if not more and not less:
         coloured = [] if are_white(fitted) else [a.configuration for a in fitted if not a.is_white]
         though = f", though residuals of neighbouring lines are correlated in {', '.join(coloured)}" if coloured else ""
-        return f"{beside}: the data show no error of the model{though}."
-    if ratio < 1:
+        return f"{beside}: the data show no error of the model ({rate}){though}."
+    if not more:
         return (
             f"{beside}: the residuals are smaller than their uncertainty, which is overestimated, for instance by "
             "realisations or periods that differ by more than their mean is wrong, or by fit.weights.floor above the "
             "error of the model; the intervals are then too wide rather than too narrow."
         )
     excess = Excess.of(measured, modelled, spec)
+    times = math.sqrt(max(ratio, power_ratio(fitted)[0]))
     return (
-        f"{beside}: the residuals are {math.sqrt(ratio):.3g} times the noise, rms. "
-        + _kind(excess, [a for a in agreements if a.configuration in names])
+        f"{beside}: the residuals are {times:.3g} times the noise, rms ({rate}). "
+        + _kind(excess, fitted)
         + _places(excess, measured[0])
     )
+
+
+def cost_p(result: FitResult) -> float:
+    """P(as large a cost) by noise alone; NaN where no noise is known."""
+    return exceeds_by_chance(result.cost / max(result.cost_expected, 1e-300), result.cost_dof)
 
 
 def _kind(excess: Excess, agreements: Sequence[Agreement]) -> str:

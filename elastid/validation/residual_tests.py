@@ -8,22 +8,26 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.fit.weights.smoothed_noise import smooth_noise
 from elastid.fit.weights.smoothed_variance import MIN_DOF, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
+from elastid.validation.noise_tests import LAGS
 
-LAGS = (1, 2, 3)
 # The statistic of `normality` that one in twenty normal samples exceeds (Stephens, JASA 69, 1974, case 3).
 NORMALITY_95 = 0.752
-# Draws of random phases for the scatter of the autocorrelations of white residuals.
-PHASE_DRAWS = 400
 # Fewer numbers do not show the shape of their distribution.
 MIN_SAMPLES = 16
 
 
 def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
-    """sigma (F, n_y, n_u) and its degrees of freedom; zeros where the measurement came without an uncertainty."""
-    covariance = measured.uncertainty
-    return (np.zeros(measured.G.shape), 0.0) if covariance is None else smoothed_std(measured, covariance)
+    """sigma (F, n_y, n_u) and its degrees of freedom, as the fit weighs without its floor.
+
+    Zeros where the measurement came without an uncertainty.
+    """
+    noise = smooth_noise(measured)
+    if noise is None:
+        return np.zeros(measured.G.shape), 0.0
+    return np.sqrt(noise.variance), max(noise.measured.dof, MIN_DOF)
 
 
 def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[FloatArray, float]:
@@ -67,27 +71,6 @@ def autocorrelation(e: ComplexArray) -> tuple[FloatArray, FloatArray]:
     r = np.stack([np.abs((e[:-lag].conj() * e[lag:]).sum(axis=0)) for lag in LAGS]) / total
     variance = np.stack([(power[:-lag] * power[lag:]).sum(axis=0) for lag in LAGS]) / total**2
     return r, np.sqrt(-math.log(0.05) * variance)
-
-
-def coloured_by_chance(e: ComplexArray) -> float:
-    """Standard deviation of the share of autocorrelations beyond their bound, of white residuals like e (F, n_y, n_u).
-
-    Correlated elements, such as all outputs of one experiment, are beyond it together. So every line is turned by a
-    random phase, the same for all elements: magnitudes and correlations between elements stay, those along frequency
-    vanish.
-    """
-    power = np.abs(e) ** 2
-    some = np.any(power > 0, axis=0)
-    if not some.any():
-        return math.nan
-    rng = np.random.default_rng(0)
-    turns = np.exp(2j * np.pi * rng.random((PHASE_DRAWS, len(e))))
-    beyond = np.zeros(PHASE_DRAWS)
-    for lag in LAGS:
-        product = (e[:-lag].conj() * e[lag:])[:, some]
-        bound = np.sqrt(-math.log(0.05) * np.sum(np.abs(product) ** 2, axis=0))
-        beyond += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) > bound, axis=1)
-    return float(beyond.std() / (len(LAGS) * some.sum()))
 
 
 def normality(e: ComplexArray, dof: float = math.inf) -> FloatArray:

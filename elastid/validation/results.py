@@ -11,11 +11,9 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
 from elastid.record import Motion
+from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance, together
 from elastid.validation.residual_tests import NORMALITY_95
 from elastid.validation.resonances import Peak, PeakKind
-
-# Quantile of the normal distribution that chance exceeds once in a hundred times.
-QUANTILE_99 = 2.326
 
 # The coordinates that are elastic in a model, in the order of the robot, by their labels.
 Elastic: TypeAlias = tuple[str, ...]
@@ -30,7 +28,7 @@ class Agreement:
     degrees of freedom.  autocorrelation, autocorrelation_bound (3, n_y, n_u): of E / sigma at lags of 1 to 3 lines,
     and the bound that a white residual keeps with 95 % probability.  rms_sigma: of E / sigma, 1 for a true model.
     normality: Anderson and Darling's statistic of E / sigma, below NORMALITY_95 for 95 % of normal ones.
-    coloured_std: standard deviation of `coloured` for white residuals.  NaN without an uncertainty or without lines.
+    power_ratio, power_dof: as `power_over_noise`.  white_p: as `white_by_chance`.  NaN without an uncertainty or lines.
     """
 
     configuration: str
@@ -47,7 +45,9 @@ class Agreement:
     rms_sigma: FloatArray
     normality: FloatArray
     peaks: tuple[Peak, ...]
-    coloured_std: float = math.nan
+    power_ratio: float = math.nan
+    power_dof: float = 0.0
+    white_p: float = math.nan
 
     @property
     def overall_rms_log_db(self) -> float:
@@ -86,7 +86,7 @@ class Agreement:
 
     @property
     def is_white(self) -> bool:
-        """Whether the residuals of neighbouring lines are uncorrelated, at a false alarm once in a hundred times."""
+        """Whether the residuals of neighbouring lines are uncorrelated, as `are_white`."""
         return are_white([self])
 
     def worst(self, kind: PeakKind) -> Peak | None:
@@ -102,15 +102,24 @@ def pooled_rms(rms: FloatArray, lines: IntArray) -> float:
 
 
 def are_white(agreements: Sequence[Agreement]) -> bool:
-    """Whether the residuals of all configurations together are white, at a false alarm once in a hundred times."""
-    tests = np.array([np.isfinite(one.autocorrelation).sum() for one in agreements], dtype=float)
-    share = np.array([one.coloured for one in agreements])
-    std = np.array([one.coloured_std for one in agreements])
-    some = tests > 0
-    independent = np.sqrt(0.05 * 0.95 / np.maximum(tests, 1))
-    scatter = tests * np.where(np.isfinite(std), np.maximum(std, independent), independent)
-    beyond = float(np.sum(tests[some] * (share[some] - 0.05)))
-    return beyond <= QUANTILE_99 * float(np.sqrt(np.sum(scatter[some] ** 2)))
+    """Whether the residuals of all configurations together are white; of white ones FALSE_ALARM are called coloured."""
+    return not together([one.white_p for one in agreements]) < FALSE_ALARM
+
+
+def noise_p(agreements: Sequence[Agreement], cost_p: float = math.nan) -> float:
+    """P(as much power in the residuals) by noise alone, and of the cost cost_p; NaN where no noise is known.
+
+    Of the two the smaller, doubled: that either is below FALSE_ALARM has at most its probability.
+    """
+    known = [p for p in (exceeds_by_chance(*power_ratio(agreements)), cost_p) if math.isfinite(p)]
+    return min(1.0, len(known) * min(known)) if known else math.nan
+
+
+def power_ratio(agreements: Sequence[Agreement]) -> tuple[float, float]:
+    """Power of the residuals over that of the noise, of all configurations together, and its degrees of freedom."""
+    known = [one for one in agreements if math.isfinite(one.power_ratio) and one.power_dof > 0]
+    dof = sum(one.power_dof for one in known)
+    return (sum(one.power_dof * one.power_ratio for one in known) / dof, dof) if known else (math.nan, 0.0)
 
 
 @frozen_value

@@ -34,6 +34,8 @@ from elastid.linear.response.transfer import frequency_response
 from elastid.parameters import Parameter, Prior, Tie
 from elastid.response import Covariance
 
+DIAGONAL = FitSpec(weights=WeightSpec(floor=0.0, covariance="diagonal"))
+
 
 def test_the_cramer_rao_bound_is_the_published_one():
     """5 % relative noise per line: .0015, .0100, .0011, .0347."""
@@ -167,25 +169,24 @@ def test_a_floor_far_above_the_residuals_is_held_down():
 
 
 def test_intervals_know_that_elements_err_together():
-    """A disturbing torque at the gear moves all outputs at once: the weights ignore it, the intervals do not.
+    """A disturbing torque at the gear moves all outputs at once: diagonal weights ignore it, the intervals do not.
 
-    Covariance known in Kronecker form from 4 degrees of freedom.
+    Covariance known in Kronecker form.
     """
     model = plant((0, 1, 2))
     disturbed = frequency_response(plant((0, 1, 2), (1,)), model.theta_ref, FREQ)
     column = 0.05 * np.median(np.abs(frequency_response(model, model.theta_ref, FREQ)) / np.abs(disturbed)) * disturbed
     exact, rng = measured(model, np.abs(column)), np.random.default_rng(5)
+    right = column @ column.conj().transpose(0, 2, 1) + 0.01 * np.abs(column) ** 2 * np.eye(3)
+    known = Covariance(np.einsum("faa->fa", right).real[:, :, None], np.inf, np.ones((len(FREQ), 1, 1)), right)
     errors, claims, naive = [], [], []
     for _ in range(100):
-        repeats = column * circular(rng, (len(FREQ), 1, 4)) + 0.1 * np.abs(column) * circular(rng, (len(FREQ), 3, 4))
-        right = repeats @ repeats.conj().transpose(0, 2, 1) / 4
-        known = Covariance(np.einsum("faa->fa", right).real[:, :, None], 4.0, np.ones((len(FREQ), 1, 1)), right)
         noise = column * circular(rng, (len(FREQ), 1, 1)) + 0.1 * np.abs(column) * circular(rng, (len(FREQ), 3, 1))
         response = replace(exact, G=exact.G + noise, noise=known)
-        end, sure = estimate(response, model)
+        end, sure = estimate(response, model, DIAGONAL)
         errors.append(end.x - parameters().x)
         claims.append(np.sqrt(np.diag(sure.covariance)))
-        _, J = fit_of(response, model).residual(end.x)
+        _, J = fit_of(response, model, DIAGONAL).residual(end.x)
         naive.append(np.sqrt(np.diag(np.linalg.inv(J.T @ J))))
     inside = [np.mean(np.abs(errors) < 1.96 * np.array(std), axis=0) for std in (claims, naive)]
     assert np.all(inside[0] > 0.9)

@@ -86,24 +86,31 @@ def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_b
     assert np.min(scatter["full"] / scatter["diagonal"]) < 0.6
 
 
-def test_a_covariance_from_many_repetitions_is_used_by_itself_one_from_few_is_not():
-    """30 degrees of freedom for three correlated outputs are enough, 12 are not unless the study asks for it."""
+def test_a_covariance_weighs_by_itself_however_few_repetitions_it_is_from():
+    """Its neighbours and the model of the noise know the rest; a study may ask for weights element by element."""
     rng = np.random.default_rng(2)
-    assert weigh(correlated(rng, "kronecker", 30), NO_FLOOR).correlated is not None
-    few = correlated(rng, "kronecker", 12)
-    assert weigh(few, NO_FLOOR).correlated is None
-    assert weigh(few, FULL).correlated is not None
-    assert weigh(few, DIAGONAL).correlated is None
+    for dof in (4, 12, 30):
+        response = correlated(rng, "kronecker", dof)
+        assert weigh(response, NO_FLOOR).correlated is not None
+        assert weigh(response, DIAGONAL).correlated is None
 
 
-def test_weights_from_an_estimated_covariance_keep_the_expected_cost():
-    """The inverse of a covariance from 12 repetitions is 12 / 9 too large; V is its degrees of freedom all the same."""
+@pytest.mark.parametrize("dof", [4, 12])
+@pytest.mark.parametrize("floor", [0.0, 0.03])
+def test_weights_from_an_estimated_covariance_keep_the_expected_cost(dof, floor):
+    """V over what the fit expects is 1, though the disturbance is no torque at an input, which the weights suppose."""
     rng, model = np.random.default_rng(3), plant(OUTPUTS, INPUTS)
-    ratios = []
+    spec, ratios, deviations = FitSpec(weights=WeightSpec(floor=floor)), [], []
     for _ in range(30):
-        fit = fit_of(correlated(rng, "kronecker", 12), model, FULL)
-        ratios.append(fit.evaluate(parameters().x).cost / fit.n_residuals)
+        response = correlated(rng, "kronecker", dof)
+        weights = weigh(response, spec)
+        fit = elastic_fit([response], [model], [weights], parameters(), "complex")
+        end = solve(fit.problem, parameters().x)
+        sure = estimate_uncertainty(fit, [response], [weights], end.x)
+        ratios.append(end.cost / sure.expected_cost)
+        deviations.append(np.sqrt(2 / sure.cost_dof))
     assert np.mean(ratios) == pytest.approx(1.0, abs=0.05)
+    assert 0.7 < np.std(ratios) / np.mean(deviations) < 1.5
 
 
 def test_a_singular_covariance_is_named():
@@ -127,13 +134,11 @@ def test_a_singular_covariance_is_named():
     [
         (None, "nothing is known of its noise"),
         (Covariance(np.ones((len(FREQ), 3, 2)), 5.0), "only variances are known"),
-        ("few", "2 degrees of freedom cannot correlate 3 elements"),
     ],
 )
 def test_a_full_covariance_that_is_not_there_is_refused(known, says):
     """A study that asks for it learns why it cannot have it."""
     response = correlated(np.random.default_rng(5), "kronecker")
-    known = replace(response.noise, dof=2.0) if known == "few" else known
     spec = replace(FULL, weights=replace(FULL.weights, floor=0.01))
     with pytest.raises(DataError, match=says):
         weigh(replace(response, noise=known), spec)

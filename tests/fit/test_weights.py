@@ -92,7 +92,7 @@ def test_a_zero_variance_takes_its_neighbours():
     """A line on which the few repetitions agree by chance is not infinitely sure."""
     variance = np.full(F, 0.1)
     variance[7] = 0.0
-    smooth, _ = smooth_variance(variance, G, 3.0)
+    smooth, _, _ = smooth_variance(variance, G, 3.0)
     assert smooth[7] == pytest.approx(smooth[6])
 
 

@@ -23,7 +23,7 @@ from elastid.store import (
 )
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
-from elastid.validation.cost import explain_cost
+from elastid.validation.cost import cost_p, explain_cost
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
@@ -48,7 +48,7 @@ def _validation(run: Run, execution: Execution) -> Validation:
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
     modelled = fitted.responses
-    judged = validate_responses(responses, modelled, left_out)
+    judged = validate_responses(responses, modelled, left_out, cost_p(result))
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     replays = tuple(_replays(run, fitted, execution))
     folds = _folds(run, [Ghat for Ghat, _ in seen], execution)

@@ -67,7 +67,7 @@ def diagnose(
     """
     fit, end = optimum.fit, optimum.end
     suspect = _is_suspect(result, optimum)
-    in_error = is_in_error(result.cost, result.cost_expected, result.dof)
+    in_error = is_in_error(result.cost, result.cost_expected, result.cost_dof)
     noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
     if in_error or suspect:
         result = replace(result, indices=modification_indices(assembly, optimum, result, noise_cost))

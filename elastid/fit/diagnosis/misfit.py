@@ -62,7 +62,7 @@ def telling_index(
 
 def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     excess = result.cost / result.cost_expected
-    in_error = is_in_error(result.cost, result.cost_expected, result.dof) and excess > MIN_EXCESS
+    in_error = is_in_error(result.cost, result.cost_expected, result.cost_dof) and excess > MIN_EXCESS
     moved = np.flatnonzero(uncertainty.shift > MIN_SHIFT)
     if not in_error or not uncertainty.disagreement > max(MIN_DISAGREEMENT, MIN_STRUCTURE * excess) or not moved.size:
         return ""

@@ -26,6 +26,7 @@ time. A model error that the parameters absorb alike in all configurations does 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -50,7 +51,8 @@ IN_DIRECTION = 1e-3
 class Uncertainty:
     """covariance (n_x, n_x) of x, inf where unreached; singular_values of J with columns scaled to unit length.
 
-    unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone.
+    unreached (n_x,): parameters in a direction that the data do not reach.  expected_cost: V by the noise alone;
+    cost_dof: 2 / cost_dof is the relative variance of V over it, both having scatter; NaN where no noise was measured.
     shares: the information on each parameter by configuration and band.  disagreement: T of the blocks, 1 for a true
     model (`blocks`).  shift (n_x,): the deviation by the blocks over that by measured noise and declared floor alone.
     """
@@ -59,6 +61,7 @@ class Uncertainty:
     singular_values: FloatArray
     unreached: BoolArray
     expected_cost: float
+    cost_dof: float
     shares: InformationShares
     disagreement: float
     shift: FloatArray
@@ -79,16 +82,16 @@ def estimate_uncertainty(
         R = np.asarray(np.linalg.qr(np.vstack([R, parts[-1].rows]), mode="r"))
     A_inverse, singular_values, unreached = inverse_information(R)
     dof = fit.problem.dof
-    meat, expected_cost = _noise(prior, dof, parts, A_inverse)
+    meat, expected_cost, cost_dof = _noise(prior, dof, parts, A_inverse)
     noise = A_inverse @ meat @ A_inverse
     inflation = fit.n_residuals / max(dof, 1) * correlation_length([part.residual for part in parts])
     residuals = inflation * np.sum((A_inverse @ _by_frequency(parts)) ** 2, axis=1)
     blocks = [part.blocks for part in parts]
     by_blocks, floor = (
         block_variance(blocks, A_inverse),
-        _floor_share(parts, expected_cost, dof) * _floor(parts, A_inverse),
+        _floor_share(parts, expected_cost, cost_dof) * _floor(parts, A_inverse),
     )
-    if is_in_error(sum(part.cost for part in parts), expected_cost, dof):
+    if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])
     covariance = _larger(noise, residuals, A_inverse) + floor
     covariance[unreached] = covariance[:, unreached] = np.nan
@@ -100,7 +103,7 @@ def estimate_uncertainty(
     if factors:  # they are no part of the result
         covariance, unreached, shift = covariance[:n_x, :n_x], unreached[:n_x], shift[:n_x]
         shares = InformationShares(shares.share[:, :n_x], shares.band_hz[:n_x], shares.weakest[:n_x])
-    return Uncertainty(covariance, singular_values, unreached, expected_cost, shares, parted, shift)
+    return Uncertainty(covariance, singular_values, unreached, expected_cost, cost_dof, shares, parted, shift)
 
 
 def inverse_information(R: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -123,19 +126,23 @@ def _weakest(R: FloatArray) -> FloatArray:
     return np.asarray(direction * np.sign(direction[np.argmax(np.abs(direction))]))
 
 
-def _noise(prior: FloatArray, dof: int, parts: Sequence[LineSums], A_inverse: FloatArray) -> tuple[FloatArray, float]:
-    """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, and the V that they lead to.
+def _noise(
+    prior: FloatArray, dof: int, parts: Sequence[LineSums], A_inverse: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """Covariance of J^T r (n_x, n_x) under the measured noise and the priors, the V that they lead to, and cost_dof.
 
     prior (n_x,): 1 / s.  Where no noise was measured the residuals are taken for it.
     """
     meat, power = np.diag(prior**2), float(np.count_nonzero(prior))
-    level = sum(part.cost for part in parts) / max(dof, 1)
+    known = any(part.noise_power is not None for part in parts)
+    level, spread = sum(part.cost for part in parts) / max(dof, 1), 2 * power
     for part in parts:
-        if part.noise_meat is None or part.noise_power is None:
+        if part.noise_meat is None or part.noise_power is None or part.noise_spread is None:
             meat, power = meat + level * part.rows.T @ part.rows, power + level * part.n_residuals
+            spread += 2 * level**2 * part.n_residuals
         else:
-            meat, power = meat + part.noise_meat, power + part.noise_power
-    return meat, power - float(np.trace(A_inverse @ meat))
+            meat, power, spread = meat + part.noise_meat, power + part.noise_power, spread + part.noise_spread
+    return meat, power - float(np.trace(A_inverse @ meat)), 2 * power**2 / spread if known else math.nan
 
 
 def _by_frequency(parts: Sequence[LineSums]) -> FloatArray:
@@ -165,11 +172,11 @@ def _floor(parts: Sequence[LineSums], A_inverse: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (shifts @ shifts.conj().T).real)
 
 
-def _floor_share(parts: Sequence[LineSums], expected_cost: float, dof: int) -> float:
+def _floor_share(parts: Sequence[LineSums], expected_cost: float, cost_dof: float) -> float:
     """s: the share of the floor's power for which V leaves room beside the noise and two standard deviations of V."""
     power = sum(part.floor_power for part in parts)
     if power == 0:
         return 0.0
-    deviation = expected_cost * np.sqrt(2 / max(dof, 1))
+    deviation = expected_cost * np.sqrt(2 / max(cost_dof, 1.0))
     room = sum(part.cost for part in parts) - expected_cost + 2 * deviation
     return float(np.clip(room / power, 0.0, 1.0))

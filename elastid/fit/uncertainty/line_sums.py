@@ -11,6 +11,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.residuals import as_real, error_gain
 from elastid.fit.uncertainty.blocks import Blocks, sum_blocks
+from elastid.fit.weights.smoothed_noise import SmoothedNoise
 from elastid.fit.weights.weights import Weights, vec
 from elastid.response import FrequencyResponse
 
@@ -21,7 +22,8 @@ class LineSums:
 
     rows (2 N, n_x): its part of J.  residual (F, n_y n_u): whitened.  pull (n_x, F): J_k^T r_k of each line.
     blocks: the pulls summed over bands, with their covariance under the measured noise.  noise_power: E|r|^2 under it,
-    None where no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
+    noise_spread: the variance of sum |r|^2 over noise_power, both having scatter, times noise_power^2; both None where
+    no noise was measured.  floor_power: sum |r|^2 if every element were off by the floor.  floor_pull:
     (output, input, octave) -> J^H r (n_x,) if all lines of the octave were off by the floor times the same complex
     factor.
     """
@@ -32,6 +34,7 @@ class LineSums:
     pull: FloatArray
     blocks: Blocks
     noise_power: float | None
+    noise_spread: float | None
     floor_power: float
     floor_pull: dict[tuple[str, str, int], ComplexArray]
 
@@ -66,6 +69,7 @@ def sum_lines(part: Part, response: FrequencyResponse, weights: Weights, r: Comp
         pull=pull,
         blocks=sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual])),
         noise_power=None if S is None else float(np.einsum("faa->", S).real),
+        noise_spread=None if weights.noise is None else _spread(T, weights.noise),
         floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
         floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
     )
@@ -100,6 +104,12 @@ def _whitening(part: Part) -> ComplexArray:
     n_y, n_u = part.measured.shape[1:]
     column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
     return np.asarray(part.mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
+
+
+def _spread(T: ComplexArray, noise: SmoothedNoise) -> float:
+    """(1 + repeats) sum_k tr(S_k^2), S = T C~ T^H: of circular errors, and of the covariance measured beside them."""
+    S = T @ noise.covariance @ _H(T)
+    return (1 + noise.repeats) * float(np.sum(np.abs(S) ** 2))
 
 
 def _H(A: ComplexArray) -> ComplexArray:

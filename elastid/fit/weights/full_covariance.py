@@ -1,9 +1,8 @@
 r"""The covariance with which the elements of a line weigh together, and its Cholesky factor.
 
-.. math:: C = \frac{\nu}{\nu - m}\, \tilde v^{1/2} R\, \tilde v^{1/2} + diag(\alpha^2 |\hat G|^2) = L L^H
+.. math:: C = \tilde C + diag(\alpha^2 |\hat G|^2) = L L^H
 
-R are the measured correlations of vec G, m how many elements are correlated in it (n_y in the Kronecker form), nu its
-degrees of freedom: the inverse of a covariance of m elements estimated from nu of them is nu / (nu - m) too large.
+C~ is the measured covariance of vec G, smoothed over lines (`smoothed_noise`), alpha the floor of the study.
 """
 
 from __future__ import annotations
@@ -13,55 +12,34 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.fit.spec import WeightSpec
-from elastid.response import Covariance, FrequencyResponse
+from elastid.fit.weights.smoothed_noise import SmoothedNoise
+from elastid.response import FrequencyResponse
 
-# Degrees of freedom for each correlated element from which `auto` takes the full covariance: its weights then make the
-# variance of the estimate 1 / 9 larger than those of a known one.
-MIN_DOF_PER_ELEMENT = 10
 # The smallest eigenvalue of the correlations, beside the largest, that is not taken for rounding.
 EIGENVALUE_TOLERANCE = 1e-10
 
 
 def correlated_noise(
-    response: FrequencyResponse, variance: FloatArray, sigma: FloatArray, spec: WeightSpec
+    response: FrequencyResponse, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec
 ) -> ComplexArray | None:
-    """nu / (nu - m) v~^1/2 R v~^1/2 (F, n_y n_u, n_y n_u), vec column-major; None for weights element by element.
+    """C~ (F, n_y n_u, n_y n_u) to weigh with, vec column-major; None for weights element by element.
 
-    variance, sigma (F, n_y, n_u): v~, and what elements weigh, inf where they are left out.
-    Raises DataError where `full` is asked for and no covariance is known, it has too few degrees of freedom, or it is
-    singular and no floor makes it regular.
+    smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
+    Raises DataError where `full` is asked for and no covariance is known, or it is singular and no floor makes it
+    regular.
     """
-    known, asked = response.uncertainty, spec.covariance == "full"
-    where = f"configuration {response.configuration.name}"
-    if spec.covariance == "diagonal" or (not asked and (known is None or known.form == "diagonal")):
+    asked, where = spec.covariance == "full", f"configuration {response.configuration.name}"
+    if spec.covariance == "diagonal" or (not asked and (smooth is None or smooth.matrix is None)):
         return None
-    if known is None or known.form == "diagonal":
+    if smooth is None or smooth.matrix is None:
         raise DataError(
-            f"{where}: fit.weights.covariance is full, but only {'variances are' if known else 'nothing is'} known of "
+            f"{where}: fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
             "its noise; take auto or diagonal, or measure more periods or realisations"
         )
-    m = _correlated_elements(known)
-    if known.dof <= m or (not asked and known.dof < MIN_DOF_PER_ELEMENT * m):
-        if not asked:
-            return None
-        raise DataError(
-            f"{where}: fit.weights.covariance is full, but {known.dof:g} degrees of freedom cannot correlate {m} "
-            "elements; take auto or diagonal, or measure more realisations"
-        )
-    C: ComplexArray = known.full()
-    deviation = np.sqrt(np.einsum("faa->fa", C).real)
-    deviation[deviation == 0] = np.inf
-    R = np.asarray(C / (deviation[:, :, None] * deviation[:, None, :]), np.complex128)
-    diagonal = np.arange(R.shape[1])
-    R[:, diagonal, diagonal] = 1.0
-    flaw = _flaw(response, R, sigma) if spec.floor == 0 else ""
+    flaw = _flaw(response, smooth.matrix, sigma) if spec.floor == 0 else ""
     if flaw and asked:
         raise DataError(f"{where}: {flaw}; take fit.weights.covariance: diagonal, or a floor above zero")
-    if flaw:
-        return None
-    v = np.sqrt(np.swapaxes(variance, 1, 2).reshape(len(variance), -1))
-    correction = known.dof / (known.dof - m) if np.isfinite(known.dof) else 1.0
-    return np.asarray(correction * v[:, :, None] * R * v[:, None, :])
+    return None if flaw else smooth.matrix
 
 
 def whitening(
@@ -86,13 +64,11 @@ def whitening(
     return np.asarray(L_inverse * phase.reshape(F, 1, -1))
 
 
-def _correlated_elements(known: Covariance) -> int:
-    _, n_y, n_u = known.variance.shape
-    return int(n_y * n_u if known.form == "full" else n_y)
-
-
-def _flaw(response: FrequencyResponse, R: ComplexArray, sigma: FloatArray) -> str:
+def _flaw(response: FrequencyResponse, C: ComplexArray, sigma: FloatArray) -> str:
     """What is wrong with the correlations of the elements that count, or nothing."""
+    deviation = np.sqrt(np.einsum("faa->fa", C).real)
+    deviation[deviation == 0] = np.inf
+    R = C / (deviation[:, :, None] * deviation[:, None, :])
     used = np.swapaxes(np.isfinite(sigma), 1, 2).reshape(len(sigma), -1)
     part = np.where(used[:, :, None] & used[:, None, :], R, 0.0)
     diagonal = np.arange(R.shape[1])

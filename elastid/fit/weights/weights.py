@@ -2,7 +2,7 @@ r"""How much each element of a measured response counts in the fit.
 
 .. math:: \sigma^2 = \tilde v + (\alpha |\hat G|)^2
 
-v~ is the measured variance, smoothed over neighbouring lines (`smoothed_variance`), alpha the floor of the study: a
+v~ is the measured variance, smoothed over lines (`smoothed_noise`), alpha the floor of the study: a
 model error to expect. sigma is infinite where an element is left out. Elements with correlated errors may be weighted
 by their full covariance (`full_covariance`).
 """
@@ -20,23 +20,26 @@ from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
 from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
 from elastid.fit.weights.full_covariance import correlated_noise
-from elastid.fit.weights.smoothed_variance import smooth_variance
-from elastid.response import Covariance, FrequencyResponse
+from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
+from elastid.response import FrequencyResponse
+
+# The largest correction of a measured variance for its part in its own weight is the inverse of this.
+MIN_CORRECTION = 0.1
 
 
 @frozen_value
 class Weights:
     """sigma (F, n_y, n_u): standard deviation E|dG|^2 ^ 1/2 with which each element counts, inf where it is left out.
 
-    factor (F, n_y, n_u): of the study, times the inverse variance.  noise: the measured covariance C of
-    vec G, or None where it is unknown; scale (F, n_y, n_u) corrects it element by element to what was smoothed:
-    scale_a C_ab scale_b.  floor: alpha.  notes: what was left out, and why.
+    factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
+    scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
+    weights.  floor: alpha.  notes: what was left out, and why.
     correlated (F, n_y n_u, n_y n_u): the noise's part of the covariance to weigh with, vec column-major; None where
     elements count one by one.
     """
 
     sigma: FloatArray
-    noise: Covariance | None
+    noise: SmoothedNoise | None
     scale: FloatArray
     floor: float
     notes: tuple[Note, ...]
@@ -49,11 +52,11 @@ class Weights:
         return np.isfinite(self.sigma)
 
     def noise_covariance(self) -> ComplexArray | None:
-        """cov(vec G) (F, n_y n_u, n_y n_u) by the measured noise, as far as it is known."""
-        if self.noise is None or self.correlated is not None:
-            return self.correlated
+        """cov(vec G) (F, n_y n_u, n_y n_u) as it was measured, for sums over lines; None where it is unknown."""
+        if self.noise is None:
+            return None
         t = vec(self.scale)
-        return np.asarray(t[:, :, None] * self.noise.full() * t[:, None, :])
+        return np.asarray(t[:, :, None] * self.noise.measured.full() * t[:, None, :])
 
 
 def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
@@ -69,7 +72,8 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
             f"configuration {where}: no variance is known (that takes two periods or two realisations) and "
             "fit.weights.floor is 0; set the floor, for example 0.01"
         )
-    variance, scale = _measured_variance(response, spec.weights.smooth)
+    noise = smooth_noise(response, spec.weights.smooth)
+    variance = np.zeros(response.G.shape) if noise is None else noise.variance
     sigma = np.sqrt(variance + (floor * np.abs(response.G)) ** 2)
     factor = _factors(response, spec.weights.factors)
     used = _asked_for(response, spec) & (factor > 0)
@@ -103,8 +107,9 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
         )
         used &= ~silent
     sigma = np.where(used, sigma, np.inf)
-    correlated = correlated_noise(response, variance, sigma, spec.weights)
-    return Weights(sigma, response.uncertainty, scale, floor, tuple(notes), factor, correlated)
+    correlated = correlated_noise(response, noise, sigma, spec.weights)
+    scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated is not None)
+    return Weights(sigma, noise, scale, floor, tuple(notes), factor, correlated)
 
 
 def with_diagonal_weights(spec: FitSpec) -> FitSpec:
@@ -142,25 +147,18 @@ def _factors(response: FrequencyResponse, factors: Sequence[FactorSpec]) -> Floa
     return product
 
 
-def _measured_variance(response: FrequencyResponse, width: int) -> tuple[FloatArray, FloatArray]:
-    """v~ and the scale of C (F, n_y, n_u): the total variance, never below what the noise alone explains."""
-    known = response.uncertainty
-    if known is None:
-        return np.zeros(response.G.shape), np.ones(response.G.shape)
-    smooth, unbiased = _smoothed_elements(response, known, width)
-    if response.total is not None and response.noise is not None:
-        smooth = np.maximum(smooth, _smoothed_elements(response, response.noise, width)[0])
-    scale = np.sqrt(np.divide(smooth, unbiased, out=np.ones_like(smooth), where=unbiased > 0))
-    return smooth, scale
+def _scale(noise: SmoothedNoise | None, floor: FloatArray, together: bool) -> FloatArray:
+    r"""(1 - \kappa s / \nu)^{-1/2} (F, n_y, n_u), s the noise's share of the variance that an element weighs with.
 
-
-def _smoothed_elements(response: FrequencyResponse, known: Covariance, width: int) -> tuple[FloatArray, FloatArray]:
-    smooth, unbiased = np.zeros(response.G.shape), np.zeros(response.G.shape)
-    for i, j in np.ndindex(response.G.shape[1:]):
-        weakness = None if known.left is None else known.left[:, j, j].real
-        v, G = known.variance[:, i, j], response.G[:, i, j]
-        smooth[:, i, j], unbiased[:, i, j] = smooth_variance(v, G, known.dof, width, weakness)
-    return smooth, unbiased
+    floor (F, n_y, n_u): its variance.  together: whether the elements of a line weigh together.
+    """
+    if noise is None:
+        return np.ones(floor.shape)
+    own = noise.own_matrix if together else noise.own_variance
+    v = noise.variance
+    share = np.divide(v, v + floor, out=np.zeros_like(v), where=v > 0)
+    # A variance that weighs by itself alone, of one degree of freedom, has an inverse without an expectation.
+    return np.asarray(1 / np.sqrt(np.maximum(1 - own[:, None, None] * share / noise.measured.dof, MIN_CORRECTION)))
 
 
 def _asked_for(response: FrequencyResponse, spec: FitSpec) -> BoolArray:

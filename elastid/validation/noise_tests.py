@@ -1,0 +1,95 @@
+r"""Tests of residuals against the measured noise, each with the probability by which it rejects a true model.
+
+The residuals of a line are whitened by the noise with which the fit weighs, z = L^-1 vec E with C~ = L L^H, so that
+elements do not count twice where they err together. Each test gives the probability p with which chance leaves as much;
+a verdict speaks against the model where p < FALSE_ALARM.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import chdtrc, fdtr, fdtrc, gammaincc
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.weights.smoothed_noise import SmoothedNoise
+
+# How often a verdict speaks against a true model.
+FALSE_ALARM = 0.01
+LAGS = (1, 2, 3)
+# Draws of random phases for the mean and scatter of the autocorrelations of white residuals.
+PHASE_DRAWS = 400
+
+
+def whitening(noise: SmoothedNoise) -> ComplexArray:
+    """L^-1 (F, m, m) of errors vec E, column-major; zero rows for elements of zero variance.
+
+    Element by element where the covariance is singular.
+    """
+    C = noise.covariance
+    deviation = np.sqrt(np.einsum("faa->fa", C).real)
+    gain = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0)
+    R = gain[:, :, None] * C * gain[:, None, :]
+    diagonal = np.arange(R.shape[1])
+    R[:, diagonal, diagonal] = 1.0
+    try:
+        L_inverse = np.linalg.inv(np.linalg.cholesky(R))
+    except np.linalg.LinAlgError:
+        L_inverse = np.broadcast_to(np.eye(R.shape[1]), R.shape)
+    return np.asarray(L_inverse * gain[:, None, :], np.complex128)
+
+
+def power_over_noise(z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise) -> tuple[float, float]:
+    r"""Power of whitened residuals z (F, m) over that of the measured noise, and the degrees of freedom d of the ratio.
+
+    .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
+
+    S is the measured covariance and kappa its part in L (`smooth_covariance`). Of a true model the ratio has mean 1 and
+    variance 2 / d.
+    """
+    measured = noise.measured
+    S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
+    own = noise.own_variance if noise.matrix is None else noise.own_matrix
+    expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - own / measured.dof, 0.1)))
+    n = int(np.count_nonzero(z))
+    return float(np.sum(np.abs(z) ** 2)) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
+
+
+def exceeds_by_chance(ratio: float, dof: float) -> float:
+    """P(as much or more) of a ratio of mean 1 and variance 2 / dof, half of it the denominator's; NaN without noise."""
+    return float(fdtrc(2 * dof, 2 * dof, ratio)) if math.isfinite(ratio) and dof > 0 else math.nan
+
+
+def falls_short_by_chance(ratio: float, dof: float) -> float:
+    """P(as little or less), otherwise as `exceeds_by_chance`."""
+    return float(fdtr(2 * dof, 2 * dof, ratio)) if math.isfinite(ratio) and dof > 0 else math.nan
+
+
+def white_by_chance(z: ComplexArray) -> float:
+    r"""P(as much correlation between neighbouring lines) of whitened residuals z (F, m); NaN of too few lines.
+
+    .. math:: T = \sum_{l=1}^{3} \sum_a \frac{|\sum_k \bar z_{ka} z_{k+l,a}|^2}{\sum_k |z_{ka}|^2 |z_{k+l,a}|^2}
+
+    held against a gamma distribution with the mean and variance of T when every line is turned by a random phase, the
+    same for all elements: magnitudes and correlations between elements stay, those along frequency vanish.
+    """
+    z = z[:, np.any(z != 0, axis=0)]
+    if len(z) <= max(LAGS) + 1 or not z.size:
+        return math.nan
+    turns = np.exp(2j * np.pi * np.random.default_rng(0).random((PHASE_DRAWS, len(z))))
+    found, drawn = 0.0, np.zeros(PHASE_DRAWS)
+    for lag in LAGS:
+        product = z[:-lag].conj() * z[lag:]
+        scale = np.maximum(np.sum(np.abs(product) ** 2, axis=0), 1e-300)
+        found += float(np.sum(np.abs(product.sum(axis=0)) ** 2 / scale))
+        drawn += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) ** 2 / scale, axis=1)
+    mean, variance = float(drawn.mean()), float(drawn.var())
+    return float(gammaincc(mean**2 / variance, found * mean / variance))
+
+
+def together(p: Sequence[float] | FloatArray) -> float:
+    """P of independent tests together, -2 sum ln p being chi-squared (Fisher); NaN where none has a p."""
+    known = [max(one, 1e-300) for one in p if math.isfinite(one)]
+    return float(chdtrc(2 * len(known), -2 * sum(map(math.log, known)))) if known else math.nan
