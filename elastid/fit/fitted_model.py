@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
 from elastid.fit.setup.groups import group_labels
-from elastid.fit.uncertainty.propagation import response_deviation
+from elastid.fit.uncertainty.propagation import response_deviation, response_shifts
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
@@ -100,6 +100,12 @@ class FittedModel:
             response_deviation(linear, G.freq_hz, found.parameters, found.x, found.covariance)[1]
             for linear, G in zip(self.linear, self.measured, strict=True)
         )
+
+    def response_shifts(self, configuration: str) -> ComplexArray:
+        """Changes (n_x, F, n_y, n_u) of one of `responses` by a standard deviation of x in independent directions."""
+        found, linear = self.result, self.at(configuration)
+        freq_hz = next(G.freq_hz for G in self.measured if G.configuration.name == configuration)
+        return response_shifts(linear, freq_hz, found.parameters, found.x, found.covariance)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

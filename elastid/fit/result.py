@@ -34,6 +34,15 @@ MEANING: dict[Status, str] = {
 QUANTILE = 1.959964
 
 
+# V beyond its expectation, in standard deviations, that is taken for a model error: of a true model once in 700 times.
+MIN_EXCESS_DEVIATIONS = 3.0
+
+
+def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
+    """Whether V exceeds what the noise explains; 2 / cost_dof: relative variance of their ratio."""
+    return cost > expected_cost * (1 + MIN_EXCESS_DEVIATIONS * math.sqrt(2 / max(cost_dof, 1.0)))
+
+
 @frozen_value
 class LocalOptimum:
     """The end of a solve: its start and its end in x (n_x,), V there, and the message of the solver."""
@@ -93,6 +102,16 @@ class FitResult:
     def meaning(self) -> str:
         """What the status says of the parameters, and what to do."""
         return MEANING[self.status]
+
+    @property
+    def noise_is_known(self) -> bool:
+        """Whether noise was measured; otherwise residuals are compared with nothing."""
+        return math.isfinite(self.cost_dof)
+
+    @property
+    def exceeds_noise(self) -> bool:
+        """Whether V is beyond what noise alone leaves; of a true model so once in 700 times."""
+        return self.noise_is_known and is_in_error(self.cost, self.cost_expected, self.cost_dof)
 
     @property
     def model_error(self) -> float:

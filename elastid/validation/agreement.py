@@ -9,7 +9,7 @@ are judged on the lines where |Ghat| is at least 2 sigma; the statistical tests 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from elastid.fit.weights.smoothed_noise import smooth_noise
 from elastid.fit.weights.weights import vec
 from elastid.response import FrequencyResponse
 from elastid.validation.cross_validation import generalises
-from elastid.validation.noise_tests import FALSE_ALARM, power_over_noise, white_by_chance, whitening
+from elastid.validation.noise_tests import FALSE_ALARM, power_over_noise, white_by_chance, whitening, without_shifts
 from elastid.validation.residual_tests import (
     above_2sigma,
     autocorrelation,
@@ -45,10 +45,12 @@ def validate(
     modelled: Sequence[FrequencyResponse],
     left_out: Sequence[str],
     cost_p: float = math.nan,
+    shifts: Mapping[str, ComplexArray] | None = None,
 ) -> Validation:
     """Judge the modelled FRFs, one for each measured one on the same lines; left_out: configurations not fitted.
 
     cost_p: P(as large a cost of the fit) by noise alone, which is judged beside the residuals; NaN where it is unknown.
+    shifts: as `agreement`, of configurations that were not fitted.
     Raises StudyError where left_out names a configuration that was not measured, or all of them.
     """
     names = [response.configuration.name for response in measured]
@@ -58,13 +60,23 @@ def validate(
     if set(names) <= set(left_out):
         raise StudyError("validation.left_out names every configuration; take out at least one, which is then fitted")
     agreements = tuple(
-        agreement(Ghat, G, Ghat.configuration.name in left_out) for Ghat, G in zip(measured, modelled, strict=True)
+        agreement(Ghat, G, name in left_out, (shifts or {}).get(name))
+        for name, Ghat, G in zip(names, measured, modelled, strict=True)
     )
     return Validation(agreements, _verdict(agreements, cost_p))
 
 
-def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out: bool = False) -> Agreement:
-    """The errors of one configuration; ValueError where the two responses are not of the same elements and lines."""
+def agreement(
+    measured: FrequencyResponse,
+    modelled: FrequencyResponse,
+    left_out: bool = False,
+    shifts: ComplexArray | None = None,
+) -> Agreement:
+    """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
+
+    shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
+    in independent directions; tests allow for them.
+    """
     _check_pair(measured, modelled)
     Ghat, G = measured.G, modelled.G
     sigma, dof = sigma_of(measured)
@@ -72,7 +84,7 @@ def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
     r, bound = autocorrelation(e)
-    ratio, ratio_dof, white_p = _tests(measured, Ghat - G)
+    ratio, ratio_dof, white_p = _tests(measured, Ghat - G, shifts)
     inside = np.where(known.any(axis=0), _mean(np.abs(e) <= 2, known), np.nan)
     return Agreement(
         configuration=measured.configuration.name,
@@ -95,14 +107,16 @@ def agreement(measured: FrequencyResponse, modelled: FrequencyResponse, left_out
     )
 
 
-def _tests(measured: FrequencyResponse, E: ComplexArray) -> tuple[float, float, float]:
+def _tests(measured: FrequencyResponse, E: ComplexArray, shifts: ComplexArray | None) -> tuple[float, float, float]:
     """Power of the errors E (F, n_y, n_u) over the noise with its degrees of freedom, and p of their whiteness."""
     noise = smooth_noise(measured)
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
-    z = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0])
-    return *power_over_noise(z, whiten, noise), white_by_chance(z)
+    z, beside = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
+    if shifts is not None:
+        z, beside = without_shifts(z, np.asarray((whiten @ vec(shifts)[..., None])[..., 0]))
+    return *power_over_noise(z, whiten, noise, beside), white_by_chance(z)
 
 
 def _check_pair(measured: FrequencyResponse, modelled: FrequencyResponse) -> None:

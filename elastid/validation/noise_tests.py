@@ -41,20 +41,36 @@ def whitening(noise: SmoothedNoise) -> ComplexArray:
     return np.asarray(L_inverse * gain[:, None, :], np.complex128)
 
 
-def power_over_noise(z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise) -> tuple[float, float]:
+def power_over_noise(
+    z: ComplexArray, whiten: ComplexArray, noise: SmoothedNoise, beside: float = 0.0
+) -> tuple[float, float]:
     r"""Power of whitened residuals z (F, m) over that of the measured noise, and the degrees of freedom d of the ratio.
 
     .. math:: \frac{\sum_k |z_k|^2}{\sum_k \mathrm{tr}(L_k^{-1} S_k L_k^{-H}) / (1 - \kappa / \nu)}
 
-    S is the measured covariance and kappa its part in L (`smooth_covariance`). Of a true model the ratio has mean 1 and
-    variance 2 / d.
+    S is the measured covariance and kappa its part in L (`smooth_covariance`); beside: power that counts with that of
+    z.  Of a true model the ratio has mean 1 and variance 2 / d.
     """
     measured = noise.measured
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
     own = noise.own_variance if noise.matrix is None else noise.own_matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - own / measured.dof, 0.1)))
     n = int(np.count_nonzero(z))
-    return float(np.sum(np.abs(z) ** 2)) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
+    return (float(np.sum(np.abs(z) ** 2)) + beside) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)
+
+
+def without_shifts(z: ComplexArray, shifts: ComplexArray) -> tuple[ComplexArray, float]:
+    r"""Whitened residuals z (F, m) less the likeliest error of the parameters, and its own sum of squares in variances.
+
+    .. math:: z - B c, \qquad c = (1 + \mathrm{Re}\, 2 B^H B)^{-1} \mathrm{Re}\, 2 B^H z
+
+    shifts (n_x, F, m): B, whitened changes by independent errors of unit variance. |z - B c|^2 + |c|^2 / 2 is the
+    Mahalanobis distance with the covariance 1 + B B^H of prediction errors.
+    """
+    B = shifts.reshape(len(shifts), -1)
+    H, g = 2 * (B.conj() @ B.T).real, 2 * (B.conj() @ z.ravel()).real
+    c = np.linalg.solve(np.eye(len(B)) + H, g)
+    return z - np.tensordot(c, shifts, axes=1), float(c @ c) / 2
 
 
 def exceeds_by_chance(ratio: float, dof: float) -> float:

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from elastid.fit.result import is_in_error
 from elastid.fit.uncertainty.blocks import Blocks
-from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
+from elastid.fit.uncertainty.jackknife import jackknife_variance
 from elastid.fit.uncertainty.line_sums import LineSums
 
 

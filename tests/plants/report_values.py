@@ -81,6 +81,7 @@ def fit_result(parameters=PARAMETERS, hits=3):
         cost=210.0,
         dof=200,
         cost_expected=202.0,
+        cost_dof=200.0,
         status="at_bound",
         message="The fit ended with d_1 at its lower bound.",
         starts=tuple(LocalOptimum(parameters.x, x, cost, 20, cost < 1000, "") for cost in costs),

@@ -36,7 +36,7 @@ def words(pairs, expected=1.0):
     judged = [agreement(m, G) for m, G in pairs]
     power = sum(float(np.sum(np.abs((m.G - G.G) / 0.05) ** 2)) for m, G in pairs)
     n = sum(m.G.size for m, _ in pairs)
-    result = replace(fit_result(), cost=power, cost_expected=n * expected, dof=2 * n)
+    result = replace(fit_result(), cost=power, cost_expected=n * expected, dof=2 * n, cost_dof=2 * n)
     return explain_cost(result, measured, modelled, judged, NO_FLOOR)
 
 

@@ -48,7 +48,9 @@ def _validation(run: Run, execution: Execution) -> Validation:
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
     modelled = fitted.responses
-    judged = validate_responses(responses, modelled, left_out, cost_p(result))
+    measured = [response.configuration.name for response in responses]
+    shifts = {name: fitted.response_shifts(name) for name in left_out if name in measured}
+    judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
     replays = tuple(_replays(run, fitted, execution))
     folds = _folds(run, [Ghat for Ghat, _ in seen], execution)

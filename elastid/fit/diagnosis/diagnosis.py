@@ -21,7 +21,6 @@ from elastid.fit.problem.residuals import error_gain
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
 from elastid.fit.uncertainty.covariance import Uncertainty
-from elastid.fit.uncertainty.jackknife import is_in_error
 
 # Model error beyond which foreign configurations are searched for, and responses that were read wrongly are not the
 # robot's; where the noise is unknown, the share of the responses that the model explains below which they are.
@@ -67,7 +66,7 @@ def diagnose(
     """
     fit, end = optimum.fit, optimum.end
     suspect = _is_suspect(result, optimum)
-    in_error = is_in_error(result.cost, result.cost_expected, result.cost_dof)
+    in_error = result.exceeds_noise
     noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
     if in_error or suspect:
         result = replace(result, indices=modification_indices(assembly, optimum, result, noise_cost))

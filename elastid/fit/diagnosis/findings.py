@@ -53,7 +53,7 @@ def status_and_message(
     free = result.parameters.free_names
     fit = (
         f"V = {result.cost:.5g} for {result.dof} degrees of freedom; {result.hits} of {len(result.starts)} starts "
-        f"reached it; the residuals are {result.model_error:.3g} times what the noise explains"
+        f"reached it; {_beside_noise(result)}"
     )
     share = f"{100 * max(explained, 0.0):.0f} %"
     if misread:
@@ -76,6 +76,18 @@ def status_and_message(
     if misfit:
         return "misfit", f"converged{held}, but {misfit}; {fit}"
     return ("at_bound" if held else "converged"), f"converged{held}; {fit}"
+
+
+def _beside_noise(result: FitResult) -> str:
+    """The residuals beside the noise, and whether chance explains the difference."""
+    if not result.noise_is_known:
+        return "no noise was measured that the residuals could be held against"
+    times = math.sqrt(result.cost / max(result.cost_expected, 1e-300))
+    more = "more than" if result.exceeds_noise else "no more than"
+    return (
+        f"the residuals are {times:.3g} times what the noise explains, {more} chance allows (beyond it once in "
+        "700 fits of a true model)"
+    )
 
 
 def findings(result: FitResult, unreached: BoolArray) -> tuple[Note, ...]:
@@ -204,7 +216,7 @@ def _search(result: FitResult) -> list[Note]:
                 f"next {second:.5g}): there may be a better optimum; raise fit.starts or lower fit.start_factor",
             )
         )
-    if result.model_error > MAX_MODEL_ERROR and math.isfinite(result.model_error):
+    if result.exceeds_noise and result.model_error > MAX_MODEL_ERROR and math.isfinite(result.model_error):
         sentences.append(
             Note(
                 "model-error",

@@ -20,7 +20,6 @@ import numpy as np
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult
 from elastid.fit.uncertainty.covariance import Uncertainty
-from elastid.fit.uncertainty.jackknife import is_in_error
 
 # Far beyond what fits of true models reach (scripts/studies/misfit.py): V 1.13 of its expectation, and the disagreement
 # of blocks, whose noise is less well known than that of all lines together, 1.4.
@@ -62,7 +61,7 @@ def telling_index(
 
 def _by_blocks(result: FitResult, uncertainty: Uncertainty) -> str:
     excess = result.cost / result.cost_expected
-    in_error = is_in_error(result.cost, result.cost_expected, result.cost_dof) and excess > MIN_EXCESS
+    in_error = result.exceeds_noise and excess > MIN_EXCESS
     moved = np.flatnonzero(uncertainty.shift > MIN_SHIFT)
     if not in_error or not uncertainty.disagreement > max(MIN_DISAGREEMENT, MIN_STRUCTURE * excess) or not moved.size:
         return ""

@@ -34,9 +34,10 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import bias_slopes, find_factors
+from elastid.fit.result import is_in_error
 from elastid.fit.uncertainty.blocks import block_variance, disagreement
 from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
-from elastid.fit.uncertainty.jackknife import is_in_error, jackknife_variance
+from elastid.fit.uncertainty.jackknife import jackknife_variance
 from elastid.fit.uncertainty.line_sums import LineSums, correlation_length, sum_lines
 from elastid.fit.weights.weights import Weights
 from elastid.response import FrequencyResponse
@@ -89,7 +90,7 @@ def estimate_uncertainty(
     blocks = [part.blocks for part in parts]
     by_blocks, floor = (
         block_variance(blocks, A_inverse),
-        _floor_share(parts, expected_cost, cost_dof) * _floor(parts, A_inverse),
+        _floor_share(parts, expected_cost, dof if math.isnan(cost_dof) else cost_dof) * _floor(parts, A_inverse),
     )
     if is_in_error(sum(part.cost for part in parts), expected_cost, cost_dof):
         residuals = np.maximum.reduce([residuals, by_blocks, jackknife_variance(parts, R.T @ R)])

@@ -11,7 +11,6 @@ degrees of freedom over that of the normal one.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -22,15 +21,8 @@ from elastid.fit.uncertainty.line_sums import LineSums
 
 # With fewer configurations the scatter is not estimated.
 MIN_CONFIGURATIONS = 3
-# V beyond its expectation, in standard deviations, that is taken for a model error: of a true model once in 700 times.
-MIN_EXCESS_DEVIATIONS = 3.0
 # Eigenvalues of the scaled information below this share of the largest: only the configuration left out informs them.
 RANK_TOLERANCE = 1e-10
-
-
-def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
-    """Whether V exceeds what the noise explains; 2 / cost_dof: relative variance of their ratio."""
-    return cost > expected_cost * (1 + MIN_EXCESS_DEVIATIONS * math.sqrt(2 / max(cost_dof, 1.0)))
 
 
 def jackknife_variance(parts: Sequence[LineSums], A: FloatArray) -> FloatArray:

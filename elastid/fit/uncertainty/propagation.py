@@ -19,6 +19,9 @@ from elastid.linear.modes import modes
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet
 
+# Standard deviation of x, mostly logarithms, that stands for none at all.
+UNREACHED_STD = 100.0
+
 
 @dataclass(frozen=True)
 class UncertainModes:
@@ -52,13 +55,34 @@ def response_deviation(
     model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
 ) -> tuple[ComplexArray, FloatArray]:
     """G (F, n_y, n_u) and the standard deviation E|dG|^2 ^ 1/2 (F, n_y, n_u) by the covariance of x."""
+    G, J = _response_slopes(model, freq_hz, parameters, x)
+    flat = J.reshape(len(x), -1).T
+    return G, np.hypot(_deviation(flat.real, covariance), _deviation(flat.imag, covariance)).reshape(G.shape)
+
+
+def response_shifts(
+    model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray, covariance: FloatArray
+) -> ComplexArray:
+    """Changes of G (n_x, F, n_y, n_u) by one standard deviation of x in each of n_x independent directions.
+
+    An unreached parameter counts with UNREACHED_STD.
+    """
+    _, J = _response_slopes(model, freq_hz, parameters, x)
+    unreached = np.isinf(np.diag(covariance))
+    known = np.where(unreached[:, None] | unreached, 0.0, covariance) + UNREACHED_STD**2 * np.diag(unreached)
+    values, vectors = np.linalg.eigh(known)
+    return np.asarray(np.tensordot((vectors * np.sqrt(np.maximum(values, 0.0))).T, J, axes=1))
+
+
+def _response_slopes(
+    model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray
+) -> tuple[ComplexArray, ComplexArray]:
+    """G (F, n_y, n_u) and dG/dx (n_x, F, n_y, n_u)."""
     where = model.configuration.name
     kernel = Kernel(model, freq_hz, parameters.moved(where))
     G, dG = kernel.evaluate(parameters.expand(x, where))
     moved = [parameters.index(name) for name in kernel.wanted]
-    J = np.tensordot(parameters.jacobian(x, where)[moved].T, dG, axes=1)
-    flat = J.reshape(len(x), -1).T
-    return G, np.hypot(_deviation(flat.real, covariance), _deviation(flat.imag, covariance)).reshape(G.shape)
+    return G, np.asarray(np.tensordot(parameters.jacobian(x, where)[moved].T, dG, axes=1))
 
 
 def _deviation(slopes: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -16,14 +16,17 @@ the others. (Zhou, Hu, Zhou and Lange, MM algorithms for variance components mod
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER, Motion
 
 STEPS = 30
+# Fewer lines are not divided.
+MIN_LINES = 16
 # What is added to the diagonal, as a share of the mean variance of an output: keeps a model of exact data regular.
 MIN_VARIANCE_SHARE = 1e-9
 
@@ -49,31 +52,47 @@ class NoiseShapes:
             torque.append(weakness.mean() / weakness)
         return cls(own, np.stack(torque), G)
 
+    def on(self, lines: BoolArray) -> NoiseShapes:
+        """The same on some of the lines."""
+        return NoiseShapes(self.own[:, lines], self.torque[:, lines], self.G[lines])
+
 
 def noise_model(S: ComplexArray, shapes: NoiseShapes) -> ComplexArray:
-    """C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best."""
+    """C (F, n_y, n_y) that explains the sample covariances S (F, n_y, n_y) of a response's errors best.
+
+    The levels of every other line are those of the lines between them, so that C knows nothing of a line's own S.
+    """
+    lines = np.arange(len(S))
+    C = np.empty(S.shape, np.complex128)
+    for half in (lines % 2 == 0, lines % 2 == 1):
+        others = ~half if len(S) >= MIN_LINES else np.ones_like(half)
+        C[half] = _levels(S[others], shapes.on(others))(shapes.on(half))
+    return C
+
+
+def _levels(S: ComplexArray, shapes: NoiseShapes) -> Callable[[NoiseShapes], ComplexArray]:
+    """The model with the levels that explain S best, as a function of other lines' shapes."""
     F, n_y, n_u = shapes.G.shape
-    variance = np.einsum("faa->fa", S).real
-    level = variance.mean(axis=0)
+    level = np.einsum("faa->a", S).real / F
     if not np.all(level > 0):
-        return np.asarray((variance + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-300))[:, :, None] * np.eye(n_y))
+        diagonal = np.diag(level + MIN_VARIANCE_SHARE * max(float(level.max()), 1e-300))
+        return lambda other: np.broadcast_to(diagonal, (len(other.G), n_y, n_y)).astype(np.complex128)
     scale = np.sqrt(level)
-    S = np.asarray(S / np.outer(scale, scale), np.complex128)
-    g = np.asarray(shapes.G / scale[:, None], np.complex128)
+    S, g = np.asarray(S / np.outer(scale, scale), np.complex128), shapes.G / scale[:, None]
     floor = MIN_VARIANCE_SHARE * np.eye(n_y)
-    power = np.abs(g) ** 2
     a = np.tile(1 / shapes.own.mean(axis=1)[:, None], n_y) / (2 * len(shapes.own))
-    reached = np.einsum("qf,fij->qj", shapes.torque, power)
+    reached = np.einsum("qf,fij->qj", shapes.torque, np.abs(g) ** 2)
     b = np.divide(F * n_y / (2 * n_u * len(shapes.torque)), reached, out=np.zeros_like(reached), where=reached > 0)
     for _ in range(STEPS):
-        C = _sum(a, b, shapes, g) + floor
-        W = np.asarray(np.linalg.inv(C), np.complex128)
+        W = np.asarray(np.linalg.inv(_sum(a, b, shapes, g) + floor), np.complex128)
         WSW = np.asarray(W @ S @ W)
         t = np.einsum("fab,fba->f", W, S).real / n_y
         w = np.minimum(1.0, 1.0 / np.maximum(t, 1e-300))
         a = a * _ratio(_own(WSW, w, shapes), _own(W, w, shapes))
         b = b * _ratio(_torque(WSW, w, shapes, g), _torque(W, w, shapes, g))
-    return np.asarray((_sum(a, b, shapes, g) + floor) * np.outer(scale, scale))
+    return lambda other: np.asarray(
+        (_sum(a, b, other, other.G / scale[:, None]) + floor) * np.outer(scale, scale), np.complex128
+    )
 
 
 def _sum(a: FloatArray, b: FloatArray, shapes: NoiseShapes, g: ComplexArray) -> ComplexArray:

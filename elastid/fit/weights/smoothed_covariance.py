@@ -57,7 +57,8 @@ def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float, width: i
     mean = geometric / math.exp(log_moment(1, n * dof, width))
     for_weights = geometric * math.exp(log_moment(-1, n * dof, width))
     loud = level > mean * largest_by_chance(n * dof) if width > 1 else np.zeros(F, dtype=np.bool_)
-    for_weights = np.where(loud, level, for_weights)
+    quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width)) / geometric
+    for_weights = np.where(loud, level, for_weights * quiet)
     X = X / level[:, None, None]
     rho = _shrinkage(X, width)
     inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)

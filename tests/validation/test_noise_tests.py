@@ -1,0 +1,69 @@
+"""Tests of residuals reject true models as often as they say, and find what is there."""
+
+import math
+
+import numpy as np
+import pytest
+
+from elastid.validation.noise_tests import (
+    FALSE_ALARM,
+    exceeds_by_chance,
+    falls_short_by_chance,
+    together,
+    white_by_chance,
+    without_shifts,
+)
+
+
+def circular(rng, shape):
+    return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 0.7])
+def test_white_residuals_are_called_coloured_as_often_as_the_test_says(scatter):
+    """400 draws, of a level that is known or scatters from line to line: 5 % below 0.05, 1 % below 0.01."""
+    rng = np.random.default_rng(0)
+    p = np.array(
+        [white_by_chance(np.exp(scatter * rng.standard_normal((60, 1))) * circular(rng, (60, 4))) for _ in range(400)]
+    )
+    assert np.mean(p < 0.05) == pytest.approx(0.05, abs=0.035)
+    assert np.mean(p < FALSE_ALARM) < 0.03
+    assert np.mean([together(some) < 0.05 for some in p.reshape(80, 5)]) < 0.15
+
+
+def test_a_smooth_error_is_coloured():
+    """Half a standard deviation, alike on all lines."""
+    z = circular(np.random.default_rng(1), (200, 4))
+    assert white_by_chance(z + 0.5) < 1e-3
+
+
+def test_power_is_beyond_chance_as_often_as_the_test_says():
+    """400 ratios of powers with 300 and 600 degrees of freedom: 5 % on either side."""
+    rng = np.random.default_rng(2)
+    ratio = rng.chisquare(300, 400) / 300 / (rng.chisquare(600, 400) / 600)
+    dof = 2 / (2 / 300 + 2 / 600)
+    for test in (exceeds_by_chance, falls_short_by_chance):
+        assert np.mean([test(one, dof) < 0.05 for one in ratio]) == pytest.approx(0.05, abs=0.03)
+    assert math.isnan(exceeds_by_chance(2.0, 0.0))
+
+
+def test_errors_of_parameters_within_their_uncertainty_are_no_residual():
+    """z = B c + noise with c as uncertain as stated: the distance is that of noise, in 200 draws 100 +- 1 complex."""
+    rng = np.random.default_rng(3)
+    shifts = 3 * circular(rng, (3, 50, 2))
+    found = []
+    for _ in range(200):
+        z = np.tensordot(rng.standard_normal(3), shifts, axes=1) + circular(rng, (50, 2))
+        left, beside = without_shifts(z, shifts)
+        found.append(np.sum(np.abs(left) ** 2) + beside)
+        B = np.concatenate([shifts.real, shifts.imag], axis=1).reshape(3, -1)
+        y = np.concatenate([z.real, z.imag]).ravel()
+        exact = y @ np.linalg.solve(np.eye(200) / 2 + B.T @ B, y) / 2
+        assert found[-1] == pytest.approx(exact)
+    assert np.mean(found) == pytest.approx(100, abs=2.5)
+
+
+def test_nothing_is_tested_where_nothing_is_known():
+    """Too few lines, and no p at all."""
+    assert math.isnan(white_by_chance(np.zeros((3, 2), complex)))
+    assert math.isnan(together([math.nan]))
