@@ -9,11 +9,11 @@ friction alone. Of every case: the share of the 95 % intervals of all k and d th
 bias and the scatter of ln p over the standard deviation that the fit states. With N data sets and n parameters chance
 alone moves the share by about 100 sqrt(0.95 0.05 / N / n_independent) points. The last line is one JSON object.
 
-Found so far, not all at full size. Two axes, friction left in, its second order not counted (300 data sets): 94.9, 93.5,
-94.0 % under a carrier and 95.7, 92.1, 92.2 % at rest for 0.05, 0.16, 0.3. Counted: 94.5 % for 0.16 under a carrier (300),
-94.6 and 93.2 % for 0.05 and 0.3 (40), at rest 96.2 and 95.0 % (40). Under a carrier the damping of the arm is held in 88 %
-and its stiffness in 99 %: friction's distortion is correlated between lines that lie twice the carrier's frequency apart.
-Taken out, 0.16 under a carrier: 96.8 % (150), intervals ten times narrower.
+Found so far, not all at full size. Two axes, friction left in, its second order not counted (300 data sets): 94.9,
+93.5, 94.0 % under a carrier and 95.7, 92.1, 92.2 % at rest for 0.05, 0.16, 0.3. Counted: 94.5 % for 0.16 under a
+carrier (300), 94.6 and 93.2 % for 0.05 and 0.3 (40), at rest 96.2 and 95.0 % (40). Under a carrier the damping of the
+arm is held in 88 % and its stiffness in 99 %, perhaps because friction's distortion is correlated between lines that
+lie twice the carrier's frequency apart. Taken out, 0.16 under a carrier: 96.8 % (150), intervals ten times narrower.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
