@@ -70,9 +70,8 @@ def test_one_record_of_noise_gives_responses_whose_intervals_cover_the_truth(
     recorded["files"] = [{"path": "log.csv", "configuration": "bench"}]
     found = run(tmp_path, recorded, {"method": method, "band_hz": [5, 95]})
     ratio, coverage = errors(found, true_response(found.freq_hz))
-    if method == "h1":
-        assert found.quality is not None
-        assert np.median(found.quality.multiple_coherence) > 0.99
+    assert found.quality is not None
+    assert np.median(found.quality.multiple_coherence) > 0.99
     assert ratio < 2
     assert coverage > 0.9
     np.testing.assert_allclose(peaks(tmp_path), true_modes()[0] / (2 * np.pi), rtol=2e-3)

@@ -55,6 +55,35 @@ def test_the_page_shows_responses_and_peaks_and_no_fit(bench: Path) -> None:
     assert names == {f"frf-bench-{kind}" for kind in ("magnitude", "phase", "singular-values", "levels", "coherence")}
 
 
+QUALITY = {
+    "singular-values": "singular values of the response matrix",
+    "levels": "levels of the outputs, of their nonlinear distortion and of noise",
+    "coherence": "share of each output that no input explains; singular values of responses and inputs",
+}
+
+
+@pytest.mark.parametrize("method", ["auto", "h1", "local_polynomial", "local_rational"])
+def test_page_and_figures_show_coherence_and_singular_values_whatever_the_estimator(
+    bench: Path, method: str, tmp_path: Path
+) -> None:
+    """The records of the template, from 20 to 40 Hz: both figures, their captions, and a table of peaks."""
+    if method == "auto":
+        run = bench / "run"
+    else:
+        run = tmp_path / "run"
+        values = [f"estimator.method={method}", "estimator.band_hz=[20, 40]", "report.formats=[png]"]
+        options = [part for value in values for part in ("--set", value)]
+        assert run_command(["run", str(bench / "study.yml"), "--run", str(run), "--jobs", "1", "-q", *options]) == 0
+    page = (run / "report.html").read_text(encoding="utf-8")
+    assert "Peaks" in page
+    for kind, caption in QUALITY.items():
+        assert (run / "figures" / f"frf-bench-{kind}.png").stat().st_size > 0
+        assert caption in page
+    (found,) = read_responses(run / "frf.h5")
+    assert found.quality is not None
+    assert np.median(found.quality.multiple_coherence) > 0.9
+
+
 def test_the_peaks_are_those_of_the_structure(bench: Path) -> None:
     """Frequencies to 1e-4, damping to 1 % of itself."""
     natural, damping, _ = true_modes()

@@ -47,7 +47,11 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
 
 def input_singular_values(data: MeanSpectra) -> FloatArray:
     """Of U (F, n_u, K) / sqrt(K), each input relative to its RMS over lines and experiments; largest first (F, n_u)."""
-    S_U = data.UU / len(data.periods)
+    return relative_singular_values(data.UU / len(data.periods))
+
+
+def relative_singular_values(S_U: ComplexArray) -> FloatArray:
+    """Roots (F, n_u) of the eigenvalues of the inputs' spectra S_U (F, n_u, n_u), each over its RMS; largest first."""
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
     power = np.linalg.eigvalsh(S_U / np.outer(rms, rms))

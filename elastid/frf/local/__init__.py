@@ -7,6 +7,7 @@ transient       a record's spectra without its transient, and their noise, from 
 bandwidth       whether a window is narrower than the modes in it
 repeats         repeats of one excitation as one experiment
 fitted_response G and its covariances from the fits at its lines
+quality         coherences, levels and singular values of G, from the fits at its lines
 model_error     the error of a model, from richer ones
 response        records to FrequencyResponse, in open and closed loop
 """

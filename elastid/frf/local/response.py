@@ -27,6 +27,7 @@ from elastid.frf.local.bandwidth import local_modes, wide_windows
 from elastid.frf.local.fitted_response import fitted_response, separates_inputs
 from elastid.frf.local.least_squares import LocalFit
 from elastid.frf.local.model_error import with_model_error
+from elastid.frf.local.quality import local_quality, window_power
 from elastid.frf.local.regression import LadderFit, fit_ladder
 from elastid.frf.local.repeats import independent_excitations, merge_repeats
 from elastid.frf.local.transient import SettledSpectra, settled_spectra
@@ -50,7 +51,7 @@ _MIN_EXCITED_SHARE = 0.05
 def local_response(
     records: Sequence[Record], spec: EstimatorSpec, planned_lines: IntArray | None = None
 ) -> FrequencyResponse:
-    """G (F, n_y, n_u) of one configuration with noise and total covariance, from one experiment of all inputs or more.
+    """G (F, n_y, n_u) of one configuration with its covariances and quality, from one experiment of all inputs or more.
 
     Transients are removed where bins between the excited ones show them, else fitted along; `transient_periods` of the
     spec are left out in any case.  noise is None where only the excited lines are there.
@@ -73,7 +74,8 @@ def local_response(
     fit = found.chosen
     usable = _usable_lines(fit, closed, spec, first)
     lines = all_lines[_every(_step(spec, first))]
-    G, noise, total = fitted_response(fit, spectra, closed, usable)
+    of_lines = fitted_response(fit, spectra, closed, usable)
+    G, total = of_lines.G, of_lines.total
     if ladder[-1].transient:
         richer = _richer_models(found, all_lines, (Z, R), spec, first)
         total = _with_model_error(G, total, richer, spectra, closed, usable)
@@ -90,7 +92,10 @@ def local_response(
         notes.append(Note("repeats-averaged", text, severity="information"))
     notes.append(_method_note(spec, ladder[-1], where, span_hz, fit, first))
     notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
-    return measured_response(first, spec.quantity, freq_hz, G, noise=noise, total=total, notes=tuple(notes))
+    quality = local_quality(freq_hz, of_lines, spectra, window_power(R, where)[usable])
+    return measured_response(
+        first, spec.quantity, freq_hz, G, noise=of_lines.noise, total=total, quality=quality, notes=tuple(notes)
+    )
 
 
 def _richer_models(
@@ -129,10 +134,10 @@ def _with_model_error(
         compared = usable & has_more & separates_inputs(fit, closed, G.shape[1])
         if not compared.any():
             continue
-        other, _, covariance = fitted_response(fit, spectra, closed, compared)
+        other = fitted_response(fit, spectra, closed, compared)
         difference, variance = np.zeros(G.shape, dtype=np.complex128), np.zeros(G.shape)
-        difference[compared[usable]] = G[compared[usable]] - other
-        variance[compared[usable]] = covariance.variance
+        difference[compared[usable]] = G[compared[usable]] - other.G
+        variance[compared[usable]] = other.total.variance
         tells = variance <= _MAX_VARIANCE_RATIO * total.variance
         differences.append(np.where(tells, difference, 0.0))
         variances.append(np.where(tells, variance, 0.0))

@@ -1,0 +1,109 @@
+"""Coherence, levels and singular values of local methods against closed forms, and in the file of responses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.artefacts import same
+from plants.noise_record import noise_record, truth
+from plants.random_plants import N, record_of
+
+from elastid.base.arrays import FloatArray
+from elastid.excitation.multisine import orthogonal_set, synthesise
+from elastid.frf.estimate import estimate
+from elastid.frf.spec import EstimatorSpec, Method
+from elastid.response import Quality
+from elastid.store import read_responses, write_responses
+
+SPEC = EstimatorSpec(quantity="velocity", band_hz=(5.0, 95.0))
+NOISE = 0.3
+
+
+def log_odds(coherence: FloatArray) -> FloatArray:
+    """ln of explained over unexplained power: the signal-to-noise ratio, whose scatter is that of two powers."""
+    return np.asarray(np.log(coherence / (1 - coherence)))
+
+
+@pytest.mark.parametrize(("method", "n_w"), [("local_polynomial", 12), ("local_rational", 17)])
+def test_coherence_of_white_noise_is_the_clean_power_over_the_power(method: Method, n_w: int) -> None:
+    r"""A resonance of 32 dB with noise on its output: gamma^2 = |G|^2 / (|G|^2 + s^2) within its own scatter.
+
+    Variance of the log odds: 1 / dof of the residual, 1 / n_w of the input's power, and that of |G|^2.
+    """
+    response = estimate([noise_record(16384, 1, n=1, noise=NOISE)], replace(SPEC, method=method))
+    quality, total = response.quality, response.total
+    assert quality is not None
+    assert total is not None
+    clean = np.abs(truth(response.freq_hz, 1)[:, 0, 0]) ** 2
+    gamma2 = clean / (clean + NOISE**2)
+    np.testing.assert_allclose(quality.coherence[:, :, 0], quality.multiple_coherence, rtol=1e-9, atol=1e-9)
+    assert quality.multiple_coherence[:, 0].mean() == pytest.approx(gamma2.mean(), abs=0.02)
+    clear = clean > 0.5
+    error = log_odds(quality.multiple_coherence[clear, 0]) - log_odds(gamma2[clear])
+    variance = 1 / total.dof + 1 / n_w + 2 * np.median(total.variance[clear, 0, 0] / clean[clear])
+    assert np.median(error) == pytest.approx(0, abs=0.1)
+    assert np.std(error) == pytest.approx(np.sqrt(variance), rel=0.25)
+    np.testing.assert_allclose(quality.singular_values[:, 0], np.abs(response.G[:, 0, 0]))
+
+
+def test_coherences_of_two_inputs_are_their_shares() -> None:
+    """Independent inputs of one power: |G_ij|^2 / S_yy each, their sum for both; condition near 1."""
+    response = estimate([noise_record(8192, 1, noise=NOISE)], replace(SPEC, method="local_rational"))
+    quality = response.quality
+    assert quality is not None
+    shares = np.abs(truth(response.freq_hz)) ** 2
+    power = shares.sum(axis=2) + NOISE**2
+    np.testing.assert_allclose(quality.multiple_coherence.mean(axis=0), (1 - NOISE**2 / power).mean(axis=0), atol=0.02)
+    # Inputs correlate by chance in a window of 20 lines, by 1/20 in power.
+    np.testing.assert_allclose(quality.coherence.mean(axis=0), (shares / power[:, :, None]).mean(axis=0), atol=0.07)
+    assert np.median(quality.condition) < 2
+    np.testing.assert_allclose(quality.singular_values, np.linalg.svd(response.G, compute_uv=False))
+
+
+def test_noise_alone_has_no_coherence() -> None:
+    """An output that no input moves: unknowns over equations, half of the lines' power, do not count as explained."""
+    record = noise_record(8192, 2, n=1)
+    y = np.random.default_rng(3).normal(size=record.y.shape)
+    for method in ("local_polynomial", "local_rational"):
+        response = estimate([replace(record, y=y)], replace(SPEC, method=method))
+        assert response.quality is not None
+        assert np.median(response.quality.multiple_coherence) < 0.1
+
+
+def periodic(closed: bool, s: float) -> Quality:
+    """y = u + s v in one period, from 6 periods of one multisine each of 6 realisations; closed: u = r - y."""
+    rng, lines, records = np.random.default_rng(0), np.arange(10, 400), []
+    for m in range(6):
+        r = np.tile(synthesise(lines, orthogonal_set(np.ones((len(lines), 1)), rng)[0], N), (6, 1))
+        v = s * rng.normal(size=r.shape) * np.sqrt(N) / 2
+        y = (r + v) / 2 if closed else r + v
+        records.append(replace(record_of(r - y if closed else r, y, m), r=r if closed else None))
+    quality = estimate(records, EstimatorSpec(method="local_polynomial"), lines).quality
+    assert quality is not None
+    return quality
+
+
+def test_periods_have_the_coherence_of_one_in_open_and_in_closed_loop() -> None:
+    """1 / (1 + s^2), behind feedback that halves u 1 / (1 + 4 s^2); noise of the transient adds 25 %, at most 35 %."""
+    s = 0.3
+    quality = periodic(False, s)
+    lost = np.mean(1 - quality.multiple_coherence)
+    assert 1 < lost * (1 + s**2) / s**2 < 1.35
+    assert np.sqrt(np.mean(quality.excited.amplitude**2)) == pytest.approx(np.sqrt(1 + s**2 / 6), rel=0.01)
+    assert 1 < np.mean(quality.output_noise) / s**2 < 1.35
+    np.testing.assert_allclose(quality.excited.noise**2, quality.output_noise / 6, rtol=1e-9)
+    quality = periodic(True, s)
+    lost = np.mean(1 - quality.multiple_coherence)
+    assert 1 < lost * (1 + 4 * s**2) / (4 * s**2) < 1.35
+    assert 1 < np.mean(quality.input_noise) / (s**2 / 4) < 1.35
+
+
+def test_the_quality_is_in_the_file_of_responses(tmp_path: Path) -> None:
+    response = estimate([noise_record(4096, 1, noise=NOISE)], replace(SPEC, method="local_rational"))
+    write_responses(tmp_path / "frf.h5", [response])
+    (found,) = read_responses(tmp_path / "frf.h5")
+    assert response.quality is not None
+    assert same(found.quality, response.quality)
