@@ -135,7 +135,8 @@ class FrequencyResponse:
     sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
     is a voltage or a current.  bias (2, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of each
     input, of which the size is known, each times a factor of unit variance for all lines: one that all configurations
-    share, and one of this configuration by itself; or None.
+    share, and one of this configuration by itself; or None.  correlated_lines: lines over which the errors of G by
+    noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -156,6 +157,7 @@ class FrequencyResponse:
     sliding: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
     bias: ComplexArray | None = None
+    correlated_lines: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the arrays."""

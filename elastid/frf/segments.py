@@ -36,6 +36,17 @@ class Segments:
         """Whole segments in a record."""
         return max(0, 1 + (n_samples - len(self.window)) // self.step)
 
+    @property
+    def correlated_lines(self) -> float:
+        r"""Lines over which the errors of cross spectra are correlated: sum_l |rho_l|^2 of the window's spectrum.
+
+        .. math:: \rho_l = \sum_n w^2(n) e^{-2\pi j l n / L} / \sum_n w^2(n)
+
+        1 for a boxcar, 1.94 for Hann's window.
+        """
+        power = self.window**2
+        return float(len(power) * np.sum(power**2) / np.sum(power) ** 2)
+
     def independent(self, n_samples: int) -> float:
         r"""K_e of a record's K segments: the variance of a mean of white noise's power falls by it.
 

@@ -17,6 +17,7 @@ where K_e independent segments would tell as much as the K that overlap (Welch, 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -71,9 +72,10 @@ def welch_response(records: Sequence[Record], spec: EstimatorSpec) -> FrequencyR
         text = f"{np.sum(~usable)} lines are left out: an input has no power there, or two move in proportion"
         notes.append(Note("lines-left-out", text))
     notes += [_segment_note(spec, segments, data, first), *_notes(freq_hz, G, covariance, quality, first)]
-    return measured_response(
+    response = measured_response(
         first, spec.quantity, freq_hz, G, noise=covariance, total=covariance, quality=quality, notes=tuple(notes)
     )
+    return replace(response, correlated_lines=segments.correlated_lines)
 
 
 def _h1(data: CrossSpectra) -> ComplexArray:

@@ -164,6 +164,7 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
     inputs = scale(group, "input", response.inputs, "input")
     group.attrs["quantity"] = response.quantity
     group.attrs["rate_is_known"] = response.rate_is_known
+    group.attrs["correlated_lines"] = response.correlated_lines
     variable(group, "G", response.G, [frequency, outputs, inputs], "frequency response, link side", response.unit)
     for name, what in _COVARIANCES.items():
         covariance: Covariance | None = getattr(response, name)
@@ -218,6 +219,7 @@ def _read_response(group: Any) -> FrequencyResponse:
         sliding=read_sliding(group),
         input_units=read_input_units(group),
         bias=group["bias"][:] if "bias" in group else None,
+        correlated_lines=float(known["correlated_lines"]),
     )
 
 

@@ -60,6 +60,8 @@ def sum_lines(part: Part, response: FrequencyResponse, weights: Weights, r: Comp
     floor = vec(weights.floor * response.G)
     noise = weights.noise_covariance()
     S = None if noise is None else T @ noise @ _H(T)
+    # A sum over lines whose errors are correlated has so many times the variance.
+    together = response.correlated_lines
     pulls = vec(J).conj().transpose(1, 0, 2) @ (T * floor[:, None, :])
     residual, pull = r.reshape(len(r), -1), np.einsum("pfab,fab->pf", J.conj(), r).real
     return LineSums(
@@ -67,9 +69,11 @@ def sum_lines(part: Part, response: FrequencyResponse, weights: Weights, r: Comp
         rows=as_real(J).reshape(len(J), -1).T,
         residual=residual,
         pull=pull,
-        blocks=sum_blocks(pull, vec(J).transpose(1, 2, 0), S, correlation_length([residual])),
+        blocks=sum_blocks(
+            pull, vec(J).transpose(1, 2, 0), None if S is None else together * S, correlation_length([residual])
+        ),
         noise_power=None if S is None else float(np.einsum("faa->", S).real),
-        noise_spread=None if weights.noise is None else _spread(T, weights.noise),
+        noise_spread=None if weights.noise is None else together * _spread(T, weights.noise),
         floor_power=float(np.sum(np.abs(T * floor[:, None, :]) ** 2)),
         floor_pull=_coherent(response, pulls.transpose(1, 0, 2)),
     )

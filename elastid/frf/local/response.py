@@ -41,6 +41,9 @@ from elastid.response import Covariance, FrequencyResponse
 
 # Degrees of freedom of a useful variance, at least: its standard deviation is then 40 %.
 _MIN_DOF = 6
+# Errors of G are correlated over this share of a window: 1 / (n sum w^2) of a local quadratic is 4/9, with more
+# parameters less.
+_CORRELATED_SHARE = 4 / 9
 # A richer model shows no error of G if its variance is larger than that of G by more than this factor.
 _MAX_VARIANCE_RATIO = 400.0
 # An excited input is so far above its noise (power, 10 dB) at this part of the lines at least.
@@ -93,9 +96,11 @@ def local_response(
     notes.append(_method_note(spec, ladder[-1], where, span_hz, fit, first))
     notes += wide_windows(local_modes(freq_hz, G, total.variance), freq_hz, span_hz, ladder[-1].poles)
     quality = local_quality(freq_hz, of_lines, spectra, window_power(R, where)[usable])
-    return measured_response(
+    response = measured_response(
         first, spec.quantity, freq_hz, G, noise=of_lines.noise, total=total, quality=quality, notes=tuple(notes)
     )
+    together = _CORRELATED_SHARE * where.index.shape[1] / _step(spec, first)
+    return replace(response, correlated_lines=max(1.0, together))
 
 
 def _richer_models(
