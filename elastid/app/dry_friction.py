@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+import numpy as np
+
+from elastid.base.arrays import FloatArray
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.friction.robot_friction import frictions
 from elastid.parameters import Parameter
@@ -16,6 +19,14 @@ from elastid.study import Study
 VISCOUS = "viscous friction alone"
 # Of sgn(v) the best linear approximation is 2 p_v(0) v, p_v the density of the velocity.
 WITH_COULOMB = "viscous friction and 2 F_c p_v(0) of Coulomb friction"
+
+
+def shaft_couplings(study: Study) -> FloatArray | None:
+    """E (n_u, n_u) from the link side to the shafts of the motors; None where no gear couples two axes."""
+    if study.robot is None:
+        return None
+    E = study.robot.mixing
+    return None if np.array_equal(E, np.eye(len(E))) else E
 
 
 def mixed_numbers(study: Study, friction: FrictionTakenOut | None) -> frozenset[str]:

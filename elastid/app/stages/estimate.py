@@ -8,16 +8,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from elastid.app.dry_friction import friction_line
+from elastid.app.dry_friction import friction_line, shaft_couplings
 from elastid.app.imported_responses import imported_responses
 from elastid.app.provenance import file_hashes
 from elastid.app.run import Run
-from elastid.base.arrays import IntArray
+from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note
 from elastid.frf.estimate import estimate as estimate_response
 from elastid.frf.friction.find import find_friction
 from elastid.frf.friction.net_torque import net_records
 from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.shafts import on_shafts
 from elastid.frf.spec import EstimatorSpec
 from elastid.record import Record
 from elastid.response import FrequencyResponse
@@ -29,7 +30,8 @@ def estimate(run: Run) -> None:
     """frf.h5 from records.h5, one configuration in memory at a time."""
     path = run.path("measure")
     lines = read_plan(run.path("design")).lines if "design" in run.stages else None
-    friction = find_friction_of_run(path, run.study.estimator, lines)
+    E = shaft_couplings(run.study)
+    friction = find_friction_of_run(path, run.study.estimator, lines, E)
     if friction is not None:
         run.console.notes(note for note in friction.notes if note.severity == "warning")
     responses: list[FrequencyResponse] = []
@@ -38,7 +40,7 @@ def estimate(run: Run) -> None:
     with run.console.progress("estimate") as progress:
         for done, name in enumerate(names):
             progress(done, len(names))
-            response, notes = estimate_configuration(path, name, run.study.estimator, lines, friction)
+            response, notes = estimate_configuration(path, name, run.study.estimator, lines, friction, E)
             responses.append(response)
             said |= notes
     run.console.notes(note for response in responses for note in response.notes if note not in said)
@@ -64,22 +66,27 @@ def estimate_configuration(
     spec: EstimatorSpec,
     lines: IntArray | None,
     friction: FrictionTakenOut | None = None,
+    E: FloatArray | None = None,
 ) -> tuple[FrequencyResponse, set[Note]]:
     """Response of one configuration and the notes of its records, which are gone before the next are read.
 
-    friction: what is taken out of the records' torque before.
+    friction: what is taken out of the records' torque before.  E: couplings of the motors' gears, or None.
     """
-    records = tuple(net_records(read_records(path, configuration), friction))
+    records = tuple(net_records(read_records(path, configuration), friction, E))
     response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
     return response, {note for record in records for note in record.notes}
 
 
-def find_friction_of_run(path: Path, spec: EstimatorSpec, lines: IntArray | None) -> FrictionTakenOut | None:
+def find_friction_of_run(
+    path: Path, spec: EstimatorSpec, lines: IntArray | None, E: FloatArray | None = None
+) -> FrictionTakenOut | None:
     """Friction in records.h5, one configuration in memory at a time; None where the study asks for none."""
     if spec.friction == "none":
         return None
     names = read_configurations(path)
-    return find_friction((tuple(read_records(path, name)) for name in names), spec, lines)
+    return find_friction(
+        (tuple(on_shafts(each, E) for each in read_records(path, name)) for name in names), spec, lines
+    )
 
 
 def _write(run: Run, responses: Sequence[FrequencyResponse], friction: FrictionTakenOut | None = None) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
+from elastid.app.dry_friction import shaft_couplings
 from elastid.app.run import Run
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.base.execution import Execution, in_order
@@ -92,5 +93,5 @@ def _replays(run: Run, fitted: FittedModel, execution: Execution) -> Iterator[Re
         execution.progress(done, len(todo))
         name = response.configuration.name
         band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
-        records = net_records(read_records(path, name), friction)
+        records = net_records(read_records(path, name), friction, shaft_couplings(run.study))
         yield replay(records, fitted.at(name), fitted.theta_of(name), band_hz, run.study.estimator)

@@ -17,6 +17,7 @@ from elastid.base.arrays import FloatArray
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.friction.motion import motion_of
 from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.shafts import on_links, on_shafts
 from elastid.frf.friction.shapes import samples
 from elastid.record import Record
 
@@ -24,10 +25,18 @@ from elastid.record import Record
 _MIN_HOLD = 0.1
 
 
-def net_records(records: Iterable[Record], friction: FrictionTakenOut | None) -> Iterator[Record]:
-    """The records with the net torque as u, one at a time; as they are where no friction was looked for."""
+def net_records(
+    records: Iterable[Record], friction: FrictionTakenOut | None, E: FloatArray | None = None
+) -> Iterator[Record]:
+    """The records with the net torque as u, one at a time; as they are where nothing was taken out.
+
+    E: couplings of the motors' gears, on whose shafts friction was found; None where there are none.
+    """
     for record in records:
-        yield record if friction is None else net_record(record, friction)
+        if friction is None or not friction.shapes:
+            yield record
+        else:
+            yield on_links(net_record(on_shafts(record, E), friction), E)
 
 
 def net_record(record: Record, friction: FrictionTakenOut) -> Record:
