@@ -32,6 +32,7 @@ def write_friction(file: Any, friction: FrictionTakenOut) -> None:
     )
     variable(group, "after", friction.after, axes, "the same with friction taken out", "N*m")
     variable(group, "kept_share", friction.kept_share, [places], "share of its power left in other realisations")
+    variable(group, "accelerance", friction.accelerance, [places], "acceleration per torque at the highest lines")
     write_notes(group, friction.notes)
 
 
@@ -48,5 +49,8 @@ def read_friction(path: Path) -> FrictionTakenOut | None:
             shapes=tuple(Shape(place, kind, float(D)) for place, kind, D in kinds),  # type: ignore[arg-type]
             configurations=texts(group, "configuration"),
             notes=read_notes(group),
-            **{name: group[name][:] for name in ("levels", "covariance", "before", "after", "kept_share")},
+            **{
+                name: group[name][:]
+                for name in ("levels", "covariance", "before", "after", "kept_share", "accelerance")
+            },
         )

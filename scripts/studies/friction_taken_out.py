@@ -6,7 +6,8 @@ A robot of two axes, springs in both gears and one in the arm, is simulated in c
 configurations, four realisations, friction of 0.16 of the RMS torque by one law or another. Each data set is fitted
 from the truth with friction in the responses (`none`) and with it taken out (`auto`): bias and scatter of each
 stiffness and damping, the deviation that the fit states, coverage of its 95 % intervals, and the levels found over the
-true ones. Asserted: `auto` is never worse than `none`, and the figures of each law below.
+true ones. The rig takes many steps a sample under dry friction, since a step over a reversal is a wrong one. Asserted:
+`auto` is never worse than `none`, and the figures of each law below.
 
     coulomb         at the motors: scatter at most 0.35 of that of `none`, levels within 3 %
     lugre           bristles of 0.2 mrad with stiction and damping: stiffness within 0.1 %, damping within 0.5 %
@@ -84,10 +85,10 @@ class Case:
 
 
 CASES = (
-    Case("coulomb", "coulomb"),
+    Case("coulomb", "coulomb", substeps=16),
     Case("lugre", "lugre", substeps=8),
     Case("maxwell slip", "maxwell slip", substeps=8),
-    Case("no carrier", "coulomb", carrier=False, substeps=4),
+    Case("no carrier", "coulomb", carrier=False, substeps=16),
     Case("behind gears", "joint", substeps=4, taken=False),
     Case("cogging", ripple=1.5, taken=False),
     Case("coarse encoder", "coulomb", encoder_counts=4096, taken=False),

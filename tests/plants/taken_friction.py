@@ -24,6 +24,7 @@ def taken_friction(bristle: bool = True) -> FrictionTakenOut:
         before=np.array([[0.41, 0.62], [0.43, 0.64]]),
         after=np.array([[0.11, 0.62], [0.13, 0.64]]),
         kept_share=np.array([0.0321, 0.98]),
+        accelerance=np.array([0.2, 0.3]),
         notes=(
             Note("friction-taken-out", "friction was taken out", "motor 1", "information"),
             Note("friction-left", LEFT, "motor 2", "information"),

@@ -13,6 +13,7 @@ it is.
 - spectra:      torques, motions and shapes of all experiments of a configuration
 - levels:       f_i by regression, with covariance
 - selection:    which of the shapes, by cross-validation over realisations
+- reversals:    motion of a motor with what its samples do not show, under the friction that was found
 - net_torque:   record -> record whose u is the net torque
 - result:       what was found and taken out
 - bias:         what friction that is left does to G beyond viscous friction

@@ -13,9 +13,10 @@ from elastid.frf.checks.records import refuse_mismatch
 from elastid.frf.friction.candidates import candidate_shapes, refusal
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.reversals import high_accelerance
 from elastid.frf.friction.selection import MAX_KEPT_SHARE, choose_shapes, shares
 from elastid.frf.friction.shapes import RATE_OF, Shape
-from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configuration
+from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configuration, taken
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.record import Record
 
@@ -83,7 +84,9 @@ def find_friction(
         data = [each.with_shapes(choice.chosen, choice.rates) for each in data]
     raw = normal_equations(data, np.zeros(len(choice.shapes)), choice.motor_of)
     levels, found = find_levels(data, choice.motor_of, np.zeros(len(choice.shapes)))
-    return _result(first, tuple(names), choice, levels, raw, found)
+    frictions = [taken(levels, each.Phi, choice.motor_of, len(first.inputs)) for each in data]
+    accelerance = high_accelerance(data, frictions, spec.quantity)
+    return _result(first, tuple(names), choice, levels, accelerance, raw, found)
 
 
 def _choose(
@@ -130,6 +133,7 @@ def _result(
     names: tuple[str, ...],
     choice: Choice,
     levels: FloatArray,
+    accelerance: FloatArray,
     raw: NormalEquations,
     found: NormalEquations,
 ) -> FrictionTakenOut:
@@ -146,6 +150,7 @@ def _result(
         kept_share=np.array(
             [left[i] if i in choice.motor_of else choice.kept_share[i] for i in range(len(first.inputs))]
         ),
+        accelerance=accelerance,
     )
     return replace(result, notes=_notes(result))
 
@@ -188,6 +193,7 @@ def _nothing(first: Record, why: str, wanted: Friction) -> FrictionTakenOut:
         before=np.zeros((0, n_m)),
         after=np.zeros((0, n_m)),
         kept_share=np.ones(n_m),
+        accelerance=np.zeros(n_m),
         notes=(Note("friction-left", f"friction is not taken out of the torque: {why}", severity=severity),)
         if why
         else (),

@@ -61,9 +61,9 @@ def motion_of(record: Record, place: str) -> Motion:
     s = np.asarray(2j * np.pi * record.rate_hz / n * np.arange(len(Y)), dtype=np.complex128)
     of_period = np.arange(len(Y)) % (n // record.period_samples) == 0
     Y[~of_period & (power < _MIN_SNR * noise)] = 0
-    if _velocity_noise(Y, s, noise, n, order) > _NOISY * _rms(_integrated(Y, s, order - 1), n):
+    if _velocity_noise(Y, s, noise, n, order) > _NOISY * _rms(integrated(Y, s, order - 1), n):
         Y[of_period & (power < _MIN_SNR * noise)] = 0
-    angle, velocity = (_fine(_integrated(Y, s, k), n) for k in (order, order - 1))
+    angle, velocity = (fine(integrated(Y, s, k), n) for k in (order, order - 1))
     angle = angle + (y[0] if order == 0 else 0.0) + gain * np.arange(n * CELLS + 1) / (n * CELLS)
     velocity = velocity + gain * record.rate_hz / n
     return Motion(angle, velocity, _velocity_noise(Y, s, noise, n, order))
@@ -82,7 +82,7 @@ def _gain(y: FloatArray, N: int) -> float:
 
 def _velocity_noise(Y: ComplexArray, s: ComplexArray, noise: float, n: int, order: int) -> float:
     """Standard deviation of the velocity's noise, of power `noise` at each line that is kept."""
-    return float(np.sqrt(noise)) * _rms(_integrated((Y != 0).astype(np.complex128), s, order - 1), n)
+    return float(np.sqrt(noise)) * _rms(integrated((Y != 0).astype(np.complex128), s, order - 1), n)
 
 
 def _rms(X: ComplexArray, n: int) -> float:
@@ -90,13 +90,13 @@ def _rms(X: ComplexArray, n: int) -> float:
     return float(np.sqrt(2 * np.sum(np.abs(X) ** 2)) / n)
 
 
-def _fine(X: ComplexArray, n: int) -> FloatArray:
+def fine(X: ComplexArray, n: int) -> FloatArray:
     """The signal of a spectrum of n samples at the points of the fine grid, its first point once more at the end."""
     x = irfft(X, n * CELLS) * CELLS
     return np.append(x, x[0])
 
 
-def _integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
+def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:
     """Y / s^order; a mean has no integral."""
     if order <= 0:
         return np.asarray(Y * s**-order)

@@ -15,8 +15,8 @@ from scipy.fft import irfft, rfft
 
 from elastid.base.arrays import FloatArray
 from elastid.excitation.grids import line_frequencies
-from elastid.frf.friction.motion import motion_of
 from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.reversals import sharp_motion
 from elastid.frf.friction.shafts import on_links, on_shafts
 from elastid.frf.friction.shapes import samples
 from elastid.record import Record
@@ -56,7 +56,7 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
 
 def friction_torque(record: Record, friction: FrictionTakenOut) -> FloatArray:
     """Sum (n, n_u) of f_i phi_i at the samples of all whole periods of a record, Nm on the link side."""
-    motions = {place: motion_of(record, place) for place in friction.taken_places()}
+    motions = {place: sharp_motion(record, place, friction) for place in friction.taken_places()}
     phi = samples(record, motions, friction.shapes)
     torque = np.zeros((len(phi), len(record.inputs)))
     for i, shape in enumerate(friction.shapes):

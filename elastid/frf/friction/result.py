@@ -22,6 +22,7 @@ class FrictionTakenOut:
     configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
+    accelerance (n_m,): acceleration per torque at the highest lines, 1 / (kg m^2) (1 / kg), 0 where it is not known.
     notes: what was taken out of which motor, or why nothing was.
     """
 
@@ -34,6 +35,7 @@ class FrictionTakenOut:
     before: FloatArray
     after: FloatArray
     kept_share: FloatArray
+    accelerance: FloatArray
     notes: tuple[Note, ...] = field(default=())
 
     def __post_init__(self) -> None:
@@ -45,6 +47,7 @@ class FrictionTakenOut:
             "before": (C, n_m),
             "after": (C, n_m),
             "kept_share": (n_m,),
+            "accelerance": (n_m,),
         }
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:

@@ -66,10 +66,14 @@ def samples(record: Record, motions: Mapping[str, Motion], shapes: Sequence[Shap
     lines = np.arange(n // 2 + 1)
     columns = []
     for shape in shapes:
-        found = rfft(_cell_means(record, motions[shape.place], shape))[: len(lines)]
-        found = found * _of_cells(lines, n * CELLS) * _derivative(record, shape, lines, n)
-        columns.append(irfft(found, n))
+        columns.append(irfft(spectrum(record, motions[shape.place], shape, n, lines), n))
     return np.stack(columns, axis=1)
+
+
+def spectrum(record: Record, motion: Motion, shape: Shape, n: int, lines: IntArray) -> ComplexArray:
+    """DFT (F,), as of n samples, of a shape over the whole periods of a record; lines may be above n / 2."""
+    found = rfft(_cell_means(record, motion, shape))[lines]
+    return np.asarray(found * _of_cells(lines, n * CELLS) * _derivative(record, shape, lines, n))
 
 
 def _cell_means(record: Record, motion: Motion, shape: Shape) -> FloatArray:
