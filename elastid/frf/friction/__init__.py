@@ -10,6 +10,7 @@ it is.
 - operators:    bristles along a motion, means over its cells
 - shapes:       phi_i, and their spectra
 - candidates:   which shapes are tried, and when none can be found
+- limits:       motors that stick, motors and torques that friction is not found of
 - spectra:      torques, motions and shapes of all experiments of a configuration
 - levels:       f_i by regression, with covariance
 - selection:    which of the shapes, by cross-validation over realisations

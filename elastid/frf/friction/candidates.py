@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from elastid.frf.friction.limits import torque_is_reference
 from elastid.frf.friction.motion import Motion, motion_of
 from elastid.frf.friction.shapes import Kind, Shape
 from elastid.frf.spectra import RecordSpectra
@@ -44,6 +45,12 @@ def refusal(records: Sequence[Record]) -> str:
         return (
             f"the angle of {', '.join(missing)} is not among the outputs; log the motor angles, since friction is a "
             "function of them"
+        )
+    if same := torque_is_reference(first):
+        return (
+            f"the torque of {', '.join(same)} equals the reference to the last bit, so that what the controller adds "
+            "against friction is not in it and friction cannot be told; log the torque, or the current, that the "
+            "drive is given"
         )
     if any(RecordSpectra(record).is_large for record in records):
         return "the records are worked on in pieces, since they are large; leave periods out, or lower their rate"

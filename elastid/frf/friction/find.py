@@ -12,6 +12,7 @@ from elastid.base.note import Note, Severity
 from elastid.frf.checks.records import refuse_mismatch
 from elastid.frf.friction.candidates import candidate_shapes, refusal
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
+from elastid.frf.friction.limits import limits_of
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.reversals import high_accelerance
 from elastid.frf.friction.selection import MAX_KEPT_SHARE, choose_shapes, shares
@@ -48,6 +49,7 @@ def find_friction(
     """
     data: list[ConfigurationSpectra] = []
     names: list[str] = []
+    limits: dict[str, Note] = {}
     candidates: tuple[Shape, ...] = ()
     choice: Choice | None = None
     first: Record | None = None
@@ -63,6 +65,7 @@ def find_friction(
         if records[0].inputs != first.inputs:
             return _nothing(first, "configurations have different inputs, and so no motors in common", spec.friction)
         names.append(records[0].configuration.name)
+        limits |= {note.text: note for note in limits_of(records)}
         data.append(gather_configuration(records, candidates, spec, planned))
         if not data[-1].shows_friction:
             return _nothing(
@@ -86,7 +89,8 @@ def find_friction(
     levels, found = find_levels(data, choice.motor_of, np.zeros(len(choice.shapes)))
     frictions = [taken(levels, each.Phi, choice.motor_of, len(first.inputs)) for each in data]
     accelerance = high_accelerance(data, frictions, spec.quantity)
-    return _result(first, tuple(names), choice, levels, accelerance, raw, found)
+    result = _result(first, tuple(names), choice, levels, accelerance, raw, found)
+    return replace(result, notes=(*result.notes, *limits.values()))
 
 
 def _choose(
