@@ -27,8 +27,9 @@ from elastid.simulation.elastic_joint import FRICTION, STATES, ElasticJoint
 
 INTERVAL = 20
 MAX_ITERATIONS = 60
-# Residuals over what the noise explains, above which a search has ended elsewhere.
-MAX_EXCESS = 2.0
+# Residuals over what the noise explains, above which a search begins again elsewhere, and above which no law explains
+# the log.
+GOOD_EXCESS, MAX_EXCESS = 1.25, 2.0
 # Stiffnesses of the bristles from which searches begin, over the given one.
 BRISTLE_STARTS = (1.0, 2.0, 0.5)
 MAX_DAMPING = 1e8
@@ -91,7 +92,7 @@ def fit_lugre(
         p, system, iterations = _descend(problem, first + np.log(factor) * np.eye(len(FRICTION))[0])
         if best is None or system.cost < best[0]:
             best = system.cost, p, system, iterations
-        if best[0] < MAX_EXCESS * dof:
+        if best[0] < GOOD_EXCESS * dof:
             break
     assert best is not None
     cost, p, system, iterations = best

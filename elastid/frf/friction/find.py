@@ -23,6 +23,8 @@ from elastid.record import Record
 
 # Shapes are chosen in the first configurations, so many records of them; levels are found in all.
 _CHOICE_RECORDS = 24
+# Of the power of a shape, at least: a sign in a multisine has 0.36 to 0.6, a stop operator longer than the motion 0.
+MIN_NONLINEAR_SHARE = 0.05
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,9 @@ def _chosen_of_each(
 ) -> tuple[IntArray, FloatArray]:
     """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
     _, found = find_levels(data, motor_of, np.zeros(len(motor_of)))
-    choices = [choose_shapes(found, i, np.flatnonzero(motor_of == i)) for i in range(n_m)]
+    # A shape in proportion to the motion is a spring or a damper: the response has it, no distortion tells its level.
+    telling = np.mean([each.nonlinear_share() for each in data], axis=0) > MIN_NONLINEAR_SHARE
+    choices = [choose_shapes(found, i, np.flatnonzero((motor_of == i) & telling)) for i in range(n_m)]
     pays = [own if not auto or kept <= MAX_KEPT_SHARE else own[:0] for own, kept in choices]
     return np.concatenate(pays), np.array([kept for _, kept in choices])
 
