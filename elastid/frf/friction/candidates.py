@@ -15,7 +15,7 @@ from elastid.record import Record
 # Speeds over which a sign turns, over the RMS speed.
 _TURNING = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
 # Distances over which a bristle bends, over the median distance between reversals. A much longer one is a spring, which
-# is part of the response. Steps of 2 instead of its root leave k and d four times as far off under LuGre.
+# is part of the response. Steps of 2 instead of its root leave k up to four times as far off under LuGre.
 _BENDING = tuple(0.025 * 2 ** (i / 2) for i in range(15))
 _BRISTLES: tuple[Kind, ...] = ("stop", "bristle")
 # The sign of a velocity with more noise than this, over its RMS, is noise.
