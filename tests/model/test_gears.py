@@ -321,7 +321,7 @@ def test_motor_side_logs_of_a_coupled_wrist_give_its_stiffness(measured_wrist: R
     head = STUDY.split("excitation")[0].replace("name: wrist", "name: logged")
     text = [
         head + "experiment:\n  configurations: {a: [0, 0], b: [0.3, 0.8]}\n  recorded:\n    rate_hz: 500",
-        "    period: 2 s\n    channels:",
+        "    period: 2 s\n    hold: zero-order\n    channels:",
         *channels,
         "    files:",
         *files,
