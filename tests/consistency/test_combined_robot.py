@@ -262,8 +262,8 @@ def test_known_values_come_back_within_their_intervals(tmp_path: Path, rough: bo
     for seed in seeds:
         folder = tmp_path / str(seed)
         folder.mkdir()
-        # Friction across joint z lies behind its gear. With that of the motors taken out it would be most of what is left,
-        # and a fit whose model has it not a misfit.
+        # Friction across joint z lies behind its gear and stays: with that of the motors taken out it would be most of
+        # what the model lacks, and the fit a misfit.
         path = written(folder, rough, seed, **({"fit:\n": "estimator: {friction: none}\nfit:\n"} if rough else {}))
         last = ("validate", "report") if seed == 1 else ()
         _, summary = stage(path, "design", "measure", "estimate", "fit", *last)
