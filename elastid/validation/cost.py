@@ -114,6 +114,11 @@ def explain_cost(
         )
     excess = Excess.of(measured, modelled, spec)
     times = math.sqrt(max(ratio, power_ratio(fitted)[0]))
+    if not cost_p(result) < FALSE_ALARM and spec.weights.floor > 0:
+        beside = (
+            f"{beside}, with a floor of {100 * spec.weights.floor:.3g} % of each element beside the noise, and shows "
+            "no more. Without the floor, which the intervals hold"
+        )
     return (
         f"{beside}: the residuals are {times:.3g} times the noise, rms ({rate}). "
         + _kind(excess, fitted)

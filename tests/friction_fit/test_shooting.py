@@ -72,6 +72,7 @@ def test_the_step_is_that_of_the_differential_equation() -> None:
     assert x.numel() == 5
 
 
+@pytest.mark.slow
 def test_all_six_numbers_from_a_start_wrong_by_two() -> None:
     """sigma_0 to 2 %, sigma_1 to 6 %, the static numbers to 1 %, viscous friction to 3 %."""
     fit = fit_lugre(log(0), JOINT, start(0))
