@@ -155,6 +155,11 @@ class _System:
 
 @dataclass(frozen=True)
 class _Problem:
+    """A log cut into K intervals, and the functions that simulate them: torque, angle (K, INTERVAL).
+
+    scale (5,): of the states.  start, prior (6,): mean and inverse variance of ln p.
+    """
+
     log: JointLog
     simulate: ca.Function
     noise_gain: ca.Function
@@ -168,6 +173,7 @@ class _Problem:
     def of(
         cls, log: JointLog, joint: ElasticJoint, start: Mapping[str, float], prior_std: dict[str, float], substeps: int
     ) -> _Problem:
+        """The intervals of a log; FitError where they are too few."""
         K = len(log.angle) // INTERVAL
         if K < 10:
             raise FitError(f"friction of {log.place}: {len(log.angle)} samples are too few; record seconds of motion")

@@ -88,7 +88,7 @@ ROBOTS: dict[str, Callable[[], DesignProblem]] = {"demo": demo, "two-axis": two_
 def compared(name: str, problem: DesignProblem, friction: Friction, sets: int) -> dict[str, Any]:
     """Predicted, fitted and scattered standard deviations of ln p of one robot."""
     problem = replace(problem, friction=friction)
-    plan, expected = foretold(problem)
+    plan, expected = plan_and_forecast(problem)
     predicted = dict(zip(expected.parameters, expected.relative.tolist(), strict=True))
     rig = FastRig.of(problem.robot, problem.simulated, plan)
     fits = [fitted(problem, rig, friction, seed) for seed in range(sets)]
@@ -110,7 +110,7 @@ def compared(name: str, problem: DesignProblem, friction: Friction, sets: int) -
     }
 
 
-def foretold(problem: DesignProblem) -> tuple[Plan, Forecast]:
+def plan_and_forecast(problem: DesignProblem) -> tuple[Plan, Forecast]:
     """The plan and its forecast as `design` makes them where no limit is in the way."""
     settled = with_friction_damping(problem)
     plan, x = problem.plan(problem.experiment), settled.parameters.x

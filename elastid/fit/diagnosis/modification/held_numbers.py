@@ -128,7 +128,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     within = {robot.joints[i].name for i in robot.joints_in_loops}
     names: dict[str, str] = {}
 
-    def of(body: Body) -> Body:
+    def sprung(body: Body) -> Body:
         if any(joint.name in within for joint in body.joints):
             return body
         joints = []
@@ -144,7 +144,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
                 joints.append(Joint(f"{body.name}_{axis}", axis, stiff))  # type: ignore[arg-type]
         return replace(body, joints=tuple(joints))
 
-    return replace(robot, bodies=tuple(of(body) for body in robot.bodies)), names
+    return replace(robot, bodies=tuple(sprung(body) for body in robot.bodies)), names
 
 
 def _position_loop(model: LinearModel, joint: str) -> dict[str, Slope]:

@@ -1,7 +1,7 @@
 """Readings of the responses that explain most of what V has beyond the noise, followed to an optimum.
 
 A fit of responses that were read wrongly may end anywhere. So one evaluation at its optimum and one at its start
-foretell V of every reading, and the best of them take some steps on a few lines.
+predict V of every reading, and the best of them take some steps on a few lines.
 """
 
 from __future__ import annotations
