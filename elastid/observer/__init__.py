@@ -1,0 +1,1 @@
+"""Follows a joint's friction with a Kalman filter, from the motor's angle and torque."""
