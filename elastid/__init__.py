@@ -15,10 +15,12 @@ Floors, from the top; a room imports from the floors below it only:
 - export study  models for other tools; YAML -> values, with file, line and column of every error
 - report store  page and figures; HDF5
 - design recorded validation   plans within limits; logs -> records; agreement, cross-validation, comparison
+- friction_fit                 levels, laws, presliding and warm-up of friction
 - experiment fit               plan and simulated rig; weights, least squares, solvers, uncertainty, diagnosis
 - frf linear simulation        estimators; linearised robot and its responses; closed loop in time
 - friction model response      laws; equations of motion in CasADi; FrequencyResponse
-- excitation parameters record robot   multisines; names and vectors; sampled signals; bodies, joints, springs, motors
+- excitation parameters robot   multisines; names and vectors; bodies, joints, springs, motors
+- record friction_record        sampled signals
 - base          arrays, units, errors, notes, execution
 
 The names below are those that a notebook needs; they are loaded when they are first used.

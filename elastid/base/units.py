@@ -78,6 +78,7 @@ TABLE: dict[str, tuple[str, float]] = {
     "ms": ("s", 1e-3),
     "us": ("s", 1e-6),
     "min": ("s", 60.0),
+    "h": ("s", 3600.0),
     "Hz": ("Hz", 1.0),
     "kHz": ("Hz", 1e3),
 }

@@ -1,23 +1,30 @@
-"""The law that a friction study looks for."""
+"""The section `friction` of a study: which joints, which experiments, and the law that is looked for."""
 
 from __future__ import annotations
 
 from typing import Literal, TypeAlias
 
 from elastid.base.section import section
+from elastid.base.units import Frequency, JointPosition, JointVelocity, Mass, Ratio, Time
 
 Part: TypeAlias = Literal["auto", "yes", "no"]
+
+# Passes that the five numbers of a Stribeck curve need at least.
+MIN_PASSES = 5
 
 
 @section
 class LawSpec:
-    """Which parts a static friction law has, beside Coulomb and viscous friction.
+    """Which parts a friction law has, beside Coulomb and viscous friction.
 
     Each part is `no`, `yes`, or `auto`: where the levels can tell it (an F test at 1 %, and none of its numbers wider
     than half of itself).
     stribeck: stiction that falls to Coulomb friction.  exponent: of that fall, 2 unless it can be told.  quadratic:
     friction that grows with v |v|.  directions: levels and slopes of each direction.  load: growth with the load.
     temperature: change with temperature.
+    presliding: law of the joint before it slides that the robot's file gets; by default Maxwell slip where loops were
+    measured, else LuGre where stiffness and damping at rest were.
+    elements: number of Maxwell slip elements (default: as few as predict other parts of the loops as well).
     """
 
     stribeck: Part = "auto"
@@ -26,3 +33,155 @@ class LawSpec:
     directions: Part = "auto"
     load: Part = "auto"
     temperature: Part = "auto"
+    presliding: Literal["auto", "lugre", "maxwell_slip", "no"] = "auto"
+    elements: int | None = None
+
+    def __post_init__(self) -> None:
+        """At least one element."""
+        if self.elements is not None and self.elements < 1:
+            raise ValueError(f"elements is {self.elements}; a Maxwell slip law has at least 1")
+
+
+@section
+class PassesSpec:
+    """Passes there and back at constant speed, one joint at a time.
+
+    speeds: [lowest, highest], link side; by default what sticks no more, and what fits into the window.
+    count: passes of one joint at one load, those at the same speed included.  spacing: `optimal` for the law's numbers
+    (D-optimal over the guesses of the law), or `logarithmic`.  window: [lower, upper] position of the joint (default:
+    the middle half of its limits).  repeat: how often the whole set is run; its scatter gives the intervals.
+    reference_every: time after which one speed comes back, whose drift is the warm-up.
+    """
+
+    speeds: tuple[JointVelocity, JointVelocity] | None = None
+    count: int = 12
+    spacing: Literal["optimal", "logarithmic"] = "optimal"
+    window: tuple[JointPosition, JointPosition] | None = None
+    repeat: int = 2
+    reference_every: Time = 300.0
+
+    def __post_init__(self) -> None:
+        """Refuse ranges upside down, and fewer passes than numbers."""
+        if self.speeds is not None and not 0 < self.speeds[0] < self.speeds[1]:
+            raise ValueError(
+                f"speeds is [{self.speeds[0]:g}, {self.speeds[1]:g}]; give [lowest, highest], both above 0"
+            )
+        if self.window is not None and not self.window[0] < self.window[1]:
+            raise ValueError(f"window is [{self.window[0]:g}, {self.window[1]:g}]; give [lower, upper]")
+        if self.count < MIN_PASSES:
+            raise ValueError(
+                f"count is {self.count}; the numbers of a Stribeck curve need at least {MIN_PASSES} passes"
+            )
+        if self.repeat < 1:
+            raise ValueError(f"repeat is {self.repeat}; it must be at least 1")
+        if not self.reference_every > 0:
+            raise ValueError(f"reference_every is {self.reference_every:g} s; it must be positive")
+
+
+@section
+class LoadSpec:
+    """A load under which all passes are repeated: a posture, a payload, or both.
+
+    name: of the load; logs name it too.  configuration: posture in which the other joints are held (default: the first
+    of the experiment).  payload: a point mass at the robot's last frame, beside the robot's own payload.
+    """
+
+    name: str
+    configuration: str | None = None
+    payload: Mass = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse a payload that lifts."""
+        if self.payload < 0:
+            raise ValueError(f"payload is {self.payload:g} kg; it must not be negative")
+
+
+@section
+class PreslidingSpec:
+    """Loops of growing torque that break away only at the end.
+
+    torque: [smallest, largest] amplitude, parts of the break-away torque.  loops: how many, log spaced.
+    frequency_hz: of a loop, slow enough that inertia does not count.
+    """
+
+    torque: tuple[Ratio, Ratio] = (0.05, 0.95)
+    loops: int = 12
+    frequency_hz: Frequency = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse loops that do not grow."""
+        if not 0 < self.torque[0] < self.torque[1]:
+            raise ValueError(f"torque is [{self.torque[0]:g}, {self.torque[1]:g}]; give [smallest, largest], above 0")
+        if self.loops < 3 or not self.frequency_hz > 0:
+            raise ValueError(
+                f"loops is {self.loops} and frequency_hz {self.frequency_hz:g}; give at least 3 loops, and a frequency "
+                "above 0"
+            )
+
+
+@section
+class AtRestSpec:
+    """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles.
+
+    torque: amplitudes, parts of the Coulomb torque; two and more extrapolate to none.  band_hz: [lowest, highest] line.
+    """
+
+    torque: tuple[Ratio, ...] = (0.05, 0.1)
+    band_hz: tuple[Frequency, Frequency] = (5.0, 80.0)
+
+    def __post_init__(self) -> None:
+        """Refuse torques that break away, and an empty band."""
+        if not self.torque or not all(0 < part < 1 for part in self.torque):
+            raise ValueError("torque has parts of the Coulomb torque: above 0 and below 1, at least one of them")
+        if not 0 < self.band_hz[0] < self.band_hz[1]:
+            raise ValueError(f"band_hz is [{self.band_hz[0]:g}, {self.band_hz[1]:g}]; give [lowest, highest], above 0")
+
+
+@section
+class WarmUpSpec:
+    """The joint moves to and fro until it is warm, and passes in between follow its friction.
+
+    speed: of the motion.  time: of the warm-up.  test_every: time between groups of test passes.
+    """
+
+    speed: JointVelocity
+    time: Time = 7200.0
+    test_every: Time = 300.0
+
+    def __post_init__(self) -> None:
+        """Refuse a warm-up without motion or tests."""
+        if not self.speed > 0:
+            raise ValueError(f"speed is {self.speed:g}; it must be positive")
+        if not 0 < self.test_every < self.time:
+            raise ValueError(
+                f"test_every is {self.test_every:g} s and time {self.time:g} s; tests must come within the warm-up"
+            )
+
+
+@section
+class FrictionSpec:
+    """Friction of one joint after the other: the experiments that find it, and the law.
+
+    joints: by name or number, the first is 1 (default: every driven joint).  rate_hz: of the controller and the logs of
+    a design.  passes: at constant speeds.  loads: under which passes are repeated (default: the robot as it is).
+    presliding: loops before the joint slides (default: none).  at_rest: small multisine at standstill (default: none).
+    warm_up: hours of motion, for friction that falls with temperature (default: none).  law: parts that are looked for.
+    """
+
+    joints: tuple[str, ...] = ()
+    rate_hz: Frequency = 1000.0
+    passes: PassesSpec = PassesSpec()
+    loads: tuple[LoadSpec, ...] = ()
+    presliding: PreslidingSpec | None = None
+    at_rest: AtRestSpec | None = None
+    warm_up: WarmUpSpec | None = None
+    law: LawSpec = LawSpec()
+
+    def __post_init__(self) -> None:
+        """Refuse names given twice."""
+        for kind, names in (("joints", self.joints), ("loads", tuple(load.name for load in self.loads))):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            if twice:
+                raise ValueError(f"{kind}: {twice[0]} is given twice; leave one out")
+        if not self.rate_hz > 0:
+            raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")

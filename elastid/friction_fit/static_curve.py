@@ -215,7 +215,7 @@ class _Search:
 def _inverse(J: FloatArray) -> FloatArray:
     """(J^T J)^-1 with columns scaled to unit length; infinite variances where the data do not reach."""
     size = np.linalg.norm(J, axis=0)
-    size[size == 0] = 1.0
+    size[size < 1e-100] = 1.0  # no column: its square underflows
     _, s, Vt = np.linalg.svd(J / size, full_matrices=False)
     known = s > 1e-12 * s.max()
     inverse = (Vt[known].T / s[known] ** 2) @ Vt[known]

@@ -1,0 +1,103 @@
+"""FrictionResult: all that a friction study has found, joint by joint."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from elastid.base.note import Note
+from elastid.friction_fit.at_rest import AtRest
+from elastid.friction_fit.law_choice import Held
+from elastid.friction_fit.motion import MotionFriction
+from elastid.friction_fit.pass_levels import PassLevels
+from elastid.friction_fit.presliding import Loops, Presliding
+from elastid.friction_fit.shooting import LuGreFit
+from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_fit.warm_up import ThermalModel, WarmUp
+from elastid.friction_record import FrictionRecord
+from elastid.robot.friction import Friction
+
+# identified: every number that was asked for.  partly: some part of the law was refused.  failed: no friction at all.
+Status: TypeAlias = Literal["identified", "partly", "failed"]
+
+
+@dataclass(frozen=True)
+class FrictionNumber:
+    """A row of the table: one identified number of a joint, link side, with its 95 % interval, SI.
+
+    name: Fc_m1, unique in a study.  symbol: F_c.  meaning: Coulomb friction.  learnt_from: the data that tell it.
+    truth: of a simulated robot.
+    """
+
+    name: str
+    symbol: str
+    meaning: str
+    unit: str
+    value: float
+    std: float
+    low: float
+    high: float
+    learnt_from: str
+    truth: float | None = None
+
+
+@dataclass(frozen=True)
+class JointLevels:
+    """What stage `levels` leaves of one joint: levels of its passes, the regression of its motion, or both.
+
+    example: a pass with the torque that the regression gives it, for the figure over the angle.
+    """
+
+    joint: str
+    slides: bool
+    levels: PassLevels | None = None
+    motion: MotionFriction | None = None
+    example: FrictionRecord | None = None
+    notes: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction of one joint, link side; None where it was not measured or cannot be told.
+
+    loops: the log of `presliding`.  bristles: the LuGre law by shooting.  warm_up: the data of `thermal`.
+    friction, viscous: of the robot's file, on the side of the motor.
+    numbers: the table.  held: parts without numbers, with reasons.
+    """
+
+    joint: str
+    slides: bool
+    levels: PassLevels | None = None
+    motion: MotionFriction | None = None
+    static: StaticLaw | None = None
+    presliding: Presliding | None = None
+    loops: Loops | None = None
+    at_rest: AtRest | None = None
+    bristles: LuGreFit | None = None
+    thermal: ThermalModel | None = None
+    warm_up: WarmUp | None = None
+    friction: Friction | None = None
+    viscous: float | None = None
+    numbers: tuple[FrictionNumber, ...] = ()
+    held: tuple[Held, ...] = ()
+    example: FrictionRecord | None = None
+    notes: tuple[Note, ...] = ()
+
+
+@dataclass(frozen=True)
+class FrictionResult:
+    """All joints.  message: how the identification ended, in one sentence."""
+
+    joints: tuple[JointFriction, ...]
+    notes: tuple[Note, ...]
+    status: Status
+    message: str
+
+    def at(self, joint: str) -> JointFriction:
+        """The friction of a joint; KeyError."""
+        return next(each for each in self.joints if each.joint == joint)
+
+    @property
+    def numbers(self) -> tuple[FrictionNumber, ...]:
+        """The table of all joints."""
+        return tuple(number for joint in self.joints for number in joint.numbers)
