@@ -135,6 +135,32 @@ def regress_motion(motion: Motion, passband_hz: float = PASSBAND_HZ) -> MotionFr
     return MotionFriction(motion, alike, apart, chance < FALSE_ALARM, chance, plateaus, held)
 
 
+@frozen_value
+class MotionSamples:
+    """What a regression makes of a motion, behind the filter of both sides, thinned and without the ends, (n,) each.
+
+    torque: measured.  regressed: by all numbers.  friction: the torque less what is neither Coulomb nor viscous.
+    """
+
+    time_s: FloatArray
+    velocity: FloatArray
+    torque: FloatArray
+    regressed: FloatArray
+    friction: FloatArray
+
+
+def motion_samples(found: MotionFriction, passband_hz: float = PASSBAND_HZ) -> MotionSamples:
+    """The samples behind `regress_motion` with the same passband_hz."""
+    signals, numbers = _signals(found.motion, passband_hz), found.chosen
+    columns = _columns(found.motion, signals, found.are_apart)
+    parts = {name: numbers[name] * column for name, column in columns.items()}
+    regressed = np.sum(list(parts.values()), axis=0)
+    rubbing = [name for name in parts if name.startswith(("coulomb", "viscous", "directions"))]
+    friction = signals.torque - regressed + np.sum([parts[name] for name in rubbing], axis=0)
+    time_s = np.arange(len(found.motion.position))[signals.kept] / found.motion.rate_hz
+    return MotionSamples(time_s, columns["viscous"], signals.torque, regressed, friction)
+
+
 @dataclass(frozen=True)
 class _Signals:
     """The motion at full rate, and what both sides of the equation keep: thinned, without the ends."""

@@ -25,6 +25,7 @@ from elastid.report.figures.validation import left_out_errors, model_errors, rep
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
+from elastid.robot import Robot
 
 # Begins the section of a figure of one configuration.
 CONFIGURATION = "configuration "
@@ -49,7 +50,7 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
         yield Drawing("errors", "validation", caption, model_errors(content.validation))
-    yield from friction_drawings(content.friction)
+    yield from friction_drawings(content.friction, content.robot)
     yield from _configurations(content)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
@@ -70,14 +71,15 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
 
 
-def friction_drawings(friction: FrictionTakenOut | None) -> Iterator[Drawing]:
-    """Of friction that was looked for in records; none where it was not, or could not be."""
+def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
+    """Of friction that was looked for in records, beside that of the robot's file; none where it could not be."""
     if friction is not None and friction.configurations:
         caption = (
             "Friction over the distance from a reversal out of steady sliding, or over velocity where it depends on "
-            "that alone (link side); amplitude of the torque that no response explains, with friction and without."
+            "that alone (link side), with F_c of the robot's file where it has one; amplitude of the torque that no "
+            "response explains, with friction and without."
         )
-        yield Drawing("friction", "friction", caption, friction_curves(friction))
+        yield Drawing("friction", "friction", caption, friction_curves(friction, robot))
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:

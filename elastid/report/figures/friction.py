@@ -8,7 +8,9 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.frf.friction.result import FrictionTakenOut
+from elastid.friction.robot_friction import frictions
 from elastid.report.figures import style
+from elastid.robot import Robot
 
 # Quantile of 95 % intervals, and points of a curve.
 _Z_95, _POINTS = 1.96, 400
@@ -20,12 +22,13 @@ _SHORT = 1e-3
 _COLUMNS = 3
 
 
-def friction_curves(friction: FrictionTakenOut) -> Figure:
+def friction_curves(friction: FrictionTakenOut, robot: Robot | None = None) -> Figure:
     """For each motor the torque after a reversal, or over velocity, with its 95 % interval; torque not explained.
 
     The latter as its amplitude by configuration, with friction and without. A motor that no friction was taken out of
-    has no curve.
+    has no curve.  robot: whose file may have a static law of the motor, from passes; its F_c is drawn beside the curve.
     """
+    known = {} if robot is None else {law.place: float(law.curve()[0]) for law in frictions(robot)}
     n = len(friction.places)
     columns = min(n, _COLUMNS)
     blocks = -(-n // columns)
@@ -39,7 +42,7 @@ def friction_curves(friction: FrictionTakenOut) -> Figure:
         row, column = divmod(i, columns)
         curve, levels = axes[2 * row, column], axes[2 * row + 1, column]
         if place in friction.taken_places():
-            _draw_curve(curve, friction, i)
+            _draw_curve(curve, friction, i, known.get(place))
             drawn.append(curve)
         _draw_levels(levels, friction, i)
         drawn.append(levels)
@@ -73,7 +76,7 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
     return v, friction.levels[chosen] @ rows, np.sqrt(np.einsum("in,ij,jn->n", rows, of_levels, rows)), False
 
 
-def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
+def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int, known: float | None) -> None:
     place, unit = friction.places[i], friction.place_units[i]
     x, torque, std, is_distance = curve_of(friction, place)
     axes.set_axis_on()
@@ -81,13 +84,15 @@ def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
         1e3 * x, torque - _Z_95 * std, torque + _Z_95 * std, color=style.FITTED, alpha=0.3, lw=0, label="95 % interval"
     )
     axes.plot(1e3 * x, torque, color=style.FITTED, lw=1.2, label="friction")
-    level, of_level = friction.sliding_level(place)
+    for level in () if known is None else (known, -known):
+        axes.axhline(level, color=style.TRUTH, lw=0.9, ls="--", label="F_c of the robot's file")
+    own, of_own = friction.sliding_level(place)
     length, what = ("mm", "force") if unit == "N" else ("mrad", "torque")
     style.label(
         axes,
         f"distance from a reversal in {length}" if is_distance else f"velocity in {length}/s",
         f"{what} in {style.pretty_unit(unit)}",
-        f"{place}: F_c = {level:.4g} ± {_Z_95 * of_level:.2g} {style.pretty_unit(unit)}",
+        f"{place}: F_c = {own:.4g} ± {_Z_95 * of_own:.2g} {style.pretty_unit(unit)}",
     )
     style.lighten(axes)
 

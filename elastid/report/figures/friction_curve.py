@@ -1,0 +1,154 @@
+"""The friction curve of one place: its levels with intervals, and the law through them with its band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import t as t_distribution
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.friction.static_terms import Conditions
+from elastid.friction_fit.levels import Levels
+from elastid.friction_fit.static_law import StaticLaw
+from elastid.report.figures import style
+
+POINTS = 200
+# The law is drawn, dashed, beyond the measured speeds by this factor.
+BEYOND = 2.0
+# Levels belong to one curve within so many kelvins, and this share of the largest load.
+SAME_KELVIN, SAME_LOAD = 5.0, 0.05
+# Ends of 95 % intervals of a normal distribution, which levels have.
+Z_95 = 1.96
+# Direction: color, name.
+DIRECTIONS = {
+    0.0: (style.MEASURED, "both directions"),
+    1.0: (style.MEASURED, "positive direction"),
+    -1.0: (style.START, "negative direction"),
+}
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Where a curve over speed is drawn: load in Nm (N), temperature in degC or NaN."""
+
+    load: float
+    temperature: float
+
+    @classmethod
+    def typical(cls, levels: Levels) -> Condition:
+        """The lowest load, and the median temperature of its levels."""
+        load = float(levels.load.min())
+        return cls(load, float(np.median(levels.temperature[levels.load <= load])))
+
+    def at(self, speed: FloatArray, direction: float) -> Conditions:
+        """Every speed (n,) in one direction."""
+        one = np.ones_like(speed)
+        return Conditions(speed, direction * one, self.load * one, self.temperature * one)
+
+    def here(self, law: StaticLaw) -> BoolArray:
+        """Which levels (n,) stand at it, as far as the law depends on load and temperature."""
+        levels, own = law.levels, np.ones(law.levels.n_levels, dtype=bool)
+        if depends_on(law, "load"):
+            own &= np.abs(levels.load - self.load) <= SAME_LOAD * levels.load.max()
+        if depends_on(law, "temperature"):
+            own &= np.abs(levels.temperature - self.temperature) <= SAME_KELVIN
+        return own
+
+    def text(self, law: StaticLaw) -> str:
+        """In words, of what the law depends on."""
+        load = f"a load of {self.load:.3g} {units(law.levels.slides)[1]}" if depends_on(law, "load") else ""
+        heat = f"{self.temperature:.3g} °C" if depends_on(law, "temperature") else ""
+        words = " and ".join(filter(None, (load, heat)))
+        return f"at {words}" if words else ""
+
+
+def friction_curve(law: StaticLaw) -> Figure:
+    """Levels by direction with 95 % intervals over log speed, the law with its 95 % band; below, what it leaves.
+
+    Shaded: the speeds that were measured, beyond which the law is dashed.  Grey: levels of other loads, temperatures.
+    """
+    levels, condition = law.levels, Condition.typical(law.levels)
+    options = {"sharex": True, "height_ratios": (3, 1)}
+    figure, ((curve,), (left,)) = style.panels(2, 1, (style.WIDE, 5.4), (0.8, 0.25, 0.85, 0.55), (0.0, 0.12), **options)
+    here = condition.here(law)
+    for direction in sorted(set(levels.direction.tolist()), reverse=True):
+        _draw_levels(curve, left, law, direction, here)
+    for direction in law_directions(law):
+        _draw_law(curve, law, condition, direction)
+    low, high = float(levels.speed.min()), float(levels.speed.max())
+    for axes in (curve, left):
+        axes.axvspan(low, high, color=style.SHADE, lw=0, zorder=0, label="measured speeds")
+        style.lighten(axes)
+    style.set_log_frequency(curve, np.array([low / BEYOND, high * BEYOND]), 12)
+    curve.set_ylim(0, 1.15 * float((levels.torque + Z_95 * levels.std).max()))
+    for bound in (-Z_95, Z_95):
+        left.axhline(bound, color=style.TRUTH, lw=0.6, ls=":")
+    reach = max(3.0, 1.1 * float(np.abs(residuals(law)).max()))
+    left.set_ylim(-reach, reach)
+    speed, torque = units(levels.slides)
+    style.label(curve, y=f"{'force' if levels.slides else 'torque'} in {torque}")
+    style.label(left, f"speed in {speed}", "(level − law) / std")
+    style.add_title(figure, f"{levels.place}: friction over speed {condition.text(law)}".rstrip())
+    style.add_legend(figure, (curve,))
+    return figure
+
+
+def units(slides: bool) -> tuple[str, str]:
+    """Of speed and torque, as people write them."""
+    return ("m/s", "N") if slides else ("rad/s", "N·m")
+
+
+def depends_on(law: StaticLaw, what: str) -> bool:
+    """Whether the law has numbers of `load`, `temperature` or `directions`."""
+    return any(name.startswith(what) for name in law.names)
+
+
+def law_directions(law: StaticLaw) -> tuple[float, ...]:
+    """Directions in which the law differs; (0,) where it does not."""
+    return (1.0, -1.0) if depends_on(law, "directions") else (0.0,)
+
+
+def residuals(law: StaticLaw) -> FloatArray:
+    """(level - law) / std (n,)."""
+    return (law.levels.torque - law.fit.torque(law.levels.conditions)) / law.levels.std
+
+
+def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
+    """The law (n,) at conditions, and half the width of its 95 % band."""
+    reach = float(t_distribution.ppf(0.975, law.fit.dof))
+    return law.fit.torque(at), reach * law.fit.torque_std(at)
+
+
+def _draw_levels(curve: Axes, left: Axes, law: StaticLaw, direction: float, here: BoolArray) -> None:
+    levels, (color, name) = law.levels, DIRECTIONS[direction]
+    for chosen, ink, text, order in (
+        (~here, style.WEAK, "levels at other loads and temperatures", 2),
+        (here, color, f"levels, {name}", 4),
+    ):
+        own = chosen & (levels.direction == direction)
+        if not own.any():
+            continue
+        looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 3.5, "color": ink}
+        looks |= {"mfc": ink, "mew": 0.0} if direction >= 0 else {"marker": "s", "ms": 5, "mfc": "none", "mew": 0.9}
+        x, error = levels.speed[own], Z_95 * levels.std[own]
+        curve.errorbar(x, levels.torque[own], error, **looks, elinewidth=0.8, capsize=2, zorder=order, label=text)
+        left.plot(x, residuals(law)[own], **looks, zorder=order)
+
+
+def _draw_law(axes: Axes, law: StaticLaw, condition: Condition, direction: float) -> None:
+    low, high = float(law.levels.speed.min()), float(law.levels.speed.max())
+    color = style.FITTED if direction >= 0 else style.TOTAL
+    name = f"law, {DIRECTIONS[direction][1]}" if direction else "law with 95 % band"
+    for ends, dash, text in (
+        ((low, high), "-", name),
+        ((low / BEYOND, low), "--", ""),
+        ((high, high * BEYOND), "--", ""),
+    ):
+        speed = np.geomspace(*ends, POINTS)
+        torque, half = law_band(law, condition.at(speed, direction))
+        axes.plot(speed, torque, dash, color=color, lw=1.3, zorder=3, label=text or None)
+        axes.fill_between(speed, torque - half, torque + half, color=color, alpha=0.25, lw=0, zorder=3)
