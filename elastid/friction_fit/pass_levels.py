@@ -25,13 +25,15 @@ SAME_SPEED, SAME_KELVIN = 0.03, 2.0
 class PassLevels:
     """The levels, the parts of the torque that all passes share, and what was left out.
 
-    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`) with their std.
+    shared: numbers by name (`inertia`, `gravity.cos`, `gravity.sin`, `offset`) with their std.  turn: of the joint for
+    a turn of its motor, whose ripple is among them; 0 for none.
     """
 
     levels: Levels
     shared: dict[str, tuple[float, float]]
     residual_rms: float
     notes: tuple[Note, ...]
+    turn: float = 0.0
 
 
 def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) -> PassLevels:
@@ -71,7 +73,7 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         for i, name in enumerate(names)
     } | {"offset": offset}
     levels = _levels(used, conditions, g, std, uneven, known)
-    return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes))
+    return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
 
 
 @dataclass(frozen=True)

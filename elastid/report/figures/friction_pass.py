@@ -18,10 +18,10 @@ MOST_SAMPLES = 3000
 COLORS = {"friction": style.FITTED, "gravity": style.MEASURED, "ripple": style.NOISE, "inertia": style.TOTAL}
 
 
-def friction_pass(pair: Sequence[Pass], found: PassLevels, turn: float) -> Figure:
+def friction_pass(pair: Sequence[Pass], found: PassLevels) -> Figure:
     """Torque over angle, measured and regressed; the parts of the regression; what it leaves, all in both directions.
 
-    pair: the passes there and back.  turn: as `find_levels` had it, rad (m) of the joint for a turn of its motor.
+    pair: the passes there and back.
     """
     options = {"sharex": True, "height_ratios": (2, 2, 1)}
     figure, panels = style.panels(3, 1, (style.WIDE, 6.6), (0.8, 0.25, 0.85, 0.55), (0.0, 0.14), **options)
@@ -30,7 +30,7 @@ def friction_pass(pair: Sequence[Pass], found: PassLevels, turn: float) -> Figur
     for each in pair:
         step = max(1, len(each.position) // MOST_SAMPLES)
         q, u = scale * each.position[::step], each.torque[::step]
-        parts = {name: part[::step] for name, part in parts_of(each, pair, found, turn).items()}
+        parts = {name: part[::step] for name, part in parts_of(each, pair, found).items()}
         total = np.sum(list(parts.values()), axis=0)
         whole.plot(q, u, color=style.MEASURED, lw=0.7, alpha=0.8, label="measured")
         whole.plot(q, total, color=style.FITTED, lw=1.2, label="regression")
@@ -51,7 +51,7 @@ def friction_pass(pair: Sequence[Pass], found: PassLevels, turn: float) -> Figur
     return figure
 
 
-def parts_of(each: Pass, pair: Sequence[Pass], found: PassLevels, turn: float) -> dict[str, FloatArray]:
+def parts_of(each: Pass, pair: Sequence[Pass], found: PassLevels) -> dict[str, FloatArray]:
     """Friction, gravity with the offset, ripple and inertia (n,) of a pass, those that the regression has."""
     shared = {name: value for name, (value, _) in found.shared.items()}
     q, speed = each.position, np.abs(each.velocity)
@@ -59,7 +59,7 @@ def parts_of(each: Pass, pair: Sequence[Pass], found: PassLevels, turn: float) -
     gravity = shared["offset"] + shared.get("gravity.cos", 0.0) * np.cos(q) + shared.get("gravity.sin", 0.0) * np.sin(q)
     parts = {"friction": each.direction * sliding, "gravity": gravity}
     if "ripple.1c" in shared:
-        parts["ripple"] = _ripple(q, shared, turn)
+        parts["ripple"] = _ripple(q, shared, found.turn)
     parts["inertia"] = shared["inertia"] * each.acceleration
     return parts
 
