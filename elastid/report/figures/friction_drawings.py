@@ -1,0 +1,95 @@
+"""The figures of a friction study, joint by joint, in the order in which they are read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from elastid.base.arrays import FloatArray
+from elastid.friction.static_terms import Conditions
+from elastid.friction_fit.record_passes import passes_of
+from elastid.friction_fit.result import FrictionResult, JointFriction
+from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_fit.warm_up import LevelOf
+from elastid.report.figures.drawings import Drawing
+from elastid.report.figures.friction_at_rest import friction_at_rest
+from elastid.report.figures.friction_conditions import friction_conditions
+from elastid.report.figures.friction_curve import depends_on, friction_curve
+from elastid.report.figures.friction_loops import friction_loops
+from elastid.report.figures.friction_motion import friction_motion
+from elastid.report.figures.friction_pass import friction_pass
+from elastid.report.figures.friction_warm_up import friction_warm_up
+
+# Begins the section of a figure of one joint.
+JOINT = "joint "
+
+
+def friction_study_drawings(result: FrictionResult) -> Iterator[Drawing]:
+    """The figures of all joints, drawn one by one so that only one is in memory."""
+    for file, joint in zip(_file_names([joint.joint for joint in result.joints]), result.joints, strict=True):
+        for name, caption, figure in _of_joint(joint):
+            yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", figure)
+
+
+def _of_joint(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
+    """File-safe name, caption and figure of everything that was measured of a joint."""
+    law, place = joint.static, f"joint {joint.joint}"
+    if law is not None:
+        caption = (
+            "friction over speed, levels and law with 95 % intervals; shaded: the speeds that were measured, beyond "
+            "which the law (dashed) is not to be relied on. Below: what the law leaves of each level."
+        )
+        yield "curve", caption, friction_curve(law)
+        over = friction_conditions(law)
+        if over is not None:
+            caption = "levels over load or temperature at a few speeds, brought to one other condition by the law."
+            yield "conditions", caption, over
+    yield from _of_records(joint)
+    if joint.at_rest is not None:
+        caption = "stiffness and damping of the bristles at rest, by amplitude, and extrapolated to none."
+        yield "at-rest", caption, friction_at_rest(place, joint.at_rest, joint.slides)
+    if joint.thermal is not None and joint.warm_up is not None:
+        caption = "warm-up: power, temperature and levels of the test passes; lines: what the thermal model predicts."
+        figure = friction_warm_up(place, joint.warm_up, joint.thermal, _level_of(law), joint.slides)
+        yield "warm-up", caption, figure
+
+
+def _of_records(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
+    """A pass, a motion and loops."""
+    if joint.levels is not None and joint.example is not None:
+        caption = (
+            "one pass there and back over the angle: torque measured and regressed, the parts of the regression, and "
+            "what it leaves."
+        )
+        yield "pass", caption, friction_pass(passes_of(joint.example), joint.levels)
+    if joint.motion is not None:
+        caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
+        yield "motion", caption, friction_motion(joint.motion)
+    if joint.presliding is not None and joint.loops is not None:
+        caption = (
+            "hysteresis before the joint slides, measured and replayed by Maxwell slip elements; torque k D of each "
+            "threshold D; error of parts of the log that were left out of the fit, by number of elements."
+        )
+        yield "loops", caption, friction_loops(joint.loops, joint.presliding, joint.slides)
+
+
+def _level_of(law: StaticLaw | None) -> LevelOf | None:
+    """The law over speed and temperature at its lowest load, where it depends on temperature."""
+    if law is None or not depends_on(law, "temperature"):
+        return None
+    load = float(law.levels.load.min())
+
+    def level(speed: FloatArray, temperature: FloatArray) -> FloatArray:
+        return law.fit.torque(Conditions(speed, np.zeros_like(speed), np.full_like(speed, load), temperature))
+
+    return level
+
+
+def _file_names(joints: Sequence[str]) -> list[str]:
+    """friction-<joint> of letters, digits, dots and dashes, numbered where two would be the same file."""
+    names = ["friction-" + re.sub(r"[^A-Za-z0-9._-]+", "-", joint) for joint in joints]
+    lower = [name.lower() for name in names]
+    return [name if lower.count(name.lower()) == 1 else f"{name}-{i + 1}" for i, name in enumerate(names)]
