@@ -1,0 +1,180 @@
+r"""Named numbers of dry friction on the link side, whichever side a law stands on, and laws moved through a gear.
+
+With the ratio n of a motor, \tau_l = |n| \tau_m and v_m = |n| v_l: on the link side a torque is |n|, a velocity 1 / |n|
+and a damping n^2 times as large.
+
+Fc_m1, Fs_m1, vs_m1, a_m1, f_m1 and f2_m1 are Coulomb friction, stiction, Stribeck velocity, its exponent, viscous and
+quadratic friction at the motor of joint 1; Fcl_m1, Fsl_m1 and vl_m1 what load adds; FsT_m1, vsT_m1, fT_m1 and TV_m1
+what temperature changes; dFc_m1 and df_m1 half of what the directions differ by; s0_m1 and s1_m1 stiffness and damping
+of bristles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.units import of_translation
+from elastid.robot.friction import Friction
+from elastid.robot.joint import Joint
+from elastid.robot.motor import Motor
+from elastid.robot.named_numbers import Path, at, replaced
+from elastid.robot.presliding import MaxwellSlip
+from elastid.robot.robot import Robot
+
+
+@dataclass(frozen=True)
+class FrictionTerm:
+    """One number of a law: `path` in the file, the beginning of its name, symbol, meaning, unit of what turns.
+
+    power: link side = |n|^power motor side.  turns: whether it changes sign with a motor that turns the other way.
+    """
+
+    path: str
+    prefix: str
+    symbol: str
+    meaning: str
+    unit: str
+    power: int
+    turns: bool = False
+
+    def name(self, joint: str) -> str:
+        """Of the number at the motor of a joint.
+
+        >>> TERMS["coulomb"].name("1")
+        'Fc_m1'
+        """
+        return f"{self.prefix}_m{joint}"
+
+    def unit_at(self, slides: bool) -> str:
+        """Its unit on the link side."""
+        return of_translation(self.unit) if slides and self.unit else self.unit
+
+
+TERMS: dict[str, FrictionTerm] = {
+    term.path: term
+    for term in (
+        FrictionTerm("coulomb", "Fc", "F_c", "Coulomb friction", "N*m", 1),
+        FrictionTerm("stiction", "Fs", "F_s", "stiction", "N*m", 1),
+        FrictionTerm("stribeck_velocity", "vs", "nu_s", "Stribeck velocity", "rad/s", -1),
+        FrictionTerm("exponent", "a", "a", "exponent of the Stribeck curve", "", 0),
+        FrictionTerm("viscous", "f", "f", "viscous friction", "N*m*s/rad", 2),
+        FrictionTerm("quadratic", "f2", "alpha_3", "quadratic friction", "N*m*s^2/rad^2", 3),
+        FrictionTerm("load.coulomb", "Fcl", "F_cl", "Coulomb friction by load", "", 0),
+        FrictionTerm("load.stiction", "Fsl", "F_sl", "stiction by load", "", 0),
+        FrictionTerm("load.stribeck_velocity", "vl", "nu_l", "Stribeck velocity of the load", "rad/s", -1),
+        FrictionTerm("temperature.stiction", "FsT", "F_sT", "stiction by heat", "N*m/K", 1),
+        FrictionTerm("temperature.stribeck_velocity", "vsT", "nu_T", "Stribeck velocity by heat", "rad/(s*K)", -1),
+        FrictionTerm("temperature.viscous", "fT", "f_T", "viscous friction that vanishes with heat", "N*m*s/rad", 2),
+        FrictionTerm("temperature.decay", "TV", "T_V", "decay of viscous friction with heat", "K", 0),
+        FrictionTerm("directions.coulomb", "dFc", "delta_c", "F_c by direction", "N*m", 1, True),
+        FrictionTerm("directions.viscous", "df", "delta_v", "f by direction", "N*m*s/rad", 2, True),
+        FrictionTerm("lugre.stiffness", "s0", "sigma_0", "stiffness of the bristles", "N*m/rad", 2),
+        FrictionTerm("lugre.damping", "s1", "sigma_1", "damping of the bristles", "N*m*s/rad", 2),
+    )
+}  # fmt: skip
+
+# Numbers of a law that have no name, moved through a gear with the others.
+_UNNAMED = {"lugre.damping_velocity": -1, "dahl.stiffness": 2}
+
+
+def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
+    """A law of the link side on the side of a motor with ratio n, or of the motor on the link side."""
+    scale = 1 / abs(n) if to_motor else abs(n)
+    powers = {term.path: (term.power, term.turns) for term in TERMS.values() if term.path != "viscous"}
+    powers |= {path: (power, False) for path, power in _UNNAMED.items()}
+    values: dict[Path, float] = {}
+    for path, (power, turns) in powers.items():
+        keys: Path = tuple(path.split("."))
+        if _present(friction, keys):
+            values[keys] = at(friction, keys) * scale**power * (-1.0 if turns and n < 0 else 1.0)
+    moved: Friction = replaced(friction, values)
+    slip, measured = friction.maxwell_slip, friction.measured
+    if measured is not None:
+        speed = None if measured.speed is None else _scaled(measured.speed, 1 / scale)
+        load = None if measured.load is None else _scaled(measured.load, scale)
+        moved = replace(moved, measured=replace(measured, speed=speed, load=load))
+    return moved if slip is None else replace(moved, maxwell_slip=_slip(slip, scale))
+
+
+def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
+    """Value and unit, link side, of each number that the friction of the robot's motors has."""
+    found: dict[str, tuple[float, str]] = {}
+    for joint in robot.driven:
+        if joint.motor is None or _law(joint.motor) is None:
+            continue
+        for term in TERMS.values():
+            value = _number(joint, joint.motor, term)
+            if value is not None:
+                found[term.name(joint.name)] = (value, term.unit_at(joint.slides))
+    return found
+
+
+def with_friction_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The robot with other numbers of its friction, link side; StudyError for a number that it does not have."""
+    known = friction_numbers(robot)
+    for name in values:
+        if name not in known:
+            raise StudyError(f"the friction of robot {robot.name} has no number {name}; {did_you_mean(name, known)}")
+    laws: dict[str, tuple[Friction, float]] = {}
+    for joint in robot.driven:
+        own = {term.path: values[term.name(joint.name)] for term in TERMS.values() if term.name(joint.name) in values}
+        if not own or joint.motor is None:
+            continue
+        law = _law(joint.motor)
+        assert law is not None
+        viscous = own.pop("viscous", joint.motor.viscous * joint.motor.ratio**2)
+        on_link = through_gear(law, joint.motor.ratio, to_motor=False)
+        laws[joint.name] = replaced(on_link, {tuple(path.split(".")): x for path, x in own.items()}), viscous
+    return with_laws(robot, laws)
+
+
+def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot:
+    """The robot with other laws and viscous friction at motors, by joint, both given on the link side."""
+
+    def changed(joint: Joint) -> Joint:
+        if joint.name not in laws or joint.motor is None:
+            return joint
+        (law, viscous), n = laws[joint.name], joint.motor.ratio
+        motor = replace(joint.motor, viscous=viscous / n**2, coulomb=0.0, friction=through_gear(law, n, to_motor=True))
+        return replace(joint, motor=motor)
+
+    bodies = (replace(body, joints=tuple(map(changed, body.joints))) for body in robot.bodies)
+    return replace(robot, bodies=tuple(bodies))
+
+
+def _number(joint: Joint, motor: Motor, term: FrictionTerm) -> float | None:
+    """A number of the link side; None where the law has not got it."""
+    if term.path == "viscous":
+        return motor.viscous * motor.ratio**2
+    law, keys = _law(motor), tuple(term.path.split("."))
+    return at(through_gear(law, motor.ratio, to_motor=False), keys) if law and _present(law, keys) else None
+
+
+def _law(motor: Motor) -> Friction | None:
+    if motor.friction is not None:
+        return motor.friction
+    return Friction(motor.coulomb) if motor.coulomb > 0 else None
+
+
+def _present(friction: Friction, keys: Path) -> bool:
+    whole: object = friction
+    for key in keys:
+        whole = getattr(whole, str(key))
+        if whole is None:
+            return False
+    return True
+
+
+def _scaled(ends: tuple[float, float], factor: float) -> tuple[float, float]:
+    return ends[0] * factor, ends[1] * factor
+
+
+def _slip(slip: MaxwellSlip, scale: float) -> MaxwellSlip:
+    return replace(
+        slip,
+        stiffness=tuple(scale**2 * k for k in slip.stiffness),
+        damping=tuple(scale**2 * d for d in slip.damping),
+        attraction=scale * slip.attraction,
+    )

@@ -1,0 +1,102 @@
+"""The artefacts of a friction study: plan.h5, records.h5, levels.h5 and friction.h5."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from elastid.base.note import Note
+from elastid.experiment.plan.friction import FrictionPlan
+from elastid.experiment.plan.passes import PassReference
+from elastid.friction_fit.result import FrictionResult, JointLevels
+from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.store.files import NO_STAMP, Stamp, created, opened, read_notes, scale, text_file, variable, write_notes
+from elastid.store.values import read_dataclass, write_value
+
+PLAN, RECORDS, LEVELS, FRICTION = "friction plan", "friction records", "friction levels", "friction"
+
+
+def write_friction_plan(path: Path, plan: FrictionPlan, stamp: Stamp = NO_STAMP) -> None:
+    """plan.h5 of a friction study."""
+    with created(path, PLAN, stamp) as file:
+        write_value(file, "plan", plan)
+
+
+def read_friction_plan(path: Path) -> FrictionPlan:
+    """The plan in plan.h5."""
+    with opened(path, PLAN) as file:
+        return read_dataclass(file, "plan", FrictionPlan)
+
+
+def write_pass_reference(path: Path, reference: PassReference) -> None:
+    """A pass as CSV for a robot controller: time, position, velocity and acceleration of the joint, SI, link side."""
+    columns = (reference.position, reference.velocity, reference.acceleration)
+    with text_file(path) as file:
+        file.write("t_s,position,velocity,acceleration\n")
+        for k, row in enumerate(zip(*columns, strict=True)):
+            file.write(",".join(f"{value:.9g}" for value in (k / reference.rate_hz, *row)) + "\n")
+
+
+def write_friction_records(
+    path: Path,
+    records: Iterable[FrictionRecord],
+    warm_ups: Sequence[WarmUpLog] = (),
+    notes: Sequence[Note] = (),
+    stamp: Stamp = NO_STAMP,
+) -> None:
+    """records.h5: a group each record, one at a time, then the logs of warm-ups."""
+    with created(path, RECORDS, stamp) as file:
+        count = 0
+        for record in records:
+            write_value(file, f"record-{count:05d}", record)
+            count += 1
+        file.attrs["records"] = count
+        file.attrs["warm_ups"] = len(warm_ups)
+        for i, log in enumerate(warm_ups):
+            write_value(file, f"warm-up-{i:05d}", log)
+        write_notes(file, notes)
+
+
+def read_friction_records(path: Path) -> FrictionRecords:
+    """Everything in records.h5."""
+    with opened(path, RECORDS) as file:
+        records = (read_dataclass(file, f"record-{i:05d}", FrictionRecord) for i in range(int(file.attrs["records"])))
+        logs = (read_dataclass(file, f"warm-up-{i:05d}", WarmUpLog) for i in range(int(file.attrs["warm_ups"])))
+        return FrictionRecords(tuple(records), tuple(logs), read_notes(file))
+
+
+def write_levels(path: Path, levels: Sequence[JointLevels], stamp: Stamp = NO_STAMP) -> None:
+    """levels.h5: a group each joint."""
+    with created(path, LEVELS, stamp) as file:
+        write_value(file, "joints", tuple(levels))
+
+
+def read_levels(path: Path) -> tuple[JointLevels, ...]:
+    """The joints in levels.h5."""
+    with opened(path, LEVELS) as file:
+        return tuple(
+            read_dataclass(file["joints"], str(i), JointLevels) for i in range(int(file["joints"].attrs["length"]))
+        )
+
+
+def write_friction_result(path: Path, result: FrictionResult, stamp: Stamp = NO_STAMP) -> None:
+    """friction.h5: the numbers of all joints as a table, and a group with everything."""
+    with created(path, FRICTION, stamp) as file:
+        numbers = result.numbers
+        axis = scale(file, "number", [each.name for each in numbers] or [""], "identified number, link side")
+        for name, what in (("unit", "unit"), ("meaning", "meaning"), ("learnt_from", "data that tell it")):
+            variable(file, name, [getattr(each, name) for each in numbers] or [""], [axis], what)
+        for name, what in (
+            ("value", "estimate"),
+            ("std", "standard deviation"),
+            ("low", "lower end of its 95 % interval"),
+            ("high", "upper end of its 95 % interval"),
+        ):
+            variable(file, name, [float(getattr(each, name)) for each in numbers] or [0.0], [axis], what, "SI")
+        write_value(file, "result", result)
+
+
+def read_friction_result(path: Path) -> FrictionResult:
+    """The result in friction.h5."""
+    with opened(path, FRICTION) as file:
+        return read_dataclass(file, "result", FrictionResult)
