@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.errors import StudyError
 from elastid.model.frame_tree import tree, turns
-from elastid.model.multibody import bias, inertias
+from elastid.model.multibody import BodyInertia, bias, inertias
 from elastid.model.velocities import frame_velocities, rates
 from elastid.robot import Robot
 
@@ -32,6 +32,27 @@ def inverse_dynamics(robot: Robot) -> ca.Function:
     carried = inertias(robot, layout, dict(zip(names, ca.vertsplit(theta), strict=True)))
     tau = bias(layout, carried, turns(layout, q), v, np.array(robot.gravity), a)
     return ca.Function("inverse_dynamics", [q, v, a, theta], [tau], ["q", "v", "a", "theta"], ["tau"])
+
+
+def regressor(robot: Robot) -> ca.Function:
+    r"""Y(q, v, a) (n_l, 10 n_l) of the inverse dynamics, which are linear in the numbers of the bodies.
+
+    .. math:: \tau = Y(q, v, a)\, \pi, \qquad
+              \pi = (m, m c_x, m c_y, m c_z, I_{xx}, I_{yy}, I_{zz}, I_{xy}, I_{xz}, I_{yz})
+
+    for each joint's frame in turn, I about its origin (Atkeson, An and Hollerbach, Int. J. Robotics Research 5(3),
+    1986). Some columns are zero or depend on others: only combinations of the numbers can be identified.
+    """
+    n = len(robot.joints)
+    q, v, a = (ca.SX.sym(name, n) for name in "qva")
+    pi = ca.SX.sym("pi", 10, n)
+    carried = []
+    for m, hx, hy, hz, xx, yy, zz, xy, xz, yz in (ca.vertsplit(column) for column in ca.horzsplit(pi)):
+        tensor = ca.vertcat(ca.horzcat(xx, xy, xz), ca.horzcat(xy, yy, yz), ca.horzcat(xz, yz, zz))
+        carried.append(BodyInertia(m, ca.vertcat(hx, hy, hz), tensor))
+    layout = tree(robot)
+    tau = bias(layout, tuple(carried), turns(layout, q), v, np.array(robot.gravity), a)
+    return ca.Function("regressor", [q, v, a], [ca.jacobian(tau, ca.vec(pi))], ["q", "v", "a"], ["Y"])
 
 
 def external_torque(robot: Robot, frame: str, axes: Literal["base", "frame"] = "base") -> ca.Function:
