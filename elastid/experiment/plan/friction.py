@@ -50,8 +50,24 @@ class JointPassDesign:
 
 
 @dataclass(frozen=True)
+class PlannedWarmUp:
+    """A joint that moves to and fro between start and stop at `speed`, from start_s for time_s; tests are motions.
+
+    Link side: rad (m), rad/s; s.
+    """
+
+    joint: str
+    configuration: Configuration
+    start: float
+    stop: float
+    speed: float
+    start_s: float
+    time_s: float
+
+
+@dataclass(frozen=True)
 class FrictionPlan:
-    """All motions in their order, sampled at rate_hz.
+    """All motions in their order, sampled at rate_hz, and the warm-ups between them.
 
     robot_time_s: of all of them.  known, unknown: sentences on what the levels will tell, and what they cannot and why.
     """
@@ -60,6 +76,7 @@ class FrictionPlan:
     motions: tuple[PlannedMotion, ...]
     designs: tuple[JointPassDesign, ...]
     robot_time_s: float
+    warm_ups: tuple[PlannedWarmUp, ...] = ()
     known: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
     notes: tuple[Note, ...] = ()

@@ -1,10 +1,14 @@
 r"""Passes there and back of one joint: windows, ramps, order, and the references that carry them out.
 
-A pass moves from q_a to q_b at a constant speed v and back. Between the ramps it needs the time in which the loop
-settles and a plateau that covers a turn of the motor, whose ripple would else be taken for friction:
+A pass moves from q_a to q_b at a constant speed v and back. Between the ramps it needs the time in which the joint
+breaks away and the loop settles, and a plateau that covers a turn of the motor, whose ripple would else be taken for
+friction:
 
 .. math:: |q_b - q_a| \ge v\, (t_{ramp} + t_{settle}) + \Delta q_{turn}, \quad t_{ramp} = \tfrac{15}{8} v / a, \quad
-          t_{settle} = 3 / (2 \pi f_{bandwidth})
+          t_{settle} = 3 / (2 \pi f_{bandwidth}) + \Delta q_{lag} / v
+
+A loop without integral drags the joint along by an error k_p Delta q of position, which is F_s before it slides and
+has the other sign on the way back: Delta q_lag = 2 F_s / k_p.
 
 The order of the passes is random, since a joint warms up as it moves; one reference speed comes back at intervals, and
 its drift is the warm-up.
@@ -35,7 +39,7 @@ SETTLING = 3.0
 class PassLimits:
     """What a joint may do: window (2,) of its angle, velocity, acceleration; turn of the motor; bandwidth of its loop.
 
-    Link side: rad (m), rad/s, rad/s^2, rad, Hz.
+    lag: by which the reference is ahead before the joint breaks away.  Link side: rad (m), rad/s, rad/s^2, rad, Hz.
     """
 
     place: str
@@ -44,11 +48,22 @@ class PassLimits:
     acceleration: float
     turn: float
     bandwidth_hz: float
+    lag: float = 0.0
+    slides: bool = False
 
     @property
-    def settling_s(self) -> float:
-        """Time after a ramp in which the speed still changes."""
+    def unit(self) -> str:
+        """Of its position: rad or m."""
+        return "m" if self.slides else "rad"
+
+    @property
+    def loop_settling_s(self) -> float:
+        """Time in which the loop settles."""
         return SETTLING / (2 * math.pi * self.bandwidth_hz)
+
+    def settling_s(self, speed: float) -> float:
+        """Time after a ramp to a speed before the joint slides steadily."""
+        return self.loop_settling_s + self.lag / speed
 
 
 @dataclass(frozen=True)
@@ -110,13 +125,14 @@ def ramp_time(speed: float, limits: PassLimits) -> float:
 
 def pass_time(planned: PlannedPass, limits: PassLimits) -> float:
     """Seconds of one pass there and back."""
-    return 2 * (planned.plateau_s + limits.settling_s + 2 * ramp_time(planned.speed, limits) + PAUSE_S)
+    return 2 * (planned.plateau_s + limits.settling_s(planned.speed) + 2 * ramp_time(planned.speed, limits) + PAUSE_S)
 
 
 def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> PassReference:
     """Trapezoids of velocity with smooth ramps, there and back, at rest at both ends."""
     ramp_s = ramp_time(planned.speed, limits)
-    steady_s = planned.plateau_s + limits.settling_s
+    settling_s = limits.settling_s(planned.speed)
+    steady_s = planned.plateau_s + settling_s
     n_ramp, n_steady, n_pause = (max(2, round(t * rate_hz)) for t in (ramp_s, steady_s, PAUSE_S))
     x = (np.arange(n_ramp) + 0.5) / n_ramp
     rise = x**3 * (10 - 15 * x + 6 * x**2)
@@ -125,15 +141,15 @@ def pass_reference(planned: PlannedPass, limits: PassLimits, rate_hz: float) -> 
     velocity = sign * planned.speed * np.concatenate([way, -way])
     position = planned.start + np.cumsum(velocity) / rate_hz
     acceleration = np.gradient(velocity) * rate_hz
-    settled = n_ramp + round(limits.settling_s * rate_hz)
+    settled = n_ramp + round(settling_s * rate_hz)
     there = settled, n_ramp + n_steady
     return PassReference(rate_hz, position, velocity, acceleration, there, (there[0] + len(way), there[1] + len(way)))
 
 
 def fastest_speed(limits: PassLimits) -> float:
     """The highest speed whose pass fits into the window, within the joint's velocity."""
-    room = limits.window[1] - limits.window[0] - limits.turn
-    a, t = limits.acceleration / RAMP_PEAK, limits.settling_s + SHORTEST_S
+    room = limits.window[1] - limits.window[0] - limits.turn - limits.lag
+    a, t = limits.acceleration / RAMP_PEAK, limits.loop_settling_s + SHORTEST_S
     if room <= 0:
         return 0.0
     # room = v^2 / a + v t.
@@ -144,18 +160,19 @@ def _planned(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     """One pass about the middle of the window; StudyError where it has no room."""
     if speed > limits.velocity:
         raise StudyError(
-            f"friction.passes.speeds: {limits.place} may move at {limits.velocity:.4g} rad/s, and a pass at "
+            f"friction.passes.speeds: {limits.place} may move at {limits.velocity:.4g} {limits.unit}/s, and a pass at "
             f"{speed:.4g} is asked for; lower the highest speed, or correct limits.velocity"
         )
     # Both ramps of smooth shape cover half of what their time would at full speed.
     ramps, low, high = speed * ramp_time(speed, limits), *limits.window
     plateau_s = float(np.clip(limits.turn / speed, SHORTEST_S, LONGEST_S))
-    travel = ramps + speed * (limits.settling_s + plateau_s)
+    settling = speed * limits.settling_s(speed)
+    travel = ramps + settling + speed * plateau_s
     if travel > high - low:
         raise StudyError(
-            f"friction.passes.window: a pass of {limits.place} at {speed:.4g} rad/s takes {travel:.4g} rad (ramps "
-            f"{ramps:.3g}, settling {speed * limits.settling_s:.3g}, a turn of the motor {limits.turn:.3g}), and the "
-            f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} rad/s"
+            f"friction.passes.window: a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
+            f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}), and the "
+            f"window has {high - low:.4g}; widen it, or measure up to {fastest_speed(limits):.3g} {limits.unit}/s"
         )
     middle = (low + high) / 2
     return PlannedPass(f"{speed:.4g}-{number}", speed, middle - travel / 2, middle + travel / 2, plateau_s)
