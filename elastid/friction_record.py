@@ -9,7 +9,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.note import Note
-from elastid.record import Configuration
+from elastid.record import Configuration, Hold
 
 # passes: there and back at one speed.  motion: any other.  loops: growing torques before the joint slides.
 # at_rest: a small multisine at standstill.
@@ -26,7 +26,8 @@ class FrictionRecord:
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
     load: name of the load.  load_torque: |torque| of the model that the joint carries, 0 where none is known.
     resolution: of the position, one count; 0 where it is not known.  start_s: time of the first sample from the start
-    of the study.  period_samples: of a periodic torque.  configuration: posture in which the other joints are held.
+    of the study.  period_samples: of a periodic torque.  hold: of the torque between its samples.
+    configuration: posture in which the other joints are held.
     is_reference: a pass whose drift is the warm-up.  is_warm_up: a test pass within one.
     place: file or key of the study, for messages.  slides: a translation.
 
@@ -49,6 +50,7 @@ class FrictionRecord:
     resolution: float = 0.0
     start_s: float = 0.0
     period_samples: int | None = None
+    hold: Hold = "band-limited"
     configuration: Configuration | None = None
     is_reference: bool = False
     is_warm_up: bool = False

@@ -1,11 +1,50 @@
-"""Stiffness and damping of the bristles from responses at rest, one for each amplitude of the torque."""
+r"""sigma_0 and sigma_1 of bristles from responses at rest under small multisines of several amplitudes.
+
+At rest a LuGre contact is a spring sigma_0 and a damper sigma_1 to ground, beside inertia and the joint's spring. What
+its bristles slip, z' = v - |v| z / z_s with z_s = F_s / sigma_0, is to second order, under a Gaussian motion of rms
+s_q and s_v (statistical linearisation),
+
+.. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
+          \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}
+
+so that the loss of a multisine falls as 1 / omega while that of sigma_1 grows with omega, and both are told apart. (A
+single sine of amplitude A has 1 - 3 A^2 / (8 z_s^2) + 4 j A / (3 pi z_s), whatever its frequency.) The fit has one law
+for all amplitudes and so extrapolates to none:
+
+.. math:: \frac{1}{G} = (\sigma_0 + j \omega \sigma_1) \frac{z}{q} + j \omega \alpha_2 + Z(\omega), \quad
+          Z = -\omega^2 J \text{ or }
+              -\omega^2 J_m + \frac{(k + j \omega d)(-\omega^2 J_l)}{k + j \omega d - \omega^2 J_l}
+
+Maxwell slip has no amplitude below which it is linear: its stiffness falls with the logarithm of the amplitude, faster
+than a single bristle explains, which a fit with a stiffness of each amplitude's own shows.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from elastid.base.arrays import FloatArray, frozen_value
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import f as f_distribution
+
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.errors import FitError
 from elastid.base.note import Note
+from elastid.friction_fit.rest_response import RestResponse
+from elastid.simulation.elastic_joint import ElasticJoint
+
+# Chance that one bristle is refused where it is the law.
+FALSE_ALARM = 0.01
+# What the expansion leaves of a response, as a part of it: keeps a line without noise from outweighing all others.
+EXPANSION_ERROR = 1e-3
+# Rms slip over z_s above which the expansion does not hold.
+MAX_SLIP = 0.3
+START_SLIP = 0.1
+# Slip over its std from which on it tells break-away.
+MIN_SLIP_STD = 4.0
+# Of the scaled Jacobian.
+MAX_CONDITION = 1e8
 
 
 @frozen_value
@@ -19,10 +58,11 @@ class RestPoint:
     damping_std: float
 
 
-@dataclass(frozen=True)
+@frozen_value
 class AtRest:
-    """sigma_0 and sigma_1, extrapolated to no amplitude, with covariance (2, 2); points: of each amplitude.
+    """sigma_0, Nm/rad, and sigma_1, Nms/rad, extrapolated to no amplitude; covariance (2, 2); points: each amplitude.
 
+    break_away: F_s = sigma_0 z_s, Nm, as slip tells it; None where it does not show.  inertia: of a rigid joint.
     falls: whether the stiffness falls with the logarithm of the amplitude, as that of Maxwell slip does.
     """
 
@@ -30,5 +70,189 @@ class AtRest:
     sigma_1: float
     covariance: FloatArray
     points: tuple[RestPoint, ...]
+    break_away: float | None
+    inertia: float | None = None
     falls: bool = False
     notes: tuple[Note, ...] = ()
+
+
+def fit_at_rest(
+    place: str,
+    responses: Sequence[RestResponse],
+    joint: ElasticJoint | None = None,
+    viscous: tuple[float, float] = (0.0, 0.0),
+) -> AtRest:
+    """Bristles from responses of one amplitude or more; joint: None for a rigid one, whose inertia is found.
+
+    viscous: alpha_2 of sliding with its std, Nms/rad.  A single amplitude does not show Maxwell slip.
+    Raises FitError where the responses do not tell the unknowns apart.
+    """
+    model = _Model(tuple(responses), joint, viscous[0])
+    shared = model.fit(model.start(), place)
+    own = model.fit(model.on_its_own(shared.x), place)
+    ((sigma_0, per_bend, sigma_1),) = model.bristles(shared.x).tolist()
+    n, std = model.n_common, np.sqrt(np.diag(shared.covariance))
+    scale = np.array([sigma_0, model.damping_unit])
+    covariance = shared.covariance[np.ix_([n, n + 2], [n, n + 2])] * np.outer(scale, scale)
+    slip = float(shared.x[n + 1])
+    break_away = sigma_0 / per_bend if slip > MIN_SLIP_STD * std[n + 1] else None
+    inertia = float(np.exp(shared.x[0])) if joint is None else None
+    points, falls = model.points(own), _falls(model, shared, own)
+    covariance = covariance + np.diag([0.0, viscous[1] ** 2])
+    notes = _notes(place, points, falls, slip)
+    return AtRest(sigma_0, sigma_1, covariance, points, break_away, inertia, falls, notes)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    x: FloatArray
+    covariance: FloatArray
+    cost: float
+    dof: int
+
+
+@dataclass(frozen=True)
+class _Model:
+    """Unknowns x: ln J of a rigid joint, then (ln sigma_0, s_q / z_s, sigma_1 / unit), once or at each amplitude."""
+
+    responses: tuple[RestResponse, ...]
+    joint: ElasticJoint | None
+    viscous: float
+
+    @property
+    def n_common(self) -> int:
+        """Unknowns that amplitudes share in any case."""
+        return 1 if self.joint is None else 0
+
+    @property
+    def damping_unit(self) -> float:
+        """Of sigma_1 in x: about the stiffness over the angular frequency in the middle of the band."""
+        first = self.responses[0]
+        middle = len(first.freq_hz) // 2
+        return float(1 / np.abs(first.G[middle]) / (2 * np.pi * first.freq_hz[middle]))
+
+    def bristles(self, x: FloatArray) -> FloatArray:
+        """(sigma_0, 1 / z_s, sigma_1) once or of each amplitude, (1 or n, 3)."""
+        values = x[self.n_common :].reshape(-1, 3)
+        return np.asarray(np.column_stack([np.exp(values[:, 0]), values[:, 1:] * [self.slip_unit, self.damping_unit]]))
+
+    @property
+    def slip_unit(self) -> float:
+        """Of 1 / z_s in x: over the largest rms position."""
+        return 1 / max(response.rms_position for response in self.responses)
+
+    def receptance(self, x: FloatArray, index: int) -> ComplexArray:
+        """G (F,) at one amplitude."""
+        response, values = self.responses[index], self.bristles(x)
+        sigma_0, per_bend, sigma_1 = values[min(index, len(values) - 1)]
+        omega = 2 * np.pi * response.freq_hz
+        impedance = (sigma_0 + 1j * omega * sigma_1) * slipped(omega, response, per_bend) + 1j * omega * self.viscous
+        inertia = -(omega**2) * np.exp(x[0]) if self.joint is None else reaction(omega, self.joint)
+        return np.asarray(1 / (impedance + inertia))
+
+    def start(self) -> FloatArray:
+        """From the smallest amplitude by linear regression of 1 / G."""
+        first = self.responses[0]
+        omega = 2 * np.pi * first.freq_hz
+        Z = 1 / first.G - (0 if self.joint is None else reaction(omega, self.joint))
+        weight = np.abs(first.G) ** 2 / np.sqrt(first.variance + (EXPANSION_ERROR * np.abs(first.G)) ** 2)
+        A = np.stack([np.ones_like(omega), -(omega**2)], axis=1)[:, : 1 + self.n_common]
+        (sigma_0, *inertia), *_ = np.linalg.lstsq(weight[:, None] * A, weight * Z.real, rcond=None)
+        sigma_1 = float((weight * omega) @ (weight * Z.imag) / np.sum((weight * omega) ** 2))
+        sigma_0 = max(float(sigma_0), 1e-3 * float(np.median(np.abs(1 / first.G))))
+        smallest = 1e-3 * sigma_0 / float(omega[0]) ** 2
+        common = [np.log(max(float(J), smallest)) for J in inertia]
+        return np.array([*common, np.log(sigma_0), START_SLIP, sigma_1 / self.damping_unit])
+
+    def on_its_own(self, x: FloatArray) -> FloatArray:
+        """The same with bristles of each amplitude's own."""
+        return np.concatenate([x[: self.n_common], np.tile(x[self.n_common :], len(self.responses))])
+
+    def fit(self, start: FloatArray, place: str) -> _Fit:
+        """The optimum from a start; the covariance is that of the residuals where they exceed the noise."""
+        end = least_squares(self._residual, start, x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
+        dof = len(end.fun) - len(start)
+        cost = 2 * float(end.cost)
+        J = end.jac
+        size = np.linalg.norm(J, axis=0)
+        if not (np.all(np.isfinite(end.x)) and size.min() > 0 and np.linalg.cond(J / size) < MAX_CONDITION):
+            raise FitError(
+                f"{place} at rest: the responses do not tell stiffness, damping and slip of bristles apart; excite "
+                "lines below and above the resonance of inertia and bristles, at amplitudes up to a tenth of break-away"
+            )
+        inverse = np.linalg.inv((J / size).T @ (J / size)) / np.outer(size, size)
+        return _Fit(end.x, inverse * max(1.0, cost / dof), cost, dof)
+
+    def points(self, fit: _Fit) -> tuple[RestPoint, ...]:
+        """Spring and damper at each amplitude, from a fit with bristles of its own."""
+        points, std = [], np.sqrt(np.diag(fit.covariance))[self.n_common :].reshape(-1, 3)
+        for response, (sigma_0, per_bend, sigma_1), (by_sigma_0, _, by_sigma_1) in zip(
+            self.responses, self.bristles(fit.x), std, strict=True
+        ):
+            stiffness = sigma_0 * (1 - second_order(response, per_bend))
+            points.append(
+                RestPoint(response.torque, stiffness, stiffness * by_sigma_0, sigma_1, self.damping_unit * by_sigma_1)
+            )
+        return tuple(points)
+
+    def _residual(self, x: FloatArray) -> FloatArray:
+        left = []
+        for i, response in enumerate(self.responses):
+            std = np.sqrt((response.variance + (EXPANSION_ERROR * np.abs(response.G)) ** 2) / 2)
+            error = (response.G - self.receptance(x, i)) / std
+            left += [error.real, error.imag]
+        return np.concatenate(left)
+
+
+def slipped(omega: FloatArray, response: RestResponse, per_bend: float) -> ComplexArray:
+    """z / q (F,) of bristles with 1 / z_s = per_bend, under the motion of a response."""
+    rate = np.sqrt(2 / np.pi) * response.rms_velocity * per_bend
+    return np.asarray((1 - second_order(response, per_bend)) * 1j * omega / (1j * omega + rate))
+
+
+def second_order(response: RestResponse, per_bend: float) -> float:
+    """epsilon = (2 / pi) s_q^2 / z_s^2: the share of stiffness that slip takes away; at most half of it."""
+    return float(min(2 / np.pi * (response.rms_position * per_bend) ** 2, 0.5))
+
+
+def reaction(omega: FloatArray, joint: ElasticJoint) -> ComplexArray:
+    """Torque per angle (F,) of a motor's inertia with a link on a spring."""
+    spring = joint.stiffness + 1j * omega * joint.damping
+    link = -(omega**2) * joint.link_inertia
+    return np.asarray(-(omega**2) * joint.motor_inertia + spring * link / (spring + link))
+
+
+def _falls(model: _Model, shared: _Fit, own: _Fit) -> bool:
+    """Whether amplitudes have bristles of their own (F test), and their stiffness falls with the amplitude."""
+    extra = shared.dof - own.dof
+    if extra == 0:
+        return False
+    ratio = (shared.cost - own.cost) / extra / max(1.0, own.cost / own.dof)
+    stiffness = model.bristles(own.x)[:, 0]
+    return bool(f_distribution.sf(ratio, extra, own.dof) < FALSE_ALARM and np.all(np.diff(stiffness) < 0))
+
+
+def _notes(place: str, points: tuple[RestPoint, ...], falls: bool, slip: float) -> tuple[Note, ...]:
+    first, last = points[0], points[-1]
+    notes = []
+    if falls:
+        notes.append(
+            Note(
+                "stiffness-falls",
+                f"stiffness falls from {first.stiffness:.4g} at {first.torque:.3g} to {last.stiffness:.4g} at "
+                f"{last.torque:.3g} of torque, more than one bristle explains: friction is Maxwell slip, which has no "
+                "amplitude below which it is linear; sigma_0 holds for the smallest torque only: measure loops "
+                "(presliding)",
+                f"{place} at rest",
+            )
+        )
+    if slip > MAX_SLIP:
+        notes.append(
+            Note(
+                "large-slip",
+                f"bristles move by {slip:.2g} of what they bend at break-away (rms); above {MAX_SLIP:g} the expansion "
+                "over amplitude does not hold: lower the torque at rest",
+                f"{place} at rest",
+            )
+        )
+    return tuple(notes)
