@@ -130,6 +130,15 @@ def with_friction_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
     return with_laws(robot, laws)
 
 
+def with_numbers(robot: Robot, values: Mapping[str, float]) -> Robot:
+    """The robot with other numbers, those of its friction among them, as `Robot.with_parameters`."""
+    known = friction_numbers(robot)
+    own = {name: value for name, value in values.items() if name in known}
+    others = {name: value for name, value in values.items() if name not in known}
+    changed = robot.with_parameters(others) if others else robot
+    return with_friction_numbers(changed, own) if own else changed
+
+
 def with_laws(robot: Robot, laws: Mapping[str, tuple[Friction, float]]) -> Robot:
     """The robot with other laws and viscous friction at motors, by joint, both given on the link side."""
 

@@ -14,6 +14,7 @@ from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_on_demand, nearest_parameter
 from elastid.fit.spec import ParameterSpec
 from elastid.linear.linear_model import DELAY
+from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
@@ -30,7 +31,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
     if study.robot is None:
         return study, []
     found: list[Problem] = []
-    numbers = study.robot.parameters(study.robot.on_demand)
+    numbers = {**study.robot.parameters(study.robot.on_demand), **friction_numbers(study.robot)}
     named = named_on_demand(study.fit.parameters, study.robot)
     table: Table = {**study.robot.parameters(named), DELAY: (0.0, "s")}
     parameters = {
@@ -45,7 +46,7 @@ def convert_to_si(study: Study) -> tuple[Study, list[Problem]]:
         }
         study = replace(study, experiment=study.experiment.with_truth(truth))
         found += _check_truth(study, truth) if not found else []
-    return study, found or _check_choice(study)
+    return study, found or ([] if study.friction is not None else _check_choice(study))
 
 
 def _convert_parameter(
@@ -93,7 +94,7 @@ def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
     """The numbers of the truth are possible for a robot, each by itself."""
     for name, value in truth.items():
         try:
-            study.as_robot().with_parameters({name: float(value)})
+            with_numbers(study.as_robot(), {name: float(value)})
         except ValueError as error:
             return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
     return []

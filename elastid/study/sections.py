@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, TypeAlias
 
 from elastid.base.errors import StudyError
 from elastid.base.section import section
@@ -13,10 +14,13 @@ from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places, Structure
 from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
+from elastid.friction_fit.spec import FrictionSpec
 from elastid.model.spec import ModelSpec
 from elastid.report.spec import ReportSpec
-from elastid.robot import Robot
+from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
+
+Kind: TypeAlias = Literal["simulated", "recorded", "responses", "frf", "frf-responses", "friction", "friction-recorded"]
 
 # Names of configurations become names of files with a number, a stamp and an ending; systems end at 255 bytes.
 MAX_NAME_LENGTH = 100
@@ -33,6 +37,7 @@ class Study:
     bit for bit, for any number of processes.
     estimator: from records to frequency responses.  model: the equations that the fit uses.  fit: parameters, weights
     and search.  validation: data that judge the model.  compare: models of `elastid compare`.  report: its figures.
+    friction: of joints is identified, from passes and loops, in the place of elasticity from responses.
     """
 
     name: str
@@ -47,6 +52,7 @@ class Study:
     validation: ValidationSpec = ValidationSpec()
     compare: CompareSpec = CompareSpec()
     report: ReportSpec = ReportSpec()
+    friction: FrictionSpec | None = None
 
     def __post_init__(self) -> None:
         """Refuse what random generators and folders refuse."""
@@ -64,14 +70,30 @@ class Study:
             )
         return self.robot
 
+    def as_friction(self) -> FrictionSpec:
+        """The section `friction`; StudyError for a study of the other kind."""
+        if self.friction is None:
+            raise StudyError(f"study {self.name} has no section friction: it identifies elasticity")
+        return self.friction
+
+    @property
+    def friction_joints(self) -> tuple[Joint, ...]:
+        """The joints whose friction is asked for, in the robot's order; all driven ones by default."""
+        driven, asked = self.as_robot().driven, self.as_friction().joints
+        names = [joint.name for joint in driven]
+        chosen = [joint_called(name, names) for name in asked]
+        return tuple(joint for joint in driven if not asked or joint.name in chosen)
+
     @property
     def places(self) -> Places:
         """The robot, or what stands in for it: the structure that the channels of the logs name."""
         return self.robot or Structure.of(self.experiment.channels)
 
     @property
-    def kind(self) -> Literal["simulated", "recorded", "responses", "frf", "frf-responses"]:
-        """The kind of study, which decides its stages: that of its experiment, or one of frf without a robot."""
+    def kind(self) -> Kind:
+        """The kind of study, which decides its stages: that of its experiment, of friction, or without a robot."""
+        if self.friction is not None:
+            return "friction" if self.experiment.simulated is not None else "friction-recorded"
         if self.robot is not None:
             return self.experiment.kind
         return "frf-responses" if self.experiment.responses is not None else "frf"
@@ -80,6 +102,13 @@ class Study:
     def seeded_fit(self) -> FitSpec:
         """`fit` with the seed of the study unless it has its own."""
         return replace(self.fit, seed=self.seed) if self.fit.seed is None else self.fit
+
+
+def joint_called(name: str, driven: Sequence[str]) -> str | None:
+    """The driven joint of a name or, from 1, of a number; None where there is none."""
+    if name in driven:
+        return name
+    return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None
 
 
 def check_file_name(name: str) -> None:

@@ -20,6 +20,7 @@ from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
 from elastid.robot import Robot
+from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
 from elastid.simulation.friction_states import contacts
@@ -36,11 +37,12 @@ class Plant:
 
 def true_robot(robot: Robot, truth: Mapping[str, Quantity]) -> Robot:
     """The robot with the numbers that the identification must find; StudyError for a name that it does not have."""
-    unit = {name: unit for name, (_, unit) in robot.parameters(robot.on_demand).items()}
+    known = robot.parameters(robot.on_demand) | friction_numbers(robot)
+    unit = {name: unit for name, (_, unit) in known.items()}
     try:
         # A name that the robot does not have gets any number; with_parameters refuses it and says which there are.
-        return robot.with_parameters(
-            {name: to_si(value, unit[name]) if name in unit else 0.0 for name, value in truth.items()}
+        return with_numbers(
+            robot, {name: to_si(value, unit[name]) if name in unit else 0.0 for name, value in truth.items()}
         )
     except ValueError as error:
         raise StudyError(f"experiment.simulated.truth: {error}") from None

@@ -14,6 +14,7 @@ from elastid.study.checks.estimator import check_estimator
 from elastid.study.checks.excitation import check_excitation, check_lines
 from elastid.study.checks.experiment import check_experiment
 from elastid.study.checks.fit import check_fit
+from elastid.study.checks.friction import check_friction
 from elastid.study.checks.model import check_model
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses
@@ -28,6 +29,9 @@ __all__ = ["check_lines", "check_study"]
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
+    if study.friction is not None:
+        yield from check_friction(study, base)
+        return
     if study.robot is None:
         yield from check_structure(study)
         if experiment.simulated is None:

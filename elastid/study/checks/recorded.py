@@ -24,8 +24,8 @@ MAX_LISTED = 20
 def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
     """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
     path: KeyPath = ("experiment", "recorded")
-    yield from _check_files(study, recorded.files, path, base)
-    yield from _check_channels(study, recorded.channels, path)
+    yield from check_files(study, recorded.files, path, base)
+    yield from check_channels(study, recorded.channels, path)
     yield from _check_method(study, recorded)
     seen: dict[tuple[str, int, int], str] = {}
     for i, file in enumerate(recorded.files):
@@ -54,8 +54,8 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
     """Files of responses exist, one for each configuration; channels are on the robot."""
     path: KeyPath = ("experiment", "responses")
-    yield from _check_files(study, responses.files, path, base)
-    yield from _check_channels(study, responses.channels, path)
+    yield from check_files(study, responses.files, path, base)
+    yield from check_channels(study, responses.channels, path)
     seen: dict[str, str] = {}
     for i, file in enumerate(responses.files):
         if file.configuration in seen:
@@ -67,7 +67,7 @@ def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Itera
         seen[file.configuration] = file.path
 
 
-def _check_files(
+def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
     """Files exist and are of configurations that exist; each configuration has one."""
@@ -86,7 +86,7 @@ def _check_files(
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 
 
-def _check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
+def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
     """Channels are on the robot, in units of their quantity, and one signal each."""
     places, motors = study.places, study.places.motor_locations
     seen: set[tuple[str, str, int]] = set()
