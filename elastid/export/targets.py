@@ -8,6 +8,7 @@ from pathlib import Path
 from elastid.export.code import write_c, write_casadi
 from elastid.export.control import write_control, write_responses_control
 from elastid.export.csv import write_csv, write_responses_csv
+from elastid.export.fmu import write_fmu
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
 from elastid.export.uff import write_uff
@@ -21,6 +22,7 @@ TARGETS: dict[str, Writer] = {
     "control": write_control,
     "matlab": write_matlab,
     "mujoco": write_mujoco,
+    "fmu": write_fmu,
     "casadi": write_casadi,
     "c": write_c,
     "csv": write_csv,

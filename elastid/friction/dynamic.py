@@ -56,7 +56,7 @@ class Bristle:
         """v - sigma_0 |v| z / g(v)."""
         return v - self.sigma_0 * ca.fabs(v) * z / curve.level(v)
 
-    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """z e^-a + v step phi_1(-a), a = sigma_0 |v| step / g: exact at constant v, and |z| <= F_s / sigma_0 always."""
         return exponential_step(z, v, self.sigma_0 * ca.fabs(v) / curve.level(v), step)
 
@@ -111,7 +111,7 @@ class SmoothMaxwellSlip:
         gain, slope = self._linear(v, z, curve)
         return gain - slope * z
 
-    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """The switch held over the step; no element leaves its bound, so that |z_i| <= nu_i F_s / sigma_0i."""
         gain, slope = self._linear(v, z, curve)
         bound = ca.fmax(self.elements.bounds(v, curve), ca.fabs(z))
@@ -155,7 +155,7 @@ class SwitchedMaxwellSlip:
         slope = self.elements.C / curve.level(v)
         return ca.vertcat(ca.if_else(slips, slope * (bound * sign - deflection), v), ca.SX.zeros(len(self.elements.nu)))
 
-    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Exact where an element slips or sticks all the time; one that reaches its bound stays there until the end."""
         deflection, slips, bound, sign = self._seen(v, z, curve)
         slope = self.elements.C / curve.level(v)

@@ -77,14 +77,14 @@ class Law(Protocol):
     def rate(self, v: Expression, z: ca.SX, curve: Curve) -> ca.SX:
         """dz/dt (n_states,)."""
 
-    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """z after `step` s at constant v: exactly, or never out of the law's bounds, however long the step."""
 
     def at_rest(self, F_c: float, F_s: float) -> tuple[float, float]:
         """d tau / d (displacement) and d tau / d v at rest, Nm/rad and Nms/rad: a bound on its rates."""
 
 
-def exponential_step(z: Expression, rate: Expression, slope: Expression, step: float) -> ca.SX:
+def exponential_step(z: Expression, rate: Expression, slope: Expression, step: Expression) -> ca.SX:
     """Solution of z' = rate - slope z after `step`, both constant: z e^-x + rate step phi_1(-x), x = slope step."""
     x = slope * step
     return z * ca.exp(-x) + rate * step * phi_1(x)

@@ -41,7 +41,7 @@ class Tustin:
         """Empty: there is no state."""
         return ca.SX(0, 1)
 
-    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: float) -> ca.SX:
+    def advanced(self, v: Expression, z: ca.SX, curve: Curve, step: Expression) -> ca.SX:
         """Empty: there is no state."""
         return ca.SX(0, 1)
 

@@ -21,27 +21,39 @@ from elastid.model.parallel_linkage.closed_posture import assembled
 from elastid.model.parallel_linkage.null_space import Partition, partition
 
 
-def constrained_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
-    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops."""
+def constrained_acceleration(
+    model: ElasticModel, alpha: float = 0.0, beta: float = 0.0, theta: ca.SX | None = None
+) -> ca.Function:
+    """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates of a model with loops.
+
+    theta (n_theta,): symbols, which become a fourth argument; the model's own numbers by default.
+    """
     q, v, torque = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "torque"))
-    phi, Phi = model.constraint(q, model.theta), model.constraint_jacobian(q, model.theta)
+    numbers = model.theta if theta is None else theta
+    phi, Phi = model.constraint(q, numbers), model.constraint_jacobian(q, numbers)
     rate = Phi @ v
     gamma = -ca.jtimes(rate, q, v) - alpha * rate - beta * phi
     Z, a0 = _solved(Phi, gamma, pivots(model))
-    M, f = ca.sparsify(model.mass(q, model.theta)), model.force(q, v, model.theta)
+    M, f = ca.sparsify(model.mass(q, numbers)), model.force(q, v, numbers)
     D, LT, order = ca.ldl(ca.sparsify(Z.T @ M @ Z))
     y = ca.ldl_solve(Z.T @ (torque - f - M @ a0), D, LT, order)
-    return ca.Function("constrained_acceleration", [q, v, torque], [a0 + Z @ y], {"cse": True})
+    given = [q, v, torque, *([] if theta is None else [theta])]
+    return ca.Function("constrained_acceleration", given, [a0 + Z @ y], {"cse": True})
 
 
-def projection(model: ElasticModel) -> ca.Function:
-    """(q, v) -> (q, v) on the closed loops: the dependent coordinates by a Newton step, their rates by Z."""
+def projection(model: ElasticModel, theta: ca.SX | None = None) -> ca.Function:
+    """(q, v) -> (q, v) on the closed loops: the dependent coordinates by a Newton step, their rates by Z.
+
+    theta (n_theta,): symbols, which become a third argument; the model's own numbers by default.
+    """
     q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
+    numbers = model.theta if theta is None else theta
     parts = pivots(model)
-    _, step = _solved(model.constraint_jacobian(q, model.theta), -model.constraint(q, model.theta), parts)
+    _, step = _solved(model.constraint_jacobian(q, numbers), -model.constraint(q, numbers), parts)
     closed = q + step
-    Z, _ = _solved(model.constraint_jacobian(closed, model.theta), ca.SX(model.n_c, 1), parts)
-    return ca.Function("projection", [q, v], [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
+    Z, _ = _solved(model.constraint_jacobian(closed, numbers), ca.SX(model.n_c, 1), parts)
+    given = [q, v, *([] if theta is None else [theta])]
+    return ca.Function("projection", given, [closed, Z @ v[parts.independent.tolist()]], {"cse": True})
 
 
 def pivots(model: ElasticModel) -> Partition:

@@ -27,20 +27,24 @@ Advance: TypeAlias = Callable[[ca.SX, ca.SX, float], ca.SX]
 MAX_STEP_RATE = 2.5
 
 
-def free_acceleration(model: ElasticModel, alpha: float = 0.0, beta: float = 0.0) -> ca.Function:
+def free_acceleration(
+    model: ElasticModel, alpha: float = 0.0, beta: float = 0.0, theta: ca.SX | None = None
+) -> ca.Function:
     """(q, v, torque) -> q'' of shape (n_q,), for torques (n_q,) on the coordinates.
 
-    alpha, beta: of Baumgarte's terms, where the model has constraints.
+    alpha, beta: of Baumgarte's terms, where the model has constraints.  theta (n_theta,): symbols, which become a
+    fourth argument; the model's own numbers by default.
 
     M = L D L^T is factorised in symbols with its zeros, without pivots, which a positive definite M does not need. It
     costs nothing for motors without coupling, whose rows of M are diagonal.
     """
     if model.n_c:
-        return constrained_acceleration(model, alpha, beta)
+        return constrained_acceleration(model, alpha, beta, theta)
     q, v, torque = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q), ca.SX.sym("torque", model.n_q)
-    D, LT, order = ca.ldl(ca.sparsify(model.mass(q, model.theta)))
-    a = ca.ldl_solve(torque - model.force(q, v, model.theta), D, LT, order)
-    return ca.Function("free_acceleration", [q, v, torque], [a], {"cse": True})
+    numbers = model.theta if theta is None else theta
+    D, LT, order = ca.ldl(ca.sparsify(model.mass(q, numbers)))
+    a = ca.ldl_solve(torque - model.force(q, v, numbers), D, LT, order)
+    return ca.Function("free_acceleration", [q, v, torque, *([] if theta is None else [theta])], [a], {"cse": True})
 
 
 def runge_kutta_step(

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
-from elastid.friction.law import CURVE, Curve, Law
+from elastid.friction.law import CURVE, Curve, Expression, Law
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.model.elastic import ElasticModel
 
@@ -37,7 +37,7 @@ class Contacts:
         each = self._each(v, z, curves)
         return ca.DM(self.P) @ ca.vertcat(*(law.torque(slip, state, curve) for law, slip, state, curve in each))
 
-    def advanced(self, v: ca.SX, z: ca.SX, curves: ca.SX, step: float) -> ca.SX:
+    def advanced(self, v: ca.SX, z: ca.SX, curves: ca.SX, step: Expression) -> ca.SX:
         """States after `step` s at constant v (n_q,)."""
         each = self._each(v, z, curves)
         return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in each))
