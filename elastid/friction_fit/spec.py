@@ -19,9 +19,9 @@ class LawSpec:
 
     Each part is `no`, `yes`, or `auto`: where the levels can tell it (an F test at 1 %, and none of its numbers wider
     than half of itself).
-    stribeck: stiction that falls to Coulomb friction.  exponent: of that fall, 2 unless it can be told.  quadratic:
-    friction that grows with v |v|.  directions: levels and slopes of each direction.  load: growth with the load.
-    temperature: change with temperature.
+    stribeck: stiction that falls to Coulomb friction.  exponent: of that fall, 2 unless it can be told.
+    quadratic: friction that grows with v |v|.  directions: levels and slopes of each direction.
+    load: growth with the load.  temperature: change with temperature.
     presliding: law of the joint before it slides that the robot's file gets; by default Maxwell slip where loops were
     measured, else LuGre where stiffness and damping at rest were.
     elements: number of Maxwell slip elements (default: as few as predict other parts of the loops as well).

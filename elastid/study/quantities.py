@@ -91,12 +91,15 @@ def _convert(value: Quantity, names: list[str], path: KeyPath, table: Table, fou
 
 
 def _check_truth(study: Study, truth: Mapping[str, Quantity]) -> list[Problem]:
-    """The numbers of the truth are possible for a robot, each by itself."""
-    for name, value in truth.items():
+    """The numbers of the truth are possible for a robot, each by itself, and those of friction laws together."""
+    robot = study.as_robot()
+    friction = {name: float(value) for name, value in truth.items() if name in friction_numbers(robot)}
+    tried = [{name: float(value)} for name, value in truth.items() if name not in friction]
+    for values in [*tried, *([friction] if friction else [])]:
         try:
-            with_numbers(study.as_robot(), {name: float(value)})
+            with_numbers(robot, values)
         except ValueError as error:
-            return [Problem((*_TRUTH, name), f"no robot has this number: {error}")]
+            return [Problem((*_TRUTH, next(iter(values))), f"no robot has this number: {error}")]
     return []
 
 

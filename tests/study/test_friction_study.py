@@ -1,0 +1,98 @@
+"""A study of friction as YAML gives it: read in SI, every contradiction refused with its place."""
+
+import math
+import shutil
+from pathlib import Path
+
+import pytest
+
+from elastid.base.errors import StudyError
+from elastid.study import load
+
+TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "friction"
+
+FULL = """\
+friction:
+  joints: [1]
+  rate_hz: 500 Hz
+  passes:
+    {speeds: [1 deg/s, 90 deg/s], count: 10, spacing: logarithmic, window: [-30 deg, 30 deg], repeat: 3,
+     reference_every: 10 min}
+  loads: [{name: empty}, {name: full, payload: 12 kg, configuration: upright}]
+  presliding: {torque: [0.1, 0.9], loops: 8, frequency_hz: 0.4}
+  at_rest: {torque: [0.05, 0.1], band_hz: [5, 60]}
+  warm_up: {speed: 60 deg/s, time: 2 h, test_every: 5 min}
+  law: {stribeck: yes, exponent: no, quadratic: no, directions: auto, load: yes, temperature: auto,
+        presliding: maxwell_slip, elements: 4}
+"""
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    for file in TEMPLATE.iterdir():
+        shutil.copy(file, tmp_path)
+    text = (tmp_path / "study.yml").read_text()
+    start, stop = text.index("friction:\n  joints"), text.index("# The posture")
+    (tmp_path / "study.yml").write_text(text[:start] + FULL + text[stop:])
+    return tmp_path / "study.yml"
+
+
+def refusal(study: Path, *overrides: str) -> str:
+    with pytest.raises(StudyError) as error:
+        load(study, overrides)
+    return str(error.value).replace(f"{study.parent}/", "")
+
+
+def test_every_key_is_read_in_si(study: Path) -> None:
+    """Angles in rad, hours in seconds; a study with friction is of a kind of its own."""
+    loaded = load(study).study
+    spec = loaded.as_friction()
+    assert loaded.kind == "friction"
+    assert spec.passes.window == (pytest.approx(-math.pi / 6), pytest.approx(math.pi / 6))
+    assert spec.warm_up is not None
+    assert (spec.warm_up.time, spec.passes.reference_every) == (7200.0, 600.0)
+    assert [load.payload for load in spec.loads] == [0.0, 12.0]
+    assert [joint.name for joint in loaded.friction_joints] == ["1"]
+    assert loaded.experiment.as_simulated().truth["Fc_m1"] == 22.0
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("friction.joints=[arm]", "joints[0]: no driven joint is called 'arm'; there are 1, or give its number from 1"),
+        ("friction.joints=[1, 1]", "joints: 1 is given twice; leave one out"),
+        ("friction.passes.speeds=[1, 0.5]", "speeds is [1, 0.5]; give [lowest, highest], both above 0"),
+        ("friction.passes.speeds=[0.1, 9]", "joint 1 may move at 2.094 rad/s; lower the highest speed"),
+        ("friction.passes.speeds=[1 mm/s, 1 m/s]", "is given in units of m/s, but joint 1 is a rotation"),
+        ("friction.passes.window=[-3, 1]", "the window leaves the limits of joint 1, -1.745 to 1.745 rad; narrow it"),
+        ("friction.passes.window=[1, -1]", "window is [1, -1]; give [lower, upper]"),
+        ("friction.passes.count=3", "count is 3; the numbers of a Stribeck curve need at least 5 passes"),
+        ("friction.passes.repeat=0", "repeat is 0; it must be at least 1"),
+        ("friction.passes.reference_every=0", "reference_every is 0 s; it must be positive"),
+        ("friction.loads.1.configuration=low", "no configuration is called 'low'; there are upright"),
+        ("friction.loads.1.payload=-1", "payload is -1 kg; it must not be negative"),
+        ("friction.loads.1.name=empty", "loads: empty is given twice; leave one out"),
+        ("friction.presliding.torque=[0.9, 0.1]", "torque is [0.9, 0.1]; give [smallest, largest], above 0"),
+        ("friction.presliding.loops=1", "give at least 3 loops"),
+        ("friction.at_rest.torque=[1.5]", "torque has parts of the Coulomb torque: above 0 and below 1"),
+        ("friction.at_rest.band_hz=[50, 5]", "band_hz is [50, 5]; give [lowest, highest], above 0"),
+        ("friction.warm_up.test_every=3 h", "tests must come within the warm-up"),
+        ("friction.warm_up.speed=0", "speed is 0; it must be positive"),
+        ("friction.law.elements=0", "elements is 0; a Maxwell slip law has at least 1"),
+        ("friction.rate_hz=0", "rate_hz is 0; it must be positive"),
+        ("experiment.simulated.truth.Fc_m2=1", "no parameter of the robot is called 'Fc_m2'; did you mean 'Fc_m1'?"),
+        ("experiment.simulated.truth.Fc_m1=1 N", "unit 'N' measures N, not N*m"),
+        ("experiment.simulated.truth.Fc_m1=40", "no robot has this number: friction: stiction (F_s) is 31 N*m, below"),
+        ("design={count: 2}", "design: friction is measured by passes and loops, not by design"),
+    ],
+)
+def test_contradictions_are_refused(study: Path, override: str, words: str) -> None:
+    """Each by the key that is wrong, with its numbers."""
+    assert words in refusal(study, override)
+
+
+def test_friction_needs_a_robot_and_motions(study: Path) -> None:
+    """Places that are only names have no joints, and a frequency response no passes."""
+    text = study.read_text()
+    study.write_text(text.replace("robot: robot.yml\n", ""))
+    assert "friction is that of a robot's joints; give robot" in refusal(study)
