@@ -1,10 +1,12 @@
-"""The table of friction that was taken out of the responses, a row each motor."""
+"""The tables of friction: what was taken out of the responses, a row each motor, and the numbers of a law."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from elastid.frf.friction.result import FrictionTakenOut
+from elastid.friction_fit.result import FrictionNumber
+from elastid.report.numbers import digits, interval_of, number
 
 # Quantile of 95 % intervals.
 _Z_95 = 1.96
@@ -36,3 +38,15 @@ def friction_rows(friction: FrictionTakenOut) -> tuple[FrictionRow, ...]:
         interval = (max(level - _Z_95 * std, 0.0), level + _Z_95 * std)
         rows.append(FrictionRow(place, unit, kept, level, std, interval))
     return tuple(rows)
+
+
+# Of the table of an identified friction law, as `number_cells` fills it.
+NUMBER_HEADINGS = ("number", "symbol", "value", "std", "95 % interval", "unit", "learnt from")
+
+
+def number_cells(each: FrictionNumber) -> tuple[str, ...]:
+    """One identified number as texts under NUMBER_HEADINGS."""
+    places = digits(each.value, each.std)
+    interval = " … ".join(interval_of((each.low, each.high), places))
+    value, std = number(each.value, places), number(each.std, 2)
+    return each.name, each.symbol, value, std, interval, each.unit, each.learnt_from

@@ -76,8 +76,15 @@ def _draw_curve(axes: Axes, found: MotionFriction, samples: MotionSamples) -> No
     for low, high in ((float(samples.velocity.min()), 0.0), (0.0, float(samples.velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
         if found.are_apart:
-            alike = sliding(found.alike, v)[0] + found.alike["offset"]
-            axes.plot(v, alike, color=style.TRUTH, lw=0.9, ls="--", label="both directions alike")
+            offset = found.alike["offset"] if "offset" in found.alike.names else 0.0
+            axes.plot(
+                v,
+                sliding(found.alike, v)[0] + offset,
+                color=style.TRUTH,
+                lw=0.9,
+                ls="--",
+                label="both directions alike",
+            )
         friction, std = sliding(found.chosen, v)
         band = Z_95 * std
         axes.fill_between(v, friction - band, friction + band, color=style.FITTED, alpha=0.3, lw=0)

@@ -65,11 +65,11 @@ def booklet(file: io.BytesIO, front: Iterable[Figure]) -> Iterator[Callable[[Fig
 
 def _text(content: ReportContent) -> Iterator[str]:
     yield from heading(content.title, content.notes)
-    yield from _wrapped(content.verdict)
+    yield from wrapped(content.verdict)
     if content.result.message != content.verdict:
-        yield from _wrapped(content.result.message)
+        yield from wrapped(content.result.message)
     for words in (content.validation.folded, content.validation.cost, content.validation.replayed):
-        yield from _wrapped(words) if words else ()
+        yield from wrapped(words) if words else ()
     yield ""
     rows = parameter_rows(content.result, content.truth, content.contents)
     yield from columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
@@ -93,7 +93,7 @@ def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:
         yield from columns([*table, *map(_friction_row, taken)])
     for note in friction.notes:
         if note.code != "friction-taken-out":
-            yield from _wrapped(str(note), "  ")
+            yield from wrapped(str(note), "  ")
 
 
 def _friction_row(row: FrictionRow) -> tuple[str, ...]:
@@ -107,10 +107,10 @@ def _friction_row(row: FrictionRow) -> tuple[str, ...]:
 
 def heading(title: str, notes: Sequence[NoteGroup]) -> Iterator[str]:
     """Title and notes."""
-    yield from _wrapped(title)
+    yield from wrapped(title)
     yield ""
     for note in notes:
-        yield from _wrapped(f"{'!' if note.first.severity == 'warning' else '-'} {note}", "  ")
+        yield from wrapped(f"{'!' if note.first.severity == 'warning' else '-'} {note}", "  ")
     if notes:
         yield ""
 
@@ -133,8 +133,9 @@ def columns(table: Sequence[Sequence[str]]) -> Iterator[str]:
     widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
     last = " " * min(sum(widths[:-1]) + 2 * len(widths[:-1]), MAX_LETTERS // 2)
     for row in table:
-        yield from _wrapped("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)), last)
+        yield from wrapped("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)), last)
 
 
-def _wrapped(text: str, indent: str = "") -> list[str]:
+def wrapped(text: str, indent: str = "") -> list[str]:
+    """Text in lines of a page; indent: of all but the first."""
     return textwrap.wrap(text, MAX_LETTERS, subsequent_indent=indent) or [""]

@@ -1,4 +1,4 @@
-// The FRF matrix: choose a configuration, hover for numbers, drag to zoom, double-click to zoom out.
+// The FRF matrix, or curves of other kinds: choose a configuration, hover for numbers, drag to zoom, double-click to zoom out.
 "use strict";
 (() => {
   const NOT_FINITE = -32768;
@@ -9,7 +9,9 @@
   const readout = root.querySelector("output");
   let panels = [];
 
+  // Few values stand as they are.
   const decoded = (text, step) => {
+    if (Array.isArray(text)) return text;
     const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
     const view = new DataView(bytes.buffer);
     return Array.from({ length: bytes.length / 2 }, (_, i) => {
@@ -21,6 +23,7 @@
   const curves = (response) => data.quantities[quantity.value].curves.filter((curve) => curve.key in response.curves);
 
   const range = (response, drawn) => {
+    if (response.range) return response.range;
     if (data.quantities[quantity.value].range) return data.quantities[quantity.value].range;
     const shown = drawn.filter((curve) => curve.ranged).flatMap((curve) => curve.values.filter((v) => v !== null));
     const low = Math.max(shown.reduce((a, b) => Math.min(a, b), Infinity), shown.reduce((a, b) => Math.max(a, b), -Infinity) - 120);
@@ -36,14 +39,18 @@
     points: { show: curve.points, size: 4, width: 0, fill: curve.color, stroke: curve.color },
   });
 
-  const number = (value) => (value === null || value === undefined ? "–" : value.toFixed(data.quantities[quantity.value].digits));
+  const number = (value) => {
+    if (value === null || value === undefined) return "–";
+    const { digits } = data.quantities[quantity.value];
+    return digits === null ? value.toPrecision(4) : value.toFixed(digits);
+  };
 
-  const read = (plot, name) => {
+  const read = (plot, response, name) => {
     const at = plot.cursor.idx;
     if (at === null || at === undefined) return;
     const values = plot.series.slice(1).map((one, i) => `${one.label} ${number(plot.data[i + 1][at])}`);
-    const unit = data.quantities[quantity.value].unit;
-    readout.textContent = `${name}, ${plot.data[0][at]} ${data.frequency_unit}: ${values.join(", ")} ${unit}`;
+    const unit = response.unit ?? data.quantities[quantity.value].unit;
+    readout.textContent = `${name}, ${plot.data[0][at]} ${response.x_unit ?? data.frequency_unit}: ${values.join(", ")} ${unit}`;
   };
 
   // Numbers at 1, 2 and 5 of each decade.
@@ -65,7 +72,7 @@
         scales: { x: { time: false, distr: 3, range: (_, low, high) => [low, high] }, y: { range: () => y } },
         axes: [{ size: 28, font: "11px sans-serif", filter: (_, values) => values.map(labelled) }, { size: 44, font: "11px sans-serif" }],
         series: [{ label: "frequency" }, ...drawn.map(series)],
-        hooks: { setCursor: [(self) => self.cursor.event && read(self, name)] },
+        hooks: { setCursor: [(self) => self.cursor.event && read(self, response, name)] },
       },
       [response.freq, ...drawn.map((curve) => curve.values.slice(start, start + F))],
       place,
@@ -104,11 +111,13 @@
     const response = data.responses[Number(configuration.value)];
     const names = response.outputs.flatMap((y) => response.inputs.map((u) => `${u} → ${y}`));
     element.replaceChildren(new Option("all elements", ""), ...names.map((name, i) => new Option(name, String(i))));
+    element.parentElement.hidden = names.length < 2;
     draw();
   };
 
   data.responses.forEach((response, i) => configuration.add(new Option(response.title, String(i))));
   Object.entries(data.quantities).forEach(([key, kind]) => quantity.add(new Option(kind.title, key)));
+  quantity.parentElement.hidden = Object.keys(data.quantities).length < 2;
   configuration.addEventListener("change", elements);
   quantity.addEventListener("change", draw);
   element.addEventListener("change", draw);

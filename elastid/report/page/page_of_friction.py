@@ -1,0 +1,80 @@
+"""The page of a friction study: the answer first, the table of numbers, then the figures of each joint."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Collection, Iterator
+from pathlib import Path
+
+from elastid.friction_fit.result import JointFriction
+from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
+from elastid.report.friction_content import FrictionContent
+from elastid.report.friction_rows import NUMBER_HEADINGS, number_cells
+from elastid.report.numbers import number
+from elastid.report.page.booklet import columns, heading, text_pages, wrapped
+from elastid.report.page.embedding import script_policy
+from elastid.report.page.friction_explorer import friction_explorer
+from elastid.report.page.page import EmbeddedFigure, FigureFormat, template, write_figures, write_whole
+
+# Numbers that all passes of a joint share, as people call them.
+SHARED = {
+    "inertia": "inertia",
+    "slope": "slope of friction within a pass",
+    "gravity.cos": "gravity, part of cos q",
+    "gravity.sin": "gravity, part of sin q",
+    "offset": "offset of the torque",
+}
+
+
+def write_page_of_friction(content: FrictionContent, folder: Path, formats: Collection[FigureFormat]) -> Path:
+    """folder/report.html and folder/figures/* anew, with pdf among the formats folder/report.pdf; the page's path."""
+    shutil.rmtree(folder / "figures", ignore_errors=True)
+    front = text_pages(list(_text(content)))
+    figures = write_figures(friction_study_drawings(content.result), front, folder, formats)
+    page = folder / "report.html"
+    write_whole(page, html_of_friction(content, figures).encode("utf-8"))
+    return page
+
+
+def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigure]) -> str:
+    """The page; every text from a study or a file is escaped."""
+    shown = friction_explorer(content.result.joints)
+    scripts = shown.scripts if shown else ()
+    return template("friction.html.j2").render(
+        content=content,
+        result=content.result,
+        headings=NUMBER_HEADINGS,
+        rows=[(each, number_cells(each)) for each in content.result.numbers],
+        shared=shared_numbers,
+        section=JOINT,
+        figures=figures,
+        explorer=shown,
+        scripts=scripts,
+        policy=script_policy(scripts),
+    )
+
+
+def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...]:
+    """What all passes of a joint share, beside friction: name, value, std and unit."""
+    if joint.levels is None:
+        return ()
+    torque = "N" if joint.slides else "N*m"
+    units = {"inertia": "kg" if joint.slides else "kg*m^2", "slope": "N*s/m" if joint.slides else "N*m*s/rad"}
+    return tuple(
+        (SHARED[name], number(value), number(std, 2), units.get(name, torque))
+        for name, (value, std) in joint.levels.shared.items()
+        if name in SHARED
+    )
+
+
+def _text(content: FrictionContent) -> Iterator[str]:
+    """The page without its figures, on paper."""
+    yield from heading(content.title, content.notes)
+    for sentence in (*content.answers, content.result.message):
+        yield from wrapped(sentence)
+    yield ""
+    if content.result.numbers:
+        yield from columns([NUMBER_HEADINGS, *map(number_cells, content.result.numbers)])
+    for joint in content.result.joints:
+        for held in joint.held:
+            yield from wrapped(f"- joint {joint.joint}, no {held.part}: {held.reason}", "  ")

@@ -1,0 +1,133 @@
+"""The result of a friction study of two joints, made up: an elbow with everything, a lift with a motion alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.note import Note
+from elastid.friction_fit.at_rest import AtRest, RestPoint
+from elastid.friction_fit.law_choice import Held
+from elastid.friction_fit.levels import Levels
+from elastid.friction_fit.motion import MotionFriction, regress_motion
+from elastid.friction_fit.motion_signals import Motion
+from elastid.friction_fit.pass_levels import PassLevels
+from elastid.friction_fit.presliding import Elements, Loops, Presliding
+from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.friction_fit.spec import LawSpec
+from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_fit.warm_up import ThermalModel, WarmUp
+from elastid.friction_record import FrictionRecord
+from elastid.report.friction_content import FrictionContent
+
+# Of the elbow: level, slope by direction, gravity, offset, ripple over a turn, inertia, speed of the pass.
+F_C, VISCOUS, UNEVEN, GRAVITY, OFFSET, RIPPLE, TURN, INERTIA, SPEED = 9.0, 6.0, 0.8, 40.0, 0.5, 0.3, 0.06, 2.0, 0.1
+RATE, NOISE, MASS = 250.0, 0.1, 95.0
+
+
+def levels(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> Levels:
+    """Ten speeds in both directions, 1 % of noise, 2 % more for each Nm of load."""
+    v, s, load = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), loads, indexing="ij"))
+    exact = F_C + 0.02 * F_C * load + (VISCOUS + uneven * s) * v
+    noise = 0.01 * np.random.default_rng(0).standard_normal(len(v))
+    return Levels("joint elbow", v, s, exact * (1 + noise), 0.01 * exact, load, np.full(len(v), np.nan))
+
+
+def law(uneven: float = UNEVEN, loads: tuple[float, ...] = (0.0,)) -> StaticLaw:
+    """Through the levels, without a Stribeck curve."""
+    return StaticLaw.of(levels(uneven, loads), LawSpec(stribeck="no"))
+
+
+def example() -> FrictionRecord:
+    """A pass there and back under gravity and ripple, 5 s each way."""
+    n = round(5 * RATE)
+    v = SPEED * np.repeat([1.0, -1.0], n)
+    q = 0.2 + np.cumsum(v) / RATE
+    u = np.sign(v) * (F_C + VISCOUS * SPEED) + GRAVITY * np.cos(q) + OFFSET + RIPPLE * np.sin(2 * np.pi / TURN * q)
+    u = u + NOISE * np.random.default_rng(1).standard_normal(len(u))
+    return FrictionRecord(
+        "p1", "elbow", "passes", RATE, q, u, v, there=(50, n - 50), back=(n + 50, 2 * n - 50), speed=SPEED
+    )
+
+
+def pass_levels() -> PassLevels:
+    """Levels, and what all passes share."""
+    one = Levels("joint elbow", np.array([SPEED]), np.zeros(1), np.array([F_C + VISCOUS * SPEED]), np.array([0.1]),
+                 np.zeros(1), np.full(1, np.nan))  # fmt: skip
+    shared = {"inertia": INERTIA, "slope": VISCOUS, "gravity.cos": GRAVITY, "gravity.sin": 0.0, "offset": OFFSET}
+    shared |= {"ripple.1c": 0.0, "ripple.1s": RIPPLE, "ripple.2c": 0.0, "ripple.2s": 0.0}
+    return PassLevels(one, {name: (value, 0.01) for name, value in shared.items()}, NOISE, (), TURN)
+
+
+def motion() -> MotionFriction:
+    """Of a lift of 95 kg, 20 N and 200 N s/m: it slides, two sines for 10 s."""
+    t = np.arange(round(10 * RATE)) / RATE
+    waves = [(0.2, 2 * np.pi * 0.4), (0.05, 2 * np.pi * 1.1)]
+    q, v, a = (sum(A * w**k * np.sin(w * t + k * np.pi / 2) for A, w in waves) for k in range(3))
+    noise = 0.5 * np.random.default_rng(2).standard_normal(len(t))
+    u = MASS * np.asarray(a) + 20 * np.sign(v) + 200 * np.asarray(v) + noise
+    return regress_motion(Motion("joint lift", RATE, np.asarray(q), u, slides=True))
+
+
+def loops() -> tuple[Loops, Presliding]:
+    """Two elements, and a spectrum that is them."""
+    t = np.arange(round(10 * RATE)) / RATE
+    q = np.asarray(5e-3 * t / 10 * np.sin(2 * np.pi * 0.5 * t))
+    few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
+    spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
+    errors = np.array([0.2, 0.02, 0.02])
+    return Loops("joint elbow", RATE, q, few.torque(q), 0.5, settled=250), Presliding(spectrum, few, errors, 0.015)
+
+
+def warm_up() -> tuple[WarmUp, ThermalModel]:
+    """An hour at 200 W and an hour of rest, tests every ten minutes at two speeds; friction follows the heat."""
+    time_s = np.arange(0, 7201, 60.0)
+    power = np.where(time_s[:-1] < 3600, 200.0, 0.0)
+    tests, speeds = np.repeat(np.arange(0, 121, 10), 2), np.tile([0.1, 1.0], 13)
+    series = np.array([[9.0, -1.0, 0.0], [15.0, -5.0, 1.0]])
+    model = ThermalModel(
+        "relative", np.array([2700.0]), np.ones(1), math.nan, np.full(2, 0.02), 20.0, 20, np.array([0.1, 1.0]), series,
+        200.0,
+    )  # fmt: skip
+    nothing = np.full(len(time_s), np.nan)
+    blank = WarmUp(time_s, power, 20.0, 20.0, nothing, 0.5, tests, speeds, np.ones(26), np.full(26, 0.05))
+    return WarmUp(
+        time_s, power, 20.0, 20.0, nothing, 0.5, tests, speeds, _noisy(model.levels(blank, None)), np.full(26, 0.05)
+    ), model
+
+
+def at_rest() -> AtRest:
+    """Two amplitudes, 1 % apart."""
+    points = (RestPoint(0.5, 9.9e3, 60.0, 12.0, 0.5), RestPoint(1.0, 9.8e3, 30.0, 14.0, 0.3))
+    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, points)
+
+
+def number(name: str, symbol: str, value: float, std: float, truth: float | None) -> FrictionNumber:
+    """A row of the table."""
+    return FrictionNumber(
+        name, symbol, "a meaning", "N*m", value, std, value - 2 * std, value + 2 * std, "10 levels", truth
+    )
+
+
+def friction_result() -> FrictionResult:
+    """Both joints."""
+    (log, presliding), (campaign, thermal) = loops(), warm_up()
+    elbow = JointFriction(
+        "elbow", False, pass_levels(), None, law(), presliding, log, at_rest(), None, thermal, campaign,
+        numbers=(number("Fc_melbow", "F_c", 9.02, 0.03, 9.0), number("f_melbow", "f", 6.3, 0.1, 6.0)),
+        held=(Held("stribeck", "no speed below nu_s / 3"), Held("quadratic", "not asked for")),
+        example=example(), notes=(Note("stick-slip", "it sticks", "pass 1"),),
+    )  # fmt: skip
+    lift = JointFriction("<lift>", True, motion=motion(), numbers=(number("Fc_mlift", "F_c", 20.1, 0.2, None),))
+    return FrictionResult((elbow, lift), (Note("a-note", "a note on the study"),), "partly", "2 joints are identified.")
+
+
+def friction_content() -> FrictionContent:
+    """The page of both joints."""
+    return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", {"elastid": "1.0"})
+
+
+def _noisy(values: FloatArray) -> FloatArray:
+    return np.asarray(values + 0.05 * np.random.default_rng(3).standard_normal(len(values)))

@@ -1,0 +1,110 @@
+"""The page of a friction study."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from plants import friction_study as study
+
+from elastid.friction_fit.result import FrictionResult
+from elastid.report.friction_content import answer
+from elastid.report.page.friction_explorer import friction_explorer
+from elastid.report.page.page_of_friction import html_of_friction, write_page_of_friction
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return html_of_friction(study.friction_content(), [])
+
+
+def test_the_answer_stands_first(page: str) -> None:
+    """Numbers with intervals and what is not identifiable; parts that nobody asked for are no lack."""
+    said = re.findall(r'<p class="verdict">(.*?)</p>', page)
+    assert said == [
+        "Joint elbow: F_c = 9.020 ± 0.060 N*m, f = 6.30 ± 0.20 N*m; not identifiable: stribeck.",
+        "Joint &lt;lift&gt;: F_c = 20.10 ± 0.40 N*m.",
+        "Of 2 true values 1 lie within their 95 % intervals.",
+    ]
+    assert page.index(said[0]) < page.index('<h2 id="numbers">')
+
+
+def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth(page: str) -> None:
+    rows = re.findall(r"<tr( class=\"marked\")?>(<td>F.*?|<td>f_.*?)</tr>", page)
+    cells = [re.findall(r"<td[^>]*>(.*?)</td>", row) for _, row in rows]
+    assert cells[0] == [
+        "Fc_melbow",
+        "a meaning",
+        "F_c",
+        "9.0000",
+        "9.020",
+        "0.030",
+        "8.960 … 9.080",
+        "N*m",
+        "10 levels",
+    ]
+    assert [bool(marked) for marked, _ in rows] == [False, True, False]
+    assert "no speed below nu_s / 3" in page
+
+
+def test_notes_stand_once_and_names_cannot_run(page: str) -> None:
+    for note in ("a note on the study", "pass 1: it sticks"):
+        assert page.count(note) == 1
+    assert "<lift>" not in page.split('id="frf-data"')[0]
+    assert "friction of &lt;an arm&gt;" in page
+    assert "script-src 'sha256-" in page
+
+
+def test_the_explorer_has_the_levels_and_the_law_of_both_directions() -> None:
+    shown = friction_explorer(study.friction_result().joints)
+    assert shown is not None
+    (curve,) = json.loads(shown.data)["responses"]
+    law = study.law()
+    for key, sign in (("_ahead", 1.0), ("_back", -1.0)):
+        own = law.levels.direction == sign
+        points = {v: y for v, y in zip(curve["freq"], curve["curves"][f"level{key}"], strict=True) if y is not None}
+        assert list(points) == pytest.approx(sorted(law.levels.speed[own]), rel=1e-4)
+        assert list(points.values()) == pytest.approx(law.levels.torque[own].tolist(), rel=1e-4)
+        low, line, high = (curve["curves"][f"{what}{key}"] for what in ("low", "law", "high"))
+        assert all(a < b < c for a, b, c in zip(low, line, high, strict=True))
+    assert (curve["unit"], curve["x_unit"]) == ("N·m", "rad/s")
+
+
+def test_a_study_that_failed_says_so() -> None:
+    """Neither table nor curves, and no script."""
+    joint = replace(study.friction_result().joints[1], motion=None, numbers=())
+    content = replace(study.friction_content(), result=FrictionResult((joint,), (), "failed", "It failed."))
+    text = html_of_friction(content, [])
+    assert "no friction could be identified" in answer(joint)
+    assert "The status is failed" in text
+    assert "<script" not in text
+    assert "script-src" not in text
+
+
+def test_the_report_is_written_whole(tmp_path: Path) -> None:
+    """Page, booklet and figures; old figures go."""
+    result = study.friction_result()
+    short = replace(study.friction_content(), result=replace(result, joints=result.joints[1:]))
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "old.png").touch()
+    write_page_of_friction(short, tmp_path, ("pdf",))
+    assert sorted(p.name for p in tmp_path.rglob("*.*")) == ["friction--lift--motion.pdf", "report.html", "report.pdf"]
+
+
+def test_the_browser_reads_a_level_under_the_pointer(visit: Callable[..., Any], tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(html_of_friction(study.friction_content(), []), "utf-8")
+    shown = visit(path)
+    over = shown.locator("#explorer .u-over").first
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    shown.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    text = shown.locator("#explorer output").inner_text()
+    assert re.match(r"speed → torque, [\d.]+ rad/s: level, positive direction", text)
+    assert text.endswith("N·m")
+    assert shown.locator("#explorer label:visible").count() == 1
