@@ -11,13 +11,14 @@ from elastid.fit.fitted_model import FittedModel
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
 
-_LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration.
+_LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for each configuration, and what was measured.
 
     systems, delays = load()
-    control.bode_plot(systems["{first}"])
+    control.bode_plot([systems["{first}"], measured()["{first}"]])
 
 Inputs are motor torques in N*m, outputs {quantity} in {unit}, all on the link side. The delay of the torque in seconds
-is not part of a system: multiply its response by exp(-2j pi f delay), or add control.pade(delay, 2).
+is not part of a system: multiply its response by exp(-2j pi f delay), or load it with systems, _ = load(pade=2), the
+order of an approximation by Pade.
 """
 
 from pathlib import Path
@@ -25,16 +26,30 @@ from pathlib import Path
 import control
 import numpy as np
 
+DATA = Path(__file__).with_name("{npz}")
 
-def load(path=Path(__file__).with_name("{npz}")):
+
+def load(path=DATA, pade=None):
     """StateSpace and delay by configuration."""
     with np.load(path, allow_pickle=False) as file:
         names = [str(name) for name in file["configurations"]]
-        labels = {{"inputs": [str(u) for u in file["inputs"]], "outputs": [str(y) for y in file["outputs"]]}}
-        systems = {{
-            name: control.ss(*(file[f"{{name}}/{{matrix}}"] for matrix in "ABCD"), **labels) for name in names
+        inputs, outputs = ([str(channel) for channel in file[side]] for side in ("inputs", "outputs"))
+        delays = {{name: float(file[f"{{name}}/delay"]) for name in names}}
+        systems = {{name: control.ss(*(file[f"{{name}}/{{matrix}}"] for matrix in "ABCD")) for name in names}}
+    if pade is not None:
+        late = {{name: control.tf2ss(*control.pade(delay, pade)) for name, delay in delays.items() if delay > 0}}
+        systems |= {{name: systems[name] * control.append(*[one] * len(inputs)) for name, one in late.items()}}
+    labels = {{"inputs": inputs, "outputs": outputs}}
+    return {{name: control.ss(systems[name], name=name, **labels) for name in names}}, delays
+
+
+def measured(path=DATA):
+    """FrequencyResponseData by configuration; its standard deviations are in the arrays <configuration>/std."""
+    with np.load(path, allow_pickle=False) as file:
+        return {{
+            name: control.frd(np.moveaxis(file[f"{{name}}/G"], 0, 2), 2 * np.pi * file[f"{{name}}/freq_hz"], name=name)
+            for name in [str(name) for name in file["configurations"]]
         }}
-        return systems, {{name: float(file[f"{{name}}/delay"]) for name in names}}
 '''
 
 
@@ -74,10 +89,7 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     arrays: dict[str, np.ndarray] = {"configurations": np.array([G.configuration.name for G in responses])}
     for G in responses:
         of = G.configuration.name
-        arrays |= {f"{of}/freq_hz": G.freq_hz, f"{of}/G": G.G}
-        arrays |= {f"{of}/inputs": np.array(G.inputs), f"{of}/outputs": np.array(G.outputs)}
-        if G.uncertainty is not None:
-            arrays[f"{of}/std"] = np.sqrt(G.uncertainty.variance)
+        arrays |= _measured(G) | {f"{of}/inputs": np.array(G.inputs), f"{of}/outputs": np.array(G.outputs)}
     data, loader = folder / "responses.npz", folder / "load_responses.py"
     _save(data, arrays)
     first = responses[0]
@@ -88,13 +100,20 @@ def write_responses_control(folder: Path, name: str, responses: Sequence[Frequen
     return data, loader
 
 
+def _measured(G: FrequencyResponse) -> dict[str, np.ndarray]:
+    """The arrays of a measured response."""
+    of = G.configuration.name
+    std = {} if G.uncertainty is None else {f"{of}/std": np.sqrt(G.uncertainty.variance)}
+    return {f"{of}/freq_hz": G.freq_hz, f"{of}/G": G.G} | std
+
+
 def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
 
 
 def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
-    """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s)."""
+    """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std."""
     systems = model.state_spaces
     first = systems[0]
     arrays: dict[str, np.ndarray] = {
@@ -107,6 +126,8 @@ def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
         name = system.configuration.name
         arrays |= {f"{name}/{matrix}": getattr(system, matrix) for matrix in "ABCD"}
         arrays |= {f"{name}/delay": np.array(system.delay), f"{name}/angles": system.configuration.angles}
+    for G in model.measured:
+        arrays |= _measured(G)
     data, loader = folder / "model.npz", folder / "load_model.py"
     _save(data, arrays)
     with text_file(loader) as script:

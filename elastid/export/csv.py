@@ -51,9 +51,9 @@ def _parameters(model: FittedModel) -> Iterable[Sequence[Any]]:
     result = model.result
     values, std = result.values, result.std
     yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
-    for p in model.parameters:
-        lower, upper = result.interval(p.name) if p.name in std else (values[p.name],) * 2
-        yield p.name, p.unit, values[p.name], std.get(p.name, 0.0), lower, upper
+    for p in model.parameters:  # a number that was held has no std, not one of 0
+        known = (std[p.name], *result.interval(p.name)) if p.name in std else ("", "", "")
+        yield p.name, p.unit, values[p.name], *known
 
 
 def _modes(model: FittedModel) -> Iterable[Sequence[Any]]:

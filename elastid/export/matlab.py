@@ -1,4 +1,4 @@
-"""Export to MATLAB: a .mat with every configuration's matrices and responses, and a script that makes ss and idfrd."""
+"""Export to MATLAB: a .mat with every configuration's matrices and responses, and a script that loads them."""
 
 from __future__ import annotations
 
@@ -19,39 +19,70 @@ from elastid.store import replacing, text_file
 _HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 
 _SCRIPT = """% Loads {mat}: the fitted model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
-% models{{i}} is an ss, measured{{i}} an idfrd (System Identification Toolbox), of e.model(i).configuration.
+% Of e.model(i).configuration: response{{i}} is a function of the frequency in Hz, models{{i}} an ss where there is one
+% (Control System Toolbox, or the package control of Octave, which has no delay), measured{{i}} as below.
+% e.parameters has std NaN for numbers that were held.
 e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
+is_octave = exist('OCTAVE_VERSION', 'builtin') > 0;
+if is_octave
+    try
+        pkg('load', 'control');
+    catch
+    end
+end
+at = @(m, f) (m.D + m.C * ((2i * pi * f * eye(size(m.A, 1)) - m.A) \\ m.B)) * exp(-2i * pi * f * m.InputDelay);
+response = cell(1, numel(e.model));
+models = cell(1, numel(e.model));
 for i = 1:numel(e.model)
     m = e.model(i);
-    models{{i}} = ss(m.A, m.B, m.C, m.D, 'InputDelay', repmat(m.InputDelay, 1, size(m.B, 2)), ...
-        'InputName', m.InputName, 'OutputName', m.OutputName, 'Name', m.configuration); %#ok<SAGROW>
-    f = e.measured(i);
-    measured{{i}} = idfrd(f.ResponseData, f.Frequency(:), 0, 'FrequencyUnit', f.FrequencyUnit, ...
-        'InputName', f.InputName, 'OutputName', f.OutputName); %#ok<SAGROW>
+    response{{i}} = @(f) at(m, f);
+    if exist('ss') > 0
+        models{{i}} = ss(m.A, m.B, m.C, m.D);
+        if ~is_octave
+            set(models{{i}}, 'InputDelay', repmat(m.InputDelay, 1, size(m.B, 2)), 'InputName', m.InputName, ...
+                'OutputName', m.OutputName, 'Name', m.configuration);
+        end
+    end
 end
-"""
+{measured}"""
 
-
-_RESPONSES_SCRIPT = """% Loads {mat}: the measured responses of {name}, {quantity}, {unit}.
-% measured{{i}} is an idfrd (System Identification Toolbox) of e.measured(i).configuration, measured at its lines.
-e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
+_MEASURED = """% measured{i}: an idfrd with covariance (System Identification Toolbox), else an frd without, or a struct.
+measured = cell(1, numel(e.measured));
 for i = 1:numel(e.measured)
     f = e.measured(i);
-    measured{{i}} = idfrd(f.ResponseData, f.Frequency(:), 0, 'FrequencyUnit', f.FrequencyUnit, ...
-        'InputName', f.InputName, 'OutputName', f.OutputName); %#ok<SAGROW>
+    if exist('idfrd') > 0
+        measured{i} = idfrd(f.ResponseData, f.Frequency(:), 0, 'FrequencyUnit', f.FrequencyUnit, ...
+            'InputName', f.InputName, 'OutputName', f.OutputName, 'CovarianceData', f.CovarianceData);
+    elseif exist('frd') > 0
+        measured{i} = frd(f.ResponseData, 2 * pi * f.Frequency(:));
+    else
+        measured{i} = f;
+    end
 end
 """
+
+_RESPONSES_SCRIPT = """% Loads {mat}: the measured responses of {name}, {quantity}, {unit},
+% of e.measured(i).configuration, at the lines that were measured.
+e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
+if exist('OCTAVE_VERSION', 'builtin') > 0
+    try
+        pkg('load', 'control');
+    catch
+    end
+end
+{measured}"""
 
 
 def write_matlab(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """model.mat (version 5) with struct arrays `model`, `measured`, `fitted` and `parameters`, and load_model.m.
 
-    measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit.
+    measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit; measured
+    also CovarianceData. The script runs in MATLAB and in Octave, and without toolboxes as far as they go.
     """
     values, std = model.result.values, model.result.std
     content = {
         "model": _structs([_system(system) for system in model.state_spaces]),
-        "measured": _structs([_response(G.freq_hz, G.G, G) for G in model.measured]),
+        "measured": _structs([_with_covariance(G) for G in model.measured]),
         "fitted": _structs(
             [
                 _response(G.freq_hz, frequency_response(linear, model.theta, G.freq_hz), G)
@@ -60,7 +91,7 @@ def write_matlab(folder: Path, model: FittedModel) -> tuple[Path, ...]:
         ),
         "parameters": _structs(
             [
-                {"name": p.name, "value": values[p.name], "std": std.get(p.name, 0.0), "unit": p.unit}
+                {"name": p.name, "value": values[p.name], "std": std.get(p.name, float("nan")), "unit": p.unit}
                 for p in model.parameters
             ]
         ),
@@ -69,7 +100,7 @@ def write_matlab(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     _save(data, content)
     first = model.measured[0]
     with text_file(script) as file:
-        file.write(_SCRIPT.format(mat=data.name, name=model.name, quantity=first.quantity, unit=first.unit))
+        file.write(_script(_SCRIPT, data, model.name, first))
     return data, script
 
 
@@ -79,8 +110,12 @@ def write_responses_matlab(folder: Path, name: str, responses: Sequence[Frequenc
     _save(data, {"measured": _structs([_with_covariance(G) for G in responses])})
     first = responses[0]
     with text_file(script) as file:
-        file.write(_RESPONSES_SCRIPT.format(mat=data.name, name=name, quantity=first.quantity, unit=first.unit))
+        file.write(_script(_RESPONSES_SCRIPT, data, name, first))
     return data, script
+
+
+def _script(text: str, data: Path, name: str, first: FrequencyResponse) -> str:
+    return text.format(mat=data.name, name=name, quantity=first.quantity, unit=first.unit, measured=_MEASURED)
 
 
 def _save(path: Path, content: dict[str, Any]) -> None:

@@ -28,3 +28,8 @@ def test_python_control_reads_the_response_back(model: FittedModel, tmp_path: Pa
         G = np.moveaxis(np.asarray(systems[name](2j * np.pi * f, squeeze=False)), 2, 0)
         delayed = G * np.exp(-2j * np.pi * f * delays[name])[:, None, None]
         assert close(delayed, responses_of(model, i), 1e-6 if model.robot.loops else 1e-7)
+        late = module.load(pade=4)[0][name]
+        slow = f < 30
+        G = np.moveaxis(np.asarray(late(2j * np.pi * f[slow], squeeze=False)), 2, 0)
+        assert close(G, responses_of(model, i)[slow], 1e-6)
+        assert np.array_equal(np.moveaxis(module.measured()[name].frdata, 2, 0), model.measured[i].G)

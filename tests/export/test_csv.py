@@ -42,6 +42,9 @@ def test_csv_parameters_are_the_fits(serial_model: FittedModel, tmp_path: Path) 
     for name, std in result.std.items():
         assert float(table[name]["std"]) == std
         assert (float(table[name]["lower_95"]), float(table[name]["upper_95"])) == result.interval(name)
+    held = [name for name in table if name not in result.std]
+    assert held
+    assert all(table[name]["std"] == table[name]["lower_95"] == table[name]["upper_95"] == "" for name in held)
 
 
 def test_csv_modes_are_those_of_every_configuration(serial_model: FittedModel, tmp_path: Path) -> None:
