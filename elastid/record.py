@@ -39,6 +39,23 @@ def drive_unit(slides: bool) -> str:
 
 
 @frozen_value
+class HeldTorque:
+    """Torques held between their samples, and the outputs in which images of them are.
+
+    rates_hz (n_u,): at which each torque is renewed, 0 where it is not held.  sampled (n_y,): whether an output is an
+    angle (or a position) sampled at these instants without a filter before it, as an encoder is.
+    """
+
+    rates_hz: tuple[float, ...]
+    sampled: tuple[bool, ...]
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether all inputs and outputs are alike."""
+        return len(set(self.rates_hz)) == 1 and len(set(self.sampled)) == 1
+
+
+@frozen_value
 class Configuration:
     """One posture of the robot: the angles (n_a,) in rad of its driven joints, in the robot's order, and its name.
 
@@ -156,10 +173,24 @@ class Record:
 
         1 for a band-limited torque, T = hold_samples / rate_hz where these are given. The hold delays by half a sample
         and costs 1.6 % of amplitude at a tenth of the rate; a response estimated without it has a delay and a wrong
-        inertia instead. Exact where y passes no frequencies above half the rate; an encoder sampled without such a
-        filter adds the images of the held torque, (f / (rate_hz - f))^3 of y for an inertia: 0.1 % at a tenth of the
-        rate, 4 % at a quarter.
+        inertia instead. An encoder, sampled without a filter, adds images of the held torque (`images`).
         """
-        held = self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)
-        phase = np.outer(freq_hz, held) / self.rate_hz
+        phase = np.outer(freq_hz, self._held) / self.rate_hz
         return np.asarray(np.exp(-1j * np.pi * phase) * np.sinc(phase), dtype=np.complex128)
+
+    @property
+    def images(self) -> HeldTorque | None:
+        """The torques whose images are in sampled angles: those held from sample to sample of this very record.
+
+        None without any.  Nothing is known of images, and none are assumed, in a log at another rate than that of the
+        commands, which was filtered before it was thinned out, and in a velocity or an acceleration, which has passed
+        the filter of a drive or an amplifier.
+        """
+        rates = tuple(self.rate_hz if np.isclose(held, 1.0) else 0.0 for held in self._held)
+        sampled = tuple(quantity == "position" for quantity in self.quantities)
+        return HeldTorque(rates, sampled) if any(rates) and any(sampled) else None
+
+    @property
+    def _held(self) -> tuple[float, ...]:
+        """For how many samples each input is held, 0 where it is band-limited."""
+        return self.hold_samples or (1.0 if self.hold == "zero-order" else 0.0,) * len(self.inputs)

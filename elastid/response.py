@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.note import Note
-from elastid.record import MOTION_ORDER, Configuration, Motion, drive_unit, motion_unit
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 # Arrays of a Quality with the lines of its response.
@@ -136,7 +136,8 @@ class FrequencyResponse:
     is a voltage or a current.  bias (2, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of each
     input, of which the size is known, each times a factor of unit variance for all lines: one that all configurations
     share, and one of this configuration by itself; or None.  correlated_lines: lines over which the errors of G by
-    noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
+    noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.  hold: the torques of
+    which G contains images, or None.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -158,6 +159,7 @@ class FrequencyResponse:
     input_units: tuple[str, ...] = ()
     bias: ComplexArray | None = None
     correlated_lines: float = 1.0
+    hold: HeldTorque | None = None
 
     def __post_init__(self) -> None:
         """Check the arrays."""

@@ -32,12 +32,12 @@ from elastid.friction.robot_friction import coulomb_levels
 from elastid.linear.equilibrium import rigid_posture
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.response.transfer import frequency_response
+from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
-from elastid.record import MOTION_ORDER, Configuration, Motion
-from elastid.response import Covariance, FrequencyResponse
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
+from elastid.response import Covariance
 from elastid.robot import Robot
 from elastid.simulation.controller import tune
 
@@ -99,12 +99,17 @@ class Prospect:
         """
         model, G, motion = self._local(configuration, x)
         covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
-        response = FrequencyResponse(
-            self.freq_hz, G, model.inputs, self.outputs, self.quantity, configuration, total=covariance
-        )
+        model = replace(model, hold=self._hold)
+        response = replace(to_response(model, self.parameters.expand(x), self.freq_hz), total=covariance)
         return ExpectedResponse(
             response, model, weigh(response, with_diagonal_weights(self.fit)), self.parameters, self.fit
         )
+
+    @property
+    def _hold(self) -> HeldTorque | None:
+        """The torques of the controller are held, and encoders sampled with them."""
+        sampled = tuple(logged_quantity(place) == "position" for place in self.outputs)
+        return HeldTorque((self.rate_hz,) * len(self.robot.driven), sampled) if any(sampled) else None
 
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
         """The same as a function of the powers of R; friction scatters as it does under R.

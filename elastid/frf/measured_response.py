@@ -33,4 +33,5 @@ def measured_response(
         input_units=first.input_units,
         quality=quality,
         notes=notes,
+        hold=first.images,
     )

@@ -19,7 +19,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen, frozen_value
 from elastid.linear.measurement_chain import Element
-from elastid.record import Configuration, Motion
+from elastid.record import Configuration, HeldTorque, Motion
 from elastid.robot import gain_name
 
 DELAY = "delay"
@@ -46,7 +46,8 @@ class LinearModel:
     quantity: y is the position, velocity or acceleration of the outputs.  Parameters without a slope do not enter this
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
-    was eliminated.  gains: names of the parameters that are gains of channels.  Link side, SI.
+    was eliminated.  gains: names of the parameters that are gains of channels.  hold: torques of which the response
+    contains images; None for the motion itself.  Link side, SI.
     """
 
     configuration: Configuration
@@ -65,6 +66,7 @@ class LinearModel:
     chain: tuple[Element, ...] = ()
     Z: FloatArray | None = None
     gains: tuple[str, ...] = ()
+    hold: HeldTorque | None = None
 
     def __post_init__(self) -> None:
         """Check shapes; without T no output is an accelerometer."""
@@ -129,7 +131,8 @@ class LinearModel:
         moved = {name: self.slopes[name] for name in self.moved_outputs}
         slopes = self.slopes | {name: replace(s, C=part(s.C), T=part(s.T)) for name, s in moved.items()}
         outputs = tuple(self.outputs[row] for row in kept)
-        return replace(self, C=self.C[kept], T=self.tilt[kept], outputs=outputs, slopes=slopes)
+        hold = self.hold and replace(self.hold, sampled=tuple(self.hold.sampled[row] for row in kept))
+        return replace(self, C=self.C[kept], T=self.tilt[kept], outputs=outputs, slopes=slopes, hold=hold)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """M, D, K (n, n) at theta (n_theta,) in SI."""

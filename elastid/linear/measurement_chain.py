@@ -13,6 +13,8 @@ from numpy.polynomial import polynomial
 from elastid.base.arrays import ComplexArray
 from elastid.robot import Chain
 
+# The one element between command and torque.
+TORQUE_LAG = "torque_lag"
 # Butterworth polynomials without their leading 1: 1 + p_1 x + p_2 x^2 ...
 BUTTERWORTH = {
     1: (1.0,),
@@ -72,7 +74,7 @@ def torque_elements(chain: Chain) -> tuple[LagElement, ...]:
     if chain.torque_lag is None:
         return ()
     second = (2 * chain.torque_damping, 1.0)
-    return (LagElement("torque_lag", (1.0,) if chain.torque_order == 1 else second),)
+    return (LagElement(TORQUE_LAG, (1.0,) if chain.torque_order == 1 else second),)
 
 
 def sensor_elements(chain: Chain) -> tuple[Element, ...]:

@@ -11,8 +11,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, empty_in_file, mapped, release
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.record import Configuration, Record
-from elastid.response import LINE_ARRAYS, Covariance, FrequencyResponse, Levels, Quality
+from elastid.record import Configuration, HeldTorque, Record
+from elastid.response import Covariance, FrequencyResponse
 from elastid.store.files import (
     NO_STAMP,
     Stamp,
@@ -31,6 +31,7 @@ from elastid.store.files import (
     write_sliding,
 )
 from elastid.store.friction import write_friction
+from elastid.store.quality import read_quality, write_quality
 
 _RECORD_ATTRIBUTES = (
     *("realisation", "experiment", "rate_hz", "period_samples"),
@@ -40,11 +41,6 @@ _COVARIANCES = {
     "noise": "disturbing noise",
     "total": "noise and nonlinear distortion",
     "distortion": "stochastic nonlinear distortion in one realisation",
-}
-_LEVELS = {
-    "excited": "outputs at the excited lines",
-    "even": "nonlinear distortion of even order, at even lines",
-    "odd": "nonlinear distortion of odd order, at odd lines that were not excited",
 }
 
 
@@ -188,11 +184,16 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
             )
             axes = [frequency, element, element]
             variable(part, "matrix", covariance.matrix, axes, "covariance of vec G", f"({response.unit})^2")
+    if response.hold is not None:
+        what = "rate at which a torque is held, 0 where it is not"
+        variable(group, "hold_rate_hz", response.hold.rates_hz, [inputs], what, _rate_unit(response, "Hz"))
+        what = "whether images of held torques are in an output"
+        variable(group, "sampled", np.array(response.hold.sampled, dtype=np.int8), [outputs], what)
     if response.bias is not None:
         extent = scale(group, "extent", ("all configurations", "this configuration"), "extent of a systematic error")
         axes = [extent, inputs, frequency, outputs, inputs]
         variable(group, "bias", response.bias, axes, "systematic error of G by friction of each motor", response.unit)
-    _write_quality(group, response, frequency, outputs, inputs)
+    write_quality(group, response, frequency, outputs, inputs)
     _write_configuration(group, response.configuration)
     write_sliding(group, response.sliding)
     write_input_units(group, response.input_units)
@@ -214,13 +215,20 @@ def _read_response(group: Any) -> FrequencyResponse:
         known["rate_is_known"],
         read_notes(group),
         _read_covariance(group, "distortion"),
-        _read_quality(group),
+        read_quality(group),
         repairs=attributes(group["repairs"]),
         sliding=read_sliding(group),
         input_units=read_input_units(group),
         bias=group["bias"][:] if "bias" in group else None,
         correlated_lines=float(known["correlated_lines"]),
+        hold=_read_hold(group),
     )
+
+
+def _read_hold(group: Any) -> HeldTorque | None:
+    if "hold_rate_hz" not in group:
+        return None
+    return HeldTorque(tuple(group["hold_rate_hz"][:].tolist()), tuple(group["sampled"][:].astype(bool).tolist()))
 
 
 def _read_covariance(group: Any, name: str) -> Covariance | None:
@@ -229,57 +237,6 @@ def _read_covariance(group: Any, name: str) -> Covariance | None:
     part = group[name]
     left, right, matrix = (part[name][:] if name in part else None for name in ("left", "right", "matrix"))
     return Covariance(part["variance"][:], attributes(part)["dof"], left, right, matrix)
-
-
-def _write_quality(group: Any, response: FrequencyResponse, frequency: Any, outputs: Any, inputs: Any) -> None:
-    """The quality of a response, if it has one, on the axes of the response."""
-    quality = response.quality
-    if quality is None:
-        return
-    part, unit = group.create_group("quality"), response.output_unit
-    drives = " or ".join(dict.fromkeys(response.units_of_inputs))
-    ranks = scale(part, "rank", list(range(quality.singular_values.shape[1])), "singular value, largest first")
-    input_ranks = scale(part, "input_rank", list(range(len(response.inputs))), "singular value, largest first")
-    for name, axes, what, units in (
-        ("coherence", [frequency, outputs, inputs], "coherence of one output and one input", ""),
-        ("multiple_coherence", [frequency, outputs], "coherence of one output and all inputs", ""),
-        ("singular_values", [frequency, ranks], "singular values of G", response.unit),
-        ("input_singular_values", [frequency, input_ranks], "singular values of the inputs over their RMS", ""),
-        ("input_noise", [frequency, inputs], "noise variance of the inputs in one period", f"({drives})^2"),
-        ("output_noise", [frequency, outputs], "noise variance of the outputs in one period", f"({unit})^2"),
-    ):
-        variable(part, name, getattr(quality, name), axes, what, units)
-    variable(part, "condition", quality.condition, [frequency], "condition of the inputs over their RMS")
-    if quality.stochastic is not None:
-        what = "RMS amplitude of stochastic nonlinear distortion in the outputs"
-        variable(part, "stochastic", quality.stochastic, [frequency, outputs], what, unit)
-    for name, what in _LEVELS.items():
-        levels: Levels | None = getattr(quality, name)
-        if levels is not None:
-            at = part.create_group(name)
-            own = scale(at, "freq_hz", levels.freq_hz, "frequency", "Hz" if response.rate_is_known else "sampling rate")
-            variable(at, "amplitude", levels.amplitude, [own, outputs], f"RMS amplitude: {what}", unit)
-            variable(at, "noise", levels.noise, [own, outputs], "standard deviation of the noise in it", unit)
-
-
-def _read_quality(group: Any) -> Quality | None:
-    """The quality in the group of a response; None without one."""
-    if "quality" not in group:
-        return None
-    part = group["quality"]
-
-    def levels(name: str) -> Levels | None:
-        return Levels(*(part[name][field][:] for field in ("freq_hz", "amplitude", "noise"))) if name in part else None
-
-    excited = levels("excited")
-    assert excited is not None
-    return Quality(
-        **{name: part[name][:] for name in LINE_ARRAYS},
-        excited=excited,
-        stochastic=part["stochastic"][:] if "stochastic" in part else None,
-        even=levels("even"),
-        odd=levels("odd"),
-    )
 
 
 def _write_repairs(group: Any, repairs: Mapping[str, int]) -> None:

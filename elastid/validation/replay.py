@@ -134,7 +134,8 @@ def _end_effects(E: ComplexArray, model: LinearModel, theta: FloatArray, freq_hz
     F, n_y = E.shape
     s = 2j * np.pi * freq_hz[:, None, None]
     states = [f"state {i}" for i in range(2 * model.n)]
-    T = frequency_response(replace(model, B=np.hstack([M, D]), inputs=tuple(states)), theta, freq_hz)
+    held = replace(model, B=np.hstack([M, D]), inputs=tuple(states), hold=None)
+    T = frequency_response(held, theta, freq_hz)
     of_M, of_D = T[:, :, : model.n], T[:, :, model.n :]
     alias = np.broadcast_to(np.eye(n_y), (F, n_y, n_y)) * s ** MOTION_ORDER[model.quantity]
     terms = np.concatenate([s * of_M + of_D, of_M, alias, s * alias], axis=2)

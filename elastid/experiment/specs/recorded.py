@@ -146,8 +146,9 @@ class RecordedSpec:
     of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
     time: name of the channel that holds the time in s; gaps in it are missing samples.
     hold: of the acting torques between their samples. `zero-order` where u is a command that the drive keeps from each
-    sample to the next: it acts half a sample later than its samples say, and weaker by a sinc. `band-limited` where u
-    was measured through a filter, or logged much faster than the drive updates it.
+    sample to the next: it acts half a sample later than its samples say, and weaker by a sinc, and angles (quantity:
+    position) that are logged at the same rate, sampled without a filter, contain images of it, which the model then has
+    too. `band-limited` where u was measured through a filter, or logged much faster than the drive updates it.
     """
 
     rate_hz: Frequency | Literal["unknown"]

@@ -64,8 +64,9 @@ class ResponsesSpec:
     columns: names in CSV and HDF5 files.  text: format of CSV files.
     relative_std: standard deviation of G as a part of |G| where a file has none.
     hold: of the inputs between their samples; `zero-order` where the responses are from commands that were held. It is
-    taken out of responses of other programs; a frf.h5 has that of its own study.  rate_hz: of the commands, needed then
-    (or in their channels).
+    taken out of responses of other programs; a frf.h5 has that of its own study. Angles (quantity: position) are then
+    taken as sampled at the same rate without a filter, and the model has the images of the held torque as they have.
+    rate_hz: of the commands, needed then (or in their channels).
     """
 
     files: tuple[ResponseFileSpec, ...]

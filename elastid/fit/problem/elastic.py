@@ -205,7 +205,7 @@ def elastic_fit(
 
 
 def at_measured_places(model: LinearModel, response: FrequencyResponse) -> LinearModel:
-    """The model with the inputs and outputs of a response, in its order."""
+    """The model with the inputs and outputs of a response, in its order, held and sampled as there."""
     for kind, wanted, there in (
         ("input", response.inputs, model.inputs),
         ("output", response.outputs, model.outputs),
@@ -218,7 +218,7 @@ def at_measured_places(model: LinearModel, response: FrequencyResponse) -> Linea
             )
     inputs = [model.inputs.index(name) for name in response.inputs]
     outputs = [model.outputs.index(name) for name in response.outputs]
-    return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs)
+    return replace(model.with_outputs(outputs), B=model.B[:, inputs], inputs=response.inputs, hold=response.hold)
 
 
 def linear_model(linearisation: Linearisation, response: FrequencyResponse, theta: FloatArray) -> LinearModel:

@@ -10,7 +10,7 @@ above its diagonal are computed.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -43,6 +43,7 @@ class Pieces:
 class Sensitivity:
     """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
 
+    Images of held torques are in G, and in columns of factors; of the others `Columns.pull_images` has the derivatives.
     of_outputs (F, n_y, n_1), of_inputs (F, n_u, n_1): W^T y and c y^T X of the bases of rank one.  whole (F, n_e, n_2):
     the columns of all others.  outputs, inputs (n_e,): output and input of each element.
     """
@@ -89,9 +90,14 @@ class Columns:
 
     @cached_property
     def is_symmetric(self) -> bool:
-        """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains."""
+        """Whether G = G^T: outputs in the directions of the inputs, none an accelerometer that tilts, no gains.
+
+        Torques are held alike, or none is.
+        """
         model = self.kernel.model
-        return np.array_equal(model.B.T, model.C) and not (model.tilt.any() or model.moved_outputs or model.gains)
+        is_alike = model.hold is None or model.hold.is_uniform
+        own = model.tilt.any() or model.moved_outputs or model.gains
+        return is_alike and np.array_equal(model.B.T, model.C) and not own
 
     @cached_property
     def elements(self) -> tuple[IntArray, IntArray]:
@@ -144,6 +150,7 @@ class Columns:
         places = self.kernel.output_columns
         of_y, of_u = self.kernel.model.channel_gains(theta)
         n_f, n_m = len(self.kernel.factors), len(self.kernel.moved_outputs)
+        images, of_images = self._of_factors.evaluate_images(theta)
         asked = np.hstack([y, wide, *self._whole_solution])
         for block, s, gain, response, YX, moved in self.kernel.products(theta, asked):
             F, m = YX.shape[:2]
@@ -159,10 +166,33 @@ class Columns:
                 whole[:, :, :n_2] *= (of_y[rows] * of_u[columns])[:, None]
             for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_2):
                 whole[:, :, i] = -np.broadcast_to(slope, response.shape)[:, rows, columns] * G
+            whole[:, :, n_2 : n_2 + n_f] -= of_images[:, block, rows, columns].transpose(1, 2, 0)
             whole[:, :, n_2 + n_f :] = -moved[:, :, rows, columns].transpose(1, 2, 0)
             of_outputs = of_y[:, None] * sign * YX[:, places, :n_1]
             of_inputs = gain[:, None, None] * of_u[:, None] * YX[:, :n_u, :n_1]
-            yield Sensitivity(block, s, G, of_outputs, of_inputs, whole, rows, columns)
+            everything = G + images[block][:, rows, columns]
+            yield Sensitivity(block, s, everything, of_outputs, of_inputs, whole, rows, columns)
+
+    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
+        """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
+        kernel, pulled = self.kernel, np.zeros(len(self.kernel.wanted))
+        spread = np.zeros((len(weight), len(kernel.model.outputs), len(kernel.model.inputs)), complex)
+        spread[:, *self.elements] = weight
+        places = [kernel.wanted.index(name) for name in self._of_others.wanted]
+        pulled[places] = self._of_others.pull_images(theta, spread)
+        return pulled
+
+    @cached_property
+    def _of_factors(self) -> Kernel:
+        """The kernel of delay, chain and gains alone."""
+        return replace(self.kernel, wanted=self.kernel.factors)
+
+    @cached_property
+    def _of_others(self) -> Kernel:
+        """The kernel of all others."""
+        return replace(
+            self.kernel, wanted=tuple(name for name in self.kernel.wanted if name not in self.kernel.factors)
+        )
 
     @property
     def _whole_solution(self) -> tuple[FloatArray, ...]:

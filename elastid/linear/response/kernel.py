@@ -22,9 +22,10 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.response.condensation import Leaves
+from elastid.linear.response.factor import factor
+from elastid.linear.response.hold_images import HoldImages, hold_images
 from elastid.linear.response.ldl import Elimination, is_worth_it
 from elastid.linear.response.rank_one_terms import RankOneTerms, rank_one_terms
-from elastid.linear.response.transfer import factor
 from elastid.robot import gain_name
 
 # Lines worked on at a time: their matrices stay in the cache.
@@ -78,7 +79,8 @@ class Kernel:
 
     def response(self, theta: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) at theta (n_theta,)."""
-        return np.concatenate([products.G for products in self.products(theta, np.zeros((self.model.n, 0)))])
+        direct = [products.G for products in self.products(theta, np.zeros((self.model.n, 0)))]
+        return np.concatenate(direct) + self.images(theta)
 
     def evaluate(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
         """G (F, n_y, n_u) and dG (P, F, n_y, n_u), the derivatives to the wanted parameters, at theta (n_theta,)."""
@@ -101,7 +103,57 @@ class Kernel:
                 weighted = (terms.sigma[:, :, None] * powers[terms.power])[..., None] * right[terms.direction]
                 dG[terms.members, block] = left[terms.direction].transpose(0, 2, 3, 1) @ weighted.transpose(0, 2, 1, 3)
             dG[moving, block] += moved
+        if self._above:
+            images, slopes = self.evaluate_images(theta)
+            G, dG = G + images, dG + slopes
         return G, dG
+
+    def images(self, theta: FloatArray) -> ComplexArray:
+        """The images in G (F, n_y, n_u) of held torques at theta (n_theta,); zero without any."""
+        found = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
+        for images, above in self._above:
+            found += images.folding(theta).images(above.response(images.undelayed(theta)))
+        return found
+
+    def evaluate_images(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        """The images in G (F, n_y, n_u) and their derivatives (P, F, n_y, n_u) at theta (n_theta,)."""
+        found = np.zeros((self.freq_hz.size, len(self.model.outputs), len(self.model.inputs)), complex)
+        slopes = np.zeros((len(self.wanted), *found.shape), complex)
+        s = (2j * np.pi * self.freq_hz).astype(complex)
+        for images, above in self._above:
+            G_above, of_above = above.evaluate(images.undelayed(theta))
+            folding = images.folding(theta)
+            added = folding.images(G_above)
+            found += added
+            slopes[[self.wanted.index(name) for name in above.wanted]] += folding.images(of_above)
+            for element in images.sensors.chain:
+                if element.name in self.wanted:
+                    slope = element.log_slope(s, self.model.number(theta, element.name))
+                    slopes[self.wanted.index(element.name)] += slope[:, None, None] * added
+            if DELAY in self.wanted:
+                slopes[self.wanted.index(DELAY)] += images.folding(theta, order=1).images(G_above)
+        return found, slopes
+
+    def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
+        """Re sum over lines and elements of weight (F, n_y, n_u) times the derivatives (P,) of `images`.
+
+        Zero for the delay and for lags of a sensor.
+        """
+        pulled = np.zeros(len(self.wanted))
+        for images, above in self._above:
+            slopes = above.evaluate(images.undelayed(theta))[1]
+            places = [self.wanted.index(name) for name in above.wanted]
+            pulled[places] += images.folding(theta).pull(weight, slopes)
+        return pulled
+
+    @cached_property
+    def _above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
+        """The images of held torques, and the kernel of what they are made of."""
+        found = hold_images(self.model, self.freq_hz)
+        return tuple(
+            (images, Kernel(images.plant, images.nodes_hz, tuple(filter(images.moves_plant, self.wanted))))
+            for images in found
+        )
 
     @cached_property
     def places(self) -> IntArray:

@@ -4,7 +4,8 @@ r"""LinearModel -> frequency response, the formula itself.
           c = (j\omega)^k e^{-j\omega T_d} \prod_i H_i(j\omega T_i)
 
 with k = 0, 1, 2 for position, velocity, acceleration, H_i the elements of the measurement chain, and each element times
-g_y / g_u where channels have gains. An accelerometer has C + T / s^2 in the place of C.
+g_y / g_u where channels have gains. An accelerometer has C + T / s^2 in the place of C. Of a torque that is held
+between its samples the images in the sampled motion are added (`hold_images`).
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from __future__ import annotations
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.linear.linear_model import DELAY, LinearModel
-from elastid.record import MOTION_ORDER
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.factor import factor
+from elastid.linear.response.hold_images import hold_images
 from elastid.response import FrequencyResponse
 
 
@@ -23,25 +25,22 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
     .. math:: G(j\omega) = (j\omega)^k e^{-j\omega T_d}\, C\, [K - \omega^2 M + j\omega D]^{-1} B
 
     theta (n_theta,): model.parameters, SI.  freq_hz (F,): positive.
-    Returns G (F, n_y, n_u), link side, model.quantity per Nm.
+    Returns G (F, n_y, n_u), link side, model.quantity per Nm; with the images of torques that `model.hold` holds.
     """
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
     C, T = model.readout(theta)
-    return np.asarray(np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2))
+    G = np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2)
+    for images in hold_images(model, np.asarray(freq_hz)):
+        above = frequency_response(images.plant, images.undelayed(theta), images.nodes_hz)
+        G = G + images.folding(theta).images(above)
+    return np.asarray(G)
 
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G = frequency_response(model, theta, freq_hz)
-    return FrequencyResponse(freq_hz, G, model.inputs, model.outputs, model.quantity, model.configuration)
-
-
-def factor(model: LinearModel, theta: FloatArray, s: ComplexArray) -> ComplexArray:
-    """c = s^k exp(-s T_d) times the factors of the chain, of the shape of s = j omega."""
-    delay = model.number(theta, DELAY) if DELAY in model.parameters else 0.0
-    c = s ** MOTION_ORDER[model.quantity] * np.exp(-s * delay)
-    for element in model.chain:
-        c = c * element.response(s, model.number(theta, element.name))
-    return c
+    return FrequencyResponse(
+        freq_hz, G, model.inputs, model.outputs, model.quantity, model.configuration, hold=model.hold
+    )

@@ -19,7 +19,7 @@ from elastid.base.note import Note
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.experiment.specs.structure import Places, input_units
-from elastid.record import MOTION_ORDER, Configuration, Motion
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log, StoredArray
 from elastid.recorded.files.text import TextLog, guess_format
@@ -113,7 +113,20 @@ def link_side_response(
         notes=notes,
         sliding=robot.sliding(c.at for c in (*inputs, *outputs)),
         input_units=input_units(inputs, robot),
+        hold=_images(inputs, outputs, spec),
     )
+
+
+def _images(inputs: Sequence[ChannelSpec], outputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> HeldTorque | None:
+    """The commands of which angles, sampled with them, contain images; None without any."""
+    rates = tuple(_held_rate_hz(channel, spec) for channel in inputs)
+    sampled = tuple(channel.quantity == "position" for channel in outputs)
+    return HeldTorque(rates, sampled) if any(rates) and any(sampled) else None
+
+
+def _held_rate_hz(channel: ChannelSpec, spec: ResponsesSpec) -> float:
+    """The rate at which a command is renewed; 0 of an input that is not held."""
+    return 0.0 if spec.hold_of(channel) == "band-limited" else channel.rate_hz or spec.rate_hz or 0.0
 
 
 def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec], spec: ResponsesSpec) -> ComplexArray:
@@ -123,8 +136,8 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
     """
     H = np.ones((len(freq_hz), len(inputs)), dtype=np.complex128)
     for j, channel in enumerate(inputs):
-        rate_hz = channel.rate_hz or spec.rate_hz
-        if spec.hold_of(channel) == "band-limited" or rate_hz is None:
+        rate_hz = _held_rate_hz(channel, spec)
+        if not rate_hz:
             continue
         if freq_hz[-1] > rate_hz / 2:
             raise DataError(
