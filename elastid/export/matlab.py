@@ -46,7 +46,7 @@ for i = 1:numel(e.model)
 end
 {measured}"""
 
-_MEASURED = """% measured{i}: an idfrd with covariance (System Identification Toolbox), else an frd without, or a struct.
+_MEASURED = """% measured{i}: idfrd with covariance (System Identification Toolbox), else an frd without, or a struct.
 measured = cell(1, numel(e.measured));
 for i = 1:numel(e.measured)
     f = e.measured(i);
