@@ -12,6 +12,7 @@ from elastid.export.fmu import write_fmu
 from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
 from elastid.export.uff import write_uff
+from elastid.export.urdf import write_urdf
 from elastid.fit.fitted_model import FittedModel
 from elastid.response import FrequencyResponse
 
@@ -23,6 +24,7 @@ TARGETS: dict[str, Writer] = {
     "matlab": write_matlab,
     "mujoco": write_mujoco,
     "fmu": write_fmu,
+    "urdf": write_urdf,
     "casadi": write_casadi,
     "c": write_c,
     "csv": write_csv,

@@ -1,0 +1,159 @@
+"""Export to URDF: the rigid part of the fitted robot, which is all that the format can carry.
+
+Driven and passive joints with their axes, limits, viscous and Coulomb friction (link side), bodies with mass, centre
+and inertia, named frames. Springs, elastic joints (rigid here), rotors and gears are not of the format: the head of the
+file names them, with the targets that carry them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import StudyError
+from elastid.fit.fitted_model import FittedModel
+from elastid.friction.robot_friction import frictions
+from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
+from elastid.store import text_file
+
+# What the format asks for where a robot's file has no limit.
+UNLIMITED = 1e6
+
+
+def write_urdf(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+    """robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
+    root = urdf(model.robot)
+    ET.indent(root)
+    path = folder / "robot.urdf"
+    with text_file(path) as file:
+        file.write(f'<?xml version="1.0"?>\n<!-- {_left_out(model.robot)} -->\n')
+        file.write(ET.tostring(root, encoding="unicode") + "\n")
+    return (path,)
+
+
+def urdf(robot: Robot) -> ET.Element:
+    """The rigid robot; StudyError where it has loops."""
+    if robot.loops:
+        raise StudyError(
+            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), and a URDF is a tree; "
+            "export to mujoco, fmu, casadi or c instead"
+        )
+    root = ET.Element("robot", name=robot.name)
+    ET.SubElement(root, "link", name=BASE)
+    # Of each body the link that has it, and the pose of the body's axes in that link.
+    seats = {BASE: (BASE, np.eye(4))}
+    for body in robot.all_bodies:
+        seats[body.name] = _body(root, robot, body, *seats[body.parent])
+    for frame in robot.frames:
+        link, pose = seats[frame.body]
+        ET.SubElement(root, "link", name=frame.name)
+        _fixed(root, frame.name, link, frame.name, pose @ _matrix(frame.placement))
+    return root
+
+
+def _body(root: ET.Element, robot: Robot, body: Body, parent: str, pose: FloatArray) -> tuple[str, FloatArray]:
+    """The joints that lead to a body and its link; each further joint has an empty link before it.
+
+    pose: of the parent body in the parent's link.  Returns the link and the body's pose in it.
+    """
+    at = pose @ _matrix(body.placement)
+    joints = [joint for joint in body.joints if _moves(joint)]
+    names = [f"{body.name} before {joint.name}" for joint in joints[1:]] + [body.name]
+    for joint, name in zip(joints, names, strict=bool(joints)):
+        to_axis = _shift(np.array(joint.point, dtype=float))
+        _joint(root, robot, joint, parent, name, at @ to_axis)
+        ET.SubElement(root, "link", name=name)
+        parent, at = name, _shift(-to_axis[:3, 3])
+    if not joints:
+        ET.SubElement(root, "link", name=body.name)
+        _fixed(root, body.name, parent, body.name, at)
+        parent, at = body.name, np.eye(4)
+    own = at @ _matrix(body.mounting)
+    if body.mass or np.any(body.inertia_matrix):
+        _inertial(next(link for link in root.iter("link") if link.get("name") == parent), body, own)
+    return parent, own
+
+
+def _moves(joint: Joint) -> bool:
+    """Whether a joint moves in the rigid robot: driven or passive, and not elastic alone."""
+    return joint.motor is not None or joint.is_passive
+
+
+def _joint(root: ET.Element, robot: Robot, joint: Joint, parent: str, child: str, pose: FloatArray) -> None:
+    low, high = joint.limits.angle
+    is_limited = joint.slides or math.isfinite(low) or math.isfinite(high)
+    kind = "prismatic" if joint.slides else "revolute" if is_limited else "continuous"
+    element = ET.SubElement(root, "joint", name=joint.name, type=kind)
+    _pose(element, pose)
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+    ET.SubElement(element, "axis", xyz=_numbers(unit_axis(joint.axis)))
+    limits = {"effort": joint.limits.torque, "velocity": joint.limits.velocity}
+    limits |= {"lower": low, "upper": high} if is_limited else {}
+    ET.SubElement(element, "limit", {key: _number(_finite(value)) for key, value in limits.items()})
+    viscous = joint.viscous + (0.0 if joint.motor is None else joint.motor.ratio**2 * joint.motor.viscous)
+    places = (f"motor {joint.name}", f"joint {joint.name}")
+    coulomb = sum(float(law.curve()[0]) for law in frictions(robot) if law.place in places)
+    ET.SubElement(element, "dynamics", damping=_number(viscous), friction=_number(coulomb))
+
+
+def _fixed(root: ET.Element, name: str, parent: str, child: str, pose: FloatArray) -> None:
+    element = ET.SubElement(root, "joint", name=f"{name} fixed", type="fixed")
+    _pose(element, pose)
+    ET.SubElement(element, "parent", link=parent)
+    ET.SubElement(element, "child", link=child)
+
+
+def _inertial(link: ET.Element, body: Body, pose: FloatArray) -> None:
+    """Mass and inertia in the axes of the body."""
+    element = ET.SubElement(link, "inertial")
+    _pose(element, pose @ _shift(np.array(body.center_of_mass, dtype=float)))
+    ET.SubElement(element, "mass", value=_number(body.mass))
+    I = body.inertia_matrix  # noqa: E741
+    entries = {f"i{a}{b}": _number(I["xyz".index(a), "xyz".index(b)]) for a, b in ("xx", "xy", "xz", "yy", "yz", "zz")}
+    ET.SubElement(element, "inertia", entries)
+
+
+def _pose(element: ET.Element, pose: FloatArray) -> None:
+    placement = Placement.of(pose[:3, :3], pose[:3, 3])
+    ET.SubElement(element, "origin", xyz=_numbers(placement.xyz), rpy=_numbers(placement.rpy))
+
+
+def _matrix(placement: Placement) -> FloatArray:
+    """A placement as a homogeneous matrix (4, 4)."""
+    pose = _shift(np.array(placement.xyz, dtype=float))
+    pose[:3, :3] = placement.rotation
+    return pose
+
+
+def _shift(by: FloatArray) -> FloatArray:
+    pose = np.eye(4)
+    pose[:3, 3] = by
+    return pose
+
+
+def _left_out(robot: Robot) -> str:
+    """What the file does not carry."""
+    springs = [joint.name for joint in robot.joints if joint.spring is not None]
+    parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
+    parts += ["compensators"] if robot.compensators else []
+    listed = "; ".join(part for part in parts if part)
+    # XML comments have no double hyphen.
+    return f"{robot.name}, rigid. Left out: {listed}. Targets mujoco, fmu, casadi, c have them.".replace("--", "- -")
+
+
+def _finite(value: float) -> float:
+    return math.copysign(min(abs(value), UNLIMITED), value)
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(_number(value) for value in values)
+
+
+def _number(value: float) -> str:
+    return repr(float(value))
