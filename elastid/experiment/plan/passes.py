@@ -17,6 +17,7 @@ its drift is the warm-up.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,8 +26,9 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import StudyError
 
-# Slow passes cover a turn of the motor, but take no longer than this; fast ones dwell at least as long.
-LONGEST_S, SHORTEST_S = 20.0, 0.3
+# Slow passes cover a turn of the motor, but take no longer than the first; others dwell for the second where the window
+# has room, and at least for the third.
+LONGEST_S, USUAL_S, SHORTEST_S = 20.0, 1.0, 0.3
 # At rest between there and back.
 PAUSE_S = 0.5
 # Peak over mean acceleration of a ramp of velocity with continuous acceleration, 10 x^3 - 15 x^4 + 6 x^5.
@@ -103,9 +105,11 @@ def plan_passes(
 ) -> tuple[PlannedPass, ...]:
     """Every speed `repeat` times in random order, and the middle speed first, last and every reference_every_s between.
 
-    Raises StudyError that names the speed for one that is too fast for the joint or its window.
+    A speed that is given several times has as many passes.  Raises StudyError that names the speed for one that is too
+    fast for the joint or its window.
     """
-    planned = [_planned(speed, number, limits) for number in range(repeat) for speed in speeds]
+    each = Counter(speeds)
+    planned = [planned_pass(speed, number, limits) for speed in each for number in range(each[speed] * repeat)]
     order = np.random.default_rng(seed).permutation(len(planned))
     middle = sorted(speeds)[len(speeds) // 2]
     found, since, count = [_reference(middle, 0, limits)], 0.0, 1
@@ -156,7 +160,7 @@ def fastest_speed(limits: PassLimits) -> float:
     return float(min(limits.velocity, a / 2 * (math.sqrt(t**2 + 4 * room / a) - t)))
 
 
-def _planned(speed: float, number: int, limits: PassLimits) -> PlannedPass:
+def planned_pass(speed: float, number: int, limits: PassLimits) -> PlannedPass:
     """One pass about the middle of the window; StudyError where it has no room."""
     if speed > limits.velocity:
         raise StudyError(
@@ -165,10 +169,11 @@ def _planned(speed: float, number: int, limits: PassLimits) -> PlannedPass:
         )
     # Both ramps of smooth shape cover half of what their time would at full speed.
     ramps, low, high = speed * ramp_time(speed, limits), *limits.window
-    plateau_s = float(np.clip(limits.turn / speed, SHORTEST_S, LONGEST_S))
     settling = speed * limits.settling_s(speed)
+    least_s = float(np.clip(limits.turn / speed, SHORTEST_S, LONGEST_S))
+    plateau_s = max(least_s, min(USUAL_S, (high - low - ramps - settling) / speed))
     travel = ramps + settling + speed * plateau_s
-    if travel > high - low:
+    if travel > (high - low) * (1 + 1e-9):
         raise StudyError(
             f"friction.passes.window: a pass of {limits.place} at {speed:.4g} {limits.unit}/s takes {travel:.4g} "
             f"{limits.unit} (ramps {ramps:.3g}, settling {settling:.3g}, steady {speed * plateau_s:.3g}), and the "
@@ -179,5 +184,5 @@ def _planned(speed: float, number: int, limits: PassLimits) -> PlannedPass:
 
 
 def _reference(speed: float, number: int, limits: PassLimits) -> PlannedPass:
-    one = _planned(speed, number, limits)
+    one = planned_pass(speed, number, limits)
     return PlannedPass(f"reference-{number}", one.speed, one.start, one.stop, one.plateau_s, True)

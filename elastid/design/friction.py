@@ -1,0 +1,147 @@
+"""The plan of a friction study: speeds of passes, their order, torques at standstill, and warm-ups.
+
+Speeds are D-optimal over the laws that the joint may have (`pass_speeds`, with its certificate), windows and ramps
+those that the joint's limits leave (`friction_axis`); what cannot be done is refused by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.errors import DataError, StudyError
+from elastid.design.friction_axis import Axis, axis_of
+from elastid.design.friction_motions import passes_of, standstill_of, timed, warm_up_of
+from elastid.design.pass_speeds import PassSpeeds, optimal_speeds
+from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign, PlannedMotion, PlannedWarmUp
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.friction_fit.law_choice import LOWEST_SPEED, MIN_SPEEDS
+from elastid.friction_fit.spec import FrictionSpec, LoadSpec
+from elastid.record import Configuration
+from elastid.robot import Joint, Robot
+from elastid.robot.loaded import with_point_mass
+
+
+def design_friction(
+    spec: FrictionSpec, joints: Sequence[Joint], experiment: ExperimentSpec, robot: Robot, seed: int
+) -> FrictionPlan:
+    """The plan of a study of `joints`, one after the other.
+
+    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
+    """
+    found = list[_Planned]()
+    for number, joint in enumerate(joints):
+        start_s = found[-1].end_s if found else 0.0
+        found.append(_planned(spec, joint, experiment, robot, (seed, number), start_s))
+    return FrictionPlan(
+        spec.rate_hz,
+        tuple(motion for one in found for motion in one.motions),
+        tuple(one.design for one in found),
+        found[-1].end_s if found else 0.0,
+        tuple(warm_up for one in found for warm_up in one.warm_ups),
+        tuple(_known(one.axis, one.design) for one in found),
+        tuple(dict.fromkeys(sentence for one in found for sentence in _unknown(spec, one.axis, one.design))),
+    )
+
+
+@dataclass(frozen=True)
+class _Planned:
+    """What is done with one joint, and when it ends."""
+
+    axis: Axis
+    design: JointPassDesign
+    motions: tuple[PlannedMotion, ...]
+    warm_ups: tuple[PlannedWarmUp, ...]
+    end_s: float
+
+
+def _planned(
+    spec: FrictionSpec, joint: Joint, experiment: ExperimentSpec, robot: Robot, seed: tuple[int, int], start_s: float
+) -> _Planned:
+    controller = experiment.as_simulated().controller
+    loads = spec.loads or (LoadSpec(""),)
+    postures = {load.name: _posture(experiment, robot, load.configuration) for load in loads}
+    axes = [
+        axis_of(with_point_mass(robot, load.payload), joint, postures[load.name], spec.passes, controller)
+        for load in loads
+    ]
+    # The load that takes most of the torque decides ramps and speeds of all.
+    axis = max(axes, key=lambda one: one.holding)
+    speeds = _speeds(spec, axis)
+    axis.check_speeds(speeds.speed, controller.bandwidth_hz)
+    design = JointPassDesign(
+        joint.name, axis.limits, speeds.speed, speeds.passes.astype(float), speeds.excess, speeds.efficiency
+    )
+    draws = np.random.SeedSequence(seed).spawn(2)
+    motions, end_s = timed(
+        (
+            *passes_of(spec.passes, loads, postures, joint.name, design, int(draws[0].generate_state(1)[0])),
+            *standstill_of(spec, axis, postures[loads[0].name], np.random.default_rng(draws[1])),
+        ),
+        axis.limits,
+        start_s,
+        spec.rate_hz,
+    )
+    if spec.warm_up is None:
+        return _Planned(axis, design, motions, (), end_s)
+    warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[loads[0].name], end_s)
+    return _Planned(axis, design, (*motions, *tests), (warm_up,), end_s)
+
+
+def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:
+    """A configuration by name, by default the first; without any, every joint at zero or the nearest that it may."""
+    given = experiment.configurations
+    if given:
+        chosen = name or next(iter(given))
+        return Configuration(chosen, np.array(given[chosen]))
+    return Configuration("zero", np.array([float(np.clip(0.0, *joint.limits.angle)) for joint in robot.driven]))
+
+
+def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
+    """The speeds of the passes and how many at each; StudyError for a range without room."""
+    passes, unit = spec.passes, axis.limits.unit
+    lowest, highest = passes.speeds or (axis.slowest, axis.fastest)
+    try:
+        if passes.spacing == "optimal":
+            return optimal_speeds(axis.guess.spread, lowest, highest, passes.count)
+        if not 0 < lowest < highest:
+            raise DataError(f"passes from {lowest:.3g} to {highest:.3g} {unit}/s leave no range")
+        speeds = np.geomspace(lowest, highest, passes.count)
+        return PassSpeeds(speeds, np.ones(passes.count, np.int64), float("nan"), float("nan"))
+    except DataError as error:
+        raise StudyError(
+            f"friction.passes.speeds: {axis.limits.place}: {error}; its window of {np.ptp(axis.limits.window):.3g} "
+            f"{unit}, its loop and its torque leave {axis.slowest:.3g} to {axis.fastest:.3g} {unit}/s"
+        ) from None
+
+
+def _known(axis: Axis, design: JointPassDesign) -> str:
+    """What the passes tell of a joint."""
+    source = "the robot's file" if axis.guess.is_from_file else "common gears"
+    certificate = "" if np.isnan(design.excess) else f", {design.efficiency:.0%} of the best information"
+    return (
+        f"{axis.limits.place}: {design.passes.sum():.0f} passes at {len(design.speed)} speeds from "
+        f"{design.speed[0]:.3g} to {design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for friction as that of "
+        f"{source} (F_c {axis.guess.law.coulomb:.3g}, nu_s {axis.guess.law.stribeck_velocity:.3g})"
+    )
+
+
+def _unknown(spec: FrictionSpec, axis: Axis, design: JointPassDesign) -> list[str]:
+    """What the levels will not tell, and what would."""
+    nu_s, found = axis.guess.law.stribeck_velocity, []
+    if len(design.speed) < MIN_SPEEDS:
+        found.append(f"{axis.limits.place}: stiction: {len(design.speed)} speeds; it needs {MIN_SPEEDS}")
+    elif design.speed[0] > LOWEST_SPEED * nu_s:
+        found.append(
+            f"{axis.limits.place}: stiction and its Stribeck velocity: no speed below a third of about {nu_s:.3g} "
+            f"{axis.limits.unit}/s; measure at {LOWEST_SPEED * nu_s:.2g} and below"
+        )
+    if len(spec.loads) < 2:
+        found.append("growth with the load: one load; give loads, other postures or payloads")
+    if spec.warm_up is None:
+        found.append("change with temperature: one temperature; give warm_up")
+    if spec.presliding is None and spec.at_rest is None:
+        found.append("friction before the joint slides: give presliding or at_rest")
+    return found

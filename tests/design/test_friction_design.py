@@ -1,0 +1,115 @@
+"""Plans of friction studies: speeds within what a joint can do, and refusals by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from elastid.base.errors import StudyError
+from elastid.design.friction import design_friction
+from elastid.design.friction_axis import axis_of
+from elastid.experiment.plan.friction import FrictionPlan
+from elastid.experiment.plan.passes import pass_reference
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.record import Configuration
+from elastid.robot import Body, Frame, Friction, Joint, Limits, Motor, Robot, Spring
+
+LAW = Friction(0.25, stiction=0.34, stribeck_velocity=8.0)
+LIMITS = Limits((-2.0, 2.0), velocity=2.0, torque=400.0, acceleration=7.0)
+
+
+def arm(limits: Limits = LIMITS, law: Friction | None = LAW) -> Robot:
+    motor = Motor(4e-4, 100.0, viscous=1.5e-3, friction=law)
+    joint = Joint("1", axis="y", motor=motor, spring=Spring(1e5, 60.0), limits=limits)
+    body = Body("arm", joints=(joint,), mass=20.0, center_of_mass=(0.0, 0.0, 0.4), inertia=1.0)
+    return Robot("arm", (body,), frames=(Frame("tool", "arm"),))
+
+
+def planned(spec: FrictionSpec, robot: Robot | None = None, bandwidth_hz: float = 8.0) -> FrictionPlan:
+    robot = robot or arm()
+    experiment = ExperimentSpec({"up": (0.0,)}, simulated=SimulatedSpec(controller=ControllerSpec(bandwidth_hz)))
+    return design_friction(spec, robot.driven, experiment, robot, 3)
+
+
+def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
+    """All defaults: slow enough for stiction, as fast as window and torque allow, the same for a seed."""
+    plan = planned(FrictionSpec())
+    (design,) = plan.designs
+    assert design.speed[0] < 0.05 * 8.0 / 100
+    assert design.speed[-1] > 1.0
+    assert design.excess < 2e-3
+    assert design.efficiency > 0.9
+    assert {motion.planned.speed for motion in plan.motions if motion.planned} == set(design.speed.tolist())
+    for motion in plan.motions:
+        assert motion.planned is not None
+        reference = pass_reference(motion.planned, design.limits, plan.rate_hz)
+        assert design.limits.window[0] - 1e-3 < reference.position.min()
+        assert reference.position.max() < design.limits.window[1] + 1e-3
+        assert np.abs(reference.acceleration).max() < 1.02 * LIMITS.acceleration
+    assert plan.robot_time_s == pytest.approx(sum(np.diff([m.start_s for m in plan.motions])), rel=0.1)
+    again = planned(FrictionSpec())
+    assert [motion.name for motion in again.motions] == [motion.name for motion in plan.motions]
+    assert len({motion.name for motion in plan.motions}) == len(plan.motions)
+
+
+def test_loads_loops_and_rest_come_after_each_other() -> None:
+    """Amplitudes are parts of break-away and of Coulomb friction; a payload takes torque and so acceleration."""
+    loads = (LoadSpec("empty"), LoadSpec("full", payload=10.0))
+    plan = planned(FrictionSpec(loads=loads, presliding=PreslidingSpec(), at_rest=AtRestSpec(), warm_up=None))
+    assert [m.load for m in plan.motions if m.purpose == "passes"].count("full") == 26
+    (loops,) = (motion.torque for motion in plan.motions if motion.purpose == "loops")
+    assert loops is not None
+    assert np.abs(loops).max() == pytest.approx(0.95 * 34.0)
+    peaks = [np.abs(m.torque).max() for m in plan.motions if m.purpose == "at_rest" and m.torque is not None]
+    assert peaks == pytest.approx([1.25, 1.25, 2.5, 2.5])
+    starts = [motion.start_s for motion in plan.motions]
+    assert starts == sorted(starts)
+    assert "growth with the load" not in " ".join(plan.unknown)
+
+
+def test_a_warm_up_is_followed_by_tests() -> None:
+    plan = planned(FrictionSpec(warm_up=WarmUpSpec(speed=1.0, time=1800.0, test_every=300.0)))
+    (warm_up,) = plan.warm_ups
+    tests = [motion for motion in plan.motions if motion.is_warm_up]
+    assert len(tests) == 7 * 3
+    assert tests[0].start_s == warm_up.start_s
+    assert tests[-3].start_s == pytest.approx(warm_up.start_s + 1800.0)
+
+
+def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gears() -> None:
+    plan = planned(FrictionSpec(), arm(law=None))
+    assert "friction as that of common gears" in plan.known[0]
+    planned(FrictionSpec(), arm(Limits(), None))
+
+
+REFUSED: list[tuple[dict[str, Any], Limits, float, str]] = [
+    ({"speeds": (0.01, 1.9), "window": (-0.2, 0.2)}, LIMITS, 8.0, r"passes.window: a pass of joint 1 at 1.9 .* up to"),
+    ({"speeds": (0.01, 2.5)}, LIMITS, 8.0, r"passes.speeds: joint 1 may move at 2 rad/s, and a pass at 2.5"),
+    ({"speeds": (0.01, 1.0)}, replace(LIMITS, torque=90.0), 8.0, r"gravity takes 66.* nothing is left to move it"),
+    ({"speeds": (0.01, 1.9)}, replace(LIMITS, torque=118.0), 8.0, r"its drive gives 118: the torque would be clipped"),
+    ({"speeds": (0.01, 1.0)}, LIMITS, 0.5, r"would stick and slip at .* its friction falls by .* from 0.5 to"),
+    ({"speeds": (0.01, 0.03)}, LIMITS, 8.0, r"passes.speeds: joint 1: passes from .* leave .* to .* rad/s"),
+]
+
+
+@pytest.mark.parametrize(("passes", "limits", "bandwidth_hz", "word"), REFUSED)
+def test_what_cannot_be_done_is_refused_by_name(
+    passes: dict[str, Any], limits: Limits, bandwidth_hz: float, word: str
+) -> None:
+    with pytest.raises(StudyError, match=word):
+        planned(FrictionSpec(passes=PassesSpec(**passes)), arm(limits), bandwidth_hz)
+
+
+def test_default_speeds_slide_with_a_loop_of_any_bandwidth() -> None:
+    """Where slow sliding would be unstable, the slowest pass is the first that is not."""
+    robot = arm()
+    for bandwidth_hz in (0.3, 1.0, 8.0):
+        axis = axis_of(
+            robot, robot.driven[0], Configuration("up", np.zeros(1)), PassesSpec(), ControllerSpec(bandwidth_hz)
+        )
+        assert not axis.sticks_at(axis.slowest)
