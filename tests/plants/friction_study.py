@@ -101,7 +101,7 @@ def warm_up() -> tuple[WarmUp, ThermalModel]:
 def at_rest() -> AtRest:
     """Two amplitudes, 1 % apart."""
     points = (RestPoint(0.5, 9.9e3, 60.0, 12.0, 0.5), RestPoint(1.0, 9.8e3, 30.0, 14.0, 0.3))
-    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, points)
+    return AtRest(1.0e4, 10.0, np.diag([100.0, 1.0]) ** 2, points, None)
 
 
 def number(name: str, symbol: str, value: float, std: float, truth: float | None) -> FrictionNumber:

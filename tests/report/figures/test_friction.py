@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from plants.dry_friction import robot
 from plants.report_values import lines_of
 from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
@@ -42,3 +43,12 @@ def test_the_figure_shows_the_unexplained_torque_of_every_motor_and_a_curve_wher
         np.testing.assert_array_equal(drawn["unexplained, friction taken out"].get_ydata(), friction.after[:, i])
     curve = lines_of(titles["motor 1: F_c = 4.5 ± 0.44 N·m"])["friction"]
     np.testing.assert_allclose(curve.get_ydata(), curve_of(friction, "motor 1")[1])
+
+
+def test_the_law_of_the_robot_file_stands_beside_the_curve() -> None:
+    """On the link side, both signs; without a robot there is none."""
+    label = "F_c of the robot's file"
+    with_law = friction_curves(taken_friction(), robot((4.0, 7.0))).axes[0]
+    drawn = [line.get_ydata()[0] for line in with_law.get_lines() if line.get_label() == label]
+    np.testing.assert_allclose(drawn, (4.0, -4.0))
+    assert label not in lines_of(friction_curves(taken_friction()).axes[0])
