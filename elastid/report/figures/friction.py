@@ -106,7 +106,7 @@ def _draw_levels(axes: Axes, friction: FrictionTakenOut, i: int) -> None:
         (friction.after[:, i], style.MEASURED, style.MEASURED, "unexplained, friction taken out"),
     ):
         axes.plot(x, values, ls="none", marker="o", ms=4, mec=color, mfc=face, label=label)
-    axes.set_ylim(bottom=0)
+    axes.set_ylim(0, 1.1 * max(float(axes.get_ylim()[1]), 1e-300))
     axes.set_xlim(-0.5, len(x) - 0.5)
     style.set_names(axes.xaxis, friction.configurations, rotation=30, ha="right")
     unit = friction.place_units[i]
