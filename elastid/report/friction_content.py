@@ -6,11 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.note import NoteGroup, grouped
+from elastid.friction_fit.law_choice import Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.report.numbers import digits, number
 
 # Numbers of a joint that its sentence has, the first ones of its table.
 ANSWERED = 3
+# Parts of a law without numbers, in words.
+PARTS = {
+    "stribeck": "stiction and Stribeck velocity",
+    "exponent": "exponent of the Stribeck curve",
+    "quadratic": "quadratic friction",
+    "directions": "difference of the directions",
+    "directions.coulomb": "Coulomb friction by direction",
+    "load": "dependence on load",
+    "temperature": "dependence on temperature",
+}
 # Reason of a part that nobody looked for.
 NOT_ASKED = "not asked for"
 
@@ -49,9 +60,14 @@ def answer(joint: JointFriction) -> str:
     numbers = ", ".join(f"{each.symbol} = {with_interval(each)}" for each in said)
     further = len(joint.numbers) - len(said)
     more = f", and {further} further number{'s' if further > 1 else ''}" if further else ""
-    parts = ", ".join(dict.fromkeys(held.part for held in joint.held if held.reason != NOT_ASKED))
+    parts = ", ".join(dict.fromkeys(part_words(held) for held in joint.held if held.reason != NOT_ASKED))
     left = f"; not identifiable: {parts}" if parts else ""
     return f"Joint {joint.joint}: {numbers}{more}{left}."
+
+
+def part_words(held: Held) -> str:
+    """The part of a law that has no numbers, as a sentence names it."""
+    return PARTS.get(held.part, held.part)
 
 
 def with_interval(each: FrictionNumber) -> str:

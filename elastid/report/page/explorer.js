@@ -98,7 +98,7 @@
       for (let column = 0; column < n_u; column++)
         if (one === null || one === row * n_u + column) panel(response, drawn, y, row, column, width, height);
     root.querySelector(".key").replaceChildren(
-      ...drawn.map((curve) => {
+      ...drawn.filter((curve) => curve.color !== "transparent").map((curve) => {
         const label = document.createElement("span");
         label.textContent = `${curve.points ? "●" : curve.dash ? "┅" : "━"} ${curve.label}`;
         label.style.color = curve.color;
