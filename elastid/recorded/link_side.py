@@ -1,6 +1,6 @@
 """Channels of a log in SI and on the link side; missing samples stay missing.
 
-value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque
+value = sign * scale * file value, in unit -> SI, a current times its torque constant -> torque, K and degF -> degC
 motor side -> link side:   torque * ratio,   angle, velocity, acceleration / ratio     (ratio may be negative)
 
 Where gears couple motors with several joints, each channel is converted by its own ratio first, then all together:
@@ -35,7 +35,7 @@ def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
 
 def link_side(channel: ChannelSpec, values: FloatArray, robot: Places) -> tuple[FloatArray, tuple[Note, ...]]:
     """The signal (n,) in SI on the link side, and a note if an angle was unwrapped."""
-    signal = values * _own_side_factor(channel, robot)
+    signal = values * _own_side_factor(channel, robot) + channel.offset
     turns = 0
     if channel.quantity == "position" and not robot.slides(channel.at):
         known = np.isfinite(signal)
@@ -76,7 +76,7 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
             raise DataError(
                 f"{path}: {channel.full_name}: none of its {len(column)} samples is a finite number; check its name"
             )
-        if np.ptp(values) > 0:
+        if np.ptp(values) > 0 or channel.role == "t":
             continue
         if channel.role == "y" or not _another_moves(channel, channels, columns):
             raise DataError(

@@ -5,12 +5,21 @@ from __future__ import annotations
 from typing import Literal, TypeAlias
 
 from elastid.base.section import section
-from elastid.base.units import Frequency, Time, TorqueConstant, factor, of_translation
+from elastid.base.units import Frequency, JointVelocity, Temperature, Time, TorqueConstant, factor, of_translation
 from elastid.record import MOTION_UNIT, Hold
 
 # SI units of a channel's quantity.
-QUANTITY_UNIT = {**MOTION_UNIT, "torque": "N*m", "force": "N", "current": "A", "voltage": "V"}
+QUANTITY_UNIT = {
+    **MOTION_UNIT,
+    "torque": "N*m",
+    "force": "N",
+    "current": "A",
+    "voltage": "V",
+    "temperature": "degC",
+}
 MOTIONS = tuple(MOTION_UNIT)
+# Unit of a thermometer: factor and offset to degC.
+TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
 
 Period: TypeAlias = Time | Literal["find", "none"]
 
@@ -21,7 +30,7 @@ class ChannelSpec:
 
     Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
 
-    role: r injected torque, u acting torque, y motion.
+    role: r injected torque, u acting torque, y motion, t temperature of a joint (studies of friction).
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
     feels gravity); without a robot any name, such as `shaker` or `tip x`.
     channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
@@ -35,11 +44,13 @@ class ChannelSpec:
     hold: of an acting torque (role u), where it differs from that of the section.
     """
 
-    role: Literal["r", "u", "y"]
+    role: Literal["r", "u", "y", "t"]
     at: str
     channel: str = ""
     column: int | None = None
-    quantity: Literal["torque", "force", "current", "voltage", "position", "velocity", "acceleration"] = "torque"
+    quantity: Literal[
+        "torque", "force", "current", "voltage", "position", "velocity", "acceleration", "temperature"
+    ] = "torque"
     unit: str = ""
     scale: float = 1.0
     sign: Literal[1, -1] = 1
@@ -57,10 +68,14 @@ class ChannelSpec:
             raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
         if self.column is not None and self.column < 1:
             raise ValueError(f"column is {self.column}; the first column is 1")
-        if (self.quantity in MOTIONS) != (self.role == "y"):
+        fits_motion = (self.quantity in MOTIONS) == (self.role == "y")
+        if not fits_motion or (self.quantity == "temperature") != (self.role == "t"):
             raise ValueError(
-                f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion"
+                f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion, t a "
+                "temperature"
             )
+        if self.role == "t" and self.side == "motor":
+            raise ValueError("side is of a gear, which changes no temperature; leave it out with role t")
         if self.at.startswith("accelerometer ") and self.quantity in ("position", "velocity"):
             raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
         if self.hold is not None and self.role != "u":
@@ -88,10 +103,24 @@ class ChannelSpec:
 
     def unit_factor(self, slides: bool) -> float:
         """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a wrong unit."""
+        if self.quantity == "temperature":
+            return self._temperature[0]
         unit = QUANTITY_UNIT[self.quantity]
         if self.unit == "g" and self.quantity == "acceleration":
             raise ValueError("unit 'g' is the gram; for multiples of gravity give scale: 9.80665 and unit: m/s^2")
         return factor(self.unit, of_translation(unit) if slides else unit) if self.unit else 1.0
+
+    @property
+    def offset(self) -> float:
+        """What is added behind the factors: that of a temperature to degC."""
+        return self._temperature[1] if self.quantity == "temperature" else 0.0
+
+    @property
+    def _temperature(self) -> tuple[float, float]:
+        unit = self.unit or "degC"
+        if unit not in TEMPERATURES:
+            raise ValueError(f"unit '{unit}' measures no temperature; units that fit here: {', '.join(TEMPERATURES)}")
+        return TEMPERATURES[unit]
 
 
 @section
@@ -118,20 +147,32 @@ class FileSpec:
     also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
     it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
     period, period_samples: of this file where they differ from those of the others.
+    Of a study of friction, where configuration is left out unless joints at rest are not in the log:
+    joint: name of the one that moves (default: every one whose torque and position are logged and that moves).
+    purpose: passes and any other motion, or loops of growing torque before the joint slides.
+    speed: of the passes in it (default: plateaus are found at any speed).  load: name of one of friction.loads.
+    temperature: of the joint, where no channel of role t has it.
     """
 
     path: str
-    configuration: str
+    configuration: str = ""
     realisation: int = 0
     experiment: int = 0
     samples: tuple[int, int] | None = None
     also: tuple[str, ...] = ()
     period: Period | None = None
     period_samples: float | None = None
+    joint: str = ""
+    purpose: Literal["motion", "loops"] = "motion"
+    speed: JointVelocity | None = None
+    load: str = ""
+    temperature: Temperature | None = None
 
     def __post_init__(self) -> None:
-        """At most one period."""
+        """At most one period; a speed is positive."""
         _check_period(self.period, self.period_samples)
+        if self.speed is not None and not self.speed > 0:
+            raise ValueError(f"speed is {self.speed:g}; it must be positive: passes go there and back")
 
 
 @section

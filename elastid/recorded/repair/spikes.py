@@ -8,6 +8,8 @@ those, and d six times as large as beside it: drift, transients, steps and burst
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
@@ -32,31 +34,44 @@ def despiked(signals: FloatArray, L: int, sign: int, log: Log) -> Repaired:
     """Signals (P L, c), finite, without spikes of one or two samples; unchanged for fewer than three repetitions."""
     if len(signals) // L < _MIN_PERIODS:
         return Repaired(signals)
+    finite = np.ones(len(signals), dtype=np.bool_)
+    usual = [expected(x, L, sign, finite, robust=True) for x in signals.T]
+    return _replaced(signals, usual, "the other periods", "the median of the other periods", log)
+
+
+def despiked_without_period(signals: FloatArray, log: Log) -> Repaired:
+    """Signals (n, c), finite, without spikes of one or two samples, judged by the samples beside them alone."""
+    usual = [np.zeros(len(x)) for x in signals.T]
+    return _replaced(signals, usual, "the samples beside them", "the parabola through the samples beside", log)
+
+
+def _replaced(signals: FloatArray, usual: Sequence[FloatArray], others: str, value: str, log: Log) -> Repaired:
+    """Signals (n, c) without what differs from the usual (n,) of each channel."""
     result, findings = signals.copy(), []
     for c, name in enumerate(log.names):
         x = signals[:, c]
-        spikes, usual = _spikes(x, L, sign)
+        spikes, values = _spikes(x, usual[c])
         if spikes.size == 0:
             continue
         if spikes.size > _MAX_SHARE * len(x):
-            text = f"{name}: {spikes.size} of {len(x)} samples differ from the other periods: too many for spikes"
+            text = f"{name}: {spikes.size} of {len(x)} samples differ from {others}: too many for spikes"
             text += ", left unchanged"
             findings.append(Finding("spikes left", int(spikes.size), text))
             continue
-        result[spikes, c] = usual
+        result[spikes, c] = values
         text = (
-            f"{name}: {spikes.size} of {len(x)} samples are spikes, the first is {log.at(spikes[0])}: replaced by the "
-            "median of the other periods"
+            f"{name}: {spikes.size} of {len(x)} samples are spikes, the first is {log.at(spikes[0])}: replaced by "
+            f"{value}"
         )
         findings.append(Finding(REPLACED, int(spikes.size), text))
     return Repaired(result, tuple(findings))
 
 
-def _spikes(x: FloatArray, L: int, sign: int) -> tuple[IntArray, FloatArray]:
+def _spikes(x: FloatArray, expectation: FloatArray) -> tuple[IntArray, FloatArray]:
     """Samples (k,) of the spikes, and the usual values (k,) there."""
     from scipy.ndimage import median_filter
 
-    e = x - expected(x, L, sign, np.ones(len(x), dtype=np.bool_), robust=True)
+    e = x - expectation
     d = np.abs(e - median_filter(e, _MEDIAN_WINDOW, mode="mirror"))
     least = max(_threshold(d), 2 * step(x), 1e-9 * np.ptp(x))
     far = np.flatnonzero(d > least)

@@ -70,18 +70,23 @@ def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Itera
 def check_files(
     study: Study, files: Sequence[FileSpec | ResponseFileSpec], path: KeyPath, base: Path
 ) -> Iterator[Problem]:
-    """Files exist and are of configurations that exist; each configuration has one."""
-    configurations = study.experiment.configurations
+    """Files exist and are of configurations that exist; each configuration has one.
+
+    In a study of friction a file needs no configuration.
+    """
+    configurations, is_friction = study.experiment.configurations, study.friction is not None
     for i, file in enumerate(files):
         place = base / file.path
         if not is_log(place):
             beside = sorted(p.name for p in place.parent.iterdir() if p.is_file()) if place.parent.is_dir() else []
             hint = f"; {did_you_mean(place.name, beside[:MAX_LISTED])}" if beside else ""
             yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}", head=True)
-        if file.configuration not in configurations:
+        if not file.configuration and not is_friction:
+            yield Problem((*path, "files", i, "configuration"), "this key is required", at_key=True)
+        elif file.configuration and file.configuration not in configurations:
             yield unknown((*path, "files", i, "configuration"), "configuration", file.configuration, configurations)
     for name in configurations:
-        if name not in {file.configuration for file in files}:
+        if name not in {file.configuration for file in files} and not is_friction:
             message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
 

@@ -1,0 +1,219 @@
+"""Logs of a friction study as records: torque and position of each joint that moves, in SI and on the link side.
+
+Channels, units, sides, gears and the gaps of a clock are those of `channels`; single missing samples and spikes of the
+torque are repaired by the samples beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, StudyError, did_you_mean
+from elastid.base.note import Note
+from elastid.experiment.plan.plan import checked_configurations
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.record import Configuration
+from elastid.recorded.channels import gather_channels
+from elastid.recorded.friction_load import load_torques
+from elastid.recorded.link_side import to_joints
+from elastid.recorded.repair.finding import Log
+from elastid.recorded.repair.gaps import bridged_gaps
+from elastid.recorded.repair.quantisation import step
+from elastid.recorded.repair.spikes import despiked_without_period
+from elastid.robot import Joint, Robot
+
+# Travel below which a joint is held by its controller, m and rad.
+HELD_TRAVEL = {True: 1e-3, False: 5e-3}
+# Turns that no joint of a robot makes, but its motor does.
+MAX_TURNS = 4.0
+# degC that no joint has, and such as only a very hot one has.
+IMPOSSIBLE_DEGC, HOT_DEGC = 150.0, 95.0
+
+
+def read_friction_logs(
+    robot: Robot, spec: ExperimentSpec, base: Path, joints: Sequence[str], payloads: Mapping[str, float]
+) -> FrictionRecords:
+    """The records of all logs, whose paths are relative to base.
+
+    joints: whose friction is asked for; the others of a log that move with them are recorded too.  payloads: of each
+    load by name, kg beside the robot's own.
+    Raises StudyError where channels, files and robot do not fit together, DataError for a log that cannot be used.
+    """
+    recorded = spec.as_recorded()
+    postures = {each.name: each for each in checked_configurations(spec, robot)}
+    records: list[FrictionRecord] = []
+    start_s = 0.0
+    for file in recorded.files:
+        angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
+        found = _LogReader(robot, recorded, file, base, angles, start_s, payloads.get(file.load, 0.0)).records()
+        if not any(record.joint in joints for record in found):
+            raise DataError(
+                f"{base / file.path}: none of the joints {', '.join(joints)} moves in it; correct friction.joints, or "
+                "leave the file out"
+            )
+        records += found
+        start_s += max(record.duration_s for record in found)
+    return FrictionRecords(tuple(records))
+
+
+@dataclass(frozen=True)
+class _LogReader:
+    """One log; angles: of the driven joints that it does not hold, payload: that the robot carries in it."""
+
+    robot: Robot
+    recorded: RecordedSpec
+    file: FileSpec
+    base: Path
+    angles: FloatArray
+    start_s: float
+    payload: float
+
+    @property
+    def path(self) -> str:
+        return str(self.base / self.file.path)
+
+    def records(self) -> tuple[FrictionRecord, ...]:
+        """A record for each joint that moves."""
+        channels = self._channels()
+        recorded = replace(self.recorded, channels=channels)
+        gathered = gather_channels(recorded, self.file, self.base, self.robot)
+        if isinstance(recorded.rate_hz, str):
+            raise StudyError(f"{self.path}: friction needs velocities; give recorded.rate_hz in Hz, not unknown")
+        signals = gathered.signals @ to_joints(gathered.channels, self.robot).T
+        log = Log(self.path, tuple(c.full_name for c in gathered.channels), gathered.rate_hz, gathered.first)
+        repaired = bridged_gaps(signals, log)
+        torques = [i for i, c in enumerate(gathered.channels) if c.role == "u"]
+        clean = despiked_without_period(
+            repaired.signals[:, torques], replace(log, names=tuple(log.names[i] for i in torques))
+        )
+        values = repaired.signals.copy()
+        values[:, torques] = clean.signals
+        notes = [replace(note, place=f"record {self._name}") for note in gathered.notes]
+        findings = (*gathered.findings, *repaired.findings, *clean.findings)
+        notes += [finding.note(f"record {self._name}") for finding in findings]
+        return self._of_joints(_by_place(gathered.channels, values), gathered.rate_hz, tuple(notes))
+
+    @property
+    def _name(self) -> str:
+        """Of the records; parts of one file have their own."""
+        part = "" if self.file.samples is None else f"-{self.file.samples[0]}"
+        return f"{Path(self.file.path).stem}{part}"
+
+    def _channels(self) -> tuple[ChannelSpec, ...]:
+        """Those of the joint that the file is of, or all."""
+        names = [joint.name for joint in self.robot.driven]
+        if not self.file.joint:
+            return self.recorded.channels
+        if self.file.joint not in names:
+            raise StudyError(f"file {self.file.path}: {did_you_mean(self.file.joint, names)}")
+        return tuple(c for c in self.recorded.channels if _joint_of(c) == self.file.joint)
+
+    def _of_joints(
+        self, signals: Mapping[tuple[str, str, str], FloatArray], rate_hz: float, notes: tuple[Note, ...]
+    ) -> tuple[FrictionRecord, ...]:
+        """The notes are those of the first record."""
+        positions = {
+            joint.name: position
+            for joint in self.robot.driven
+            if (position := _signal(signals, "y", joint.name, "position")) is not None
+        }
+        moving = [joint for joint in self.robot.driven if self._moves(joint, positions, signals)]
+        if not moving:
+            raise DataError(
+                f"{self.path}: no joint moves in it whose torque and position are logged; friction needs role u and "
+                f"role y with quantity position at one of {', '.join(self.robot.motor_locations)}"
+            )
+        at_rest = zip(self.robot.driven, self.angles, strict=True)
+        angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
+        posture = Configuration(self.file.configuration or self._name, np.array(angles))
+        carried = load_torques(self.robot, posture, self.payload) if self.file.load else {}
+        return tuple(
+            FrictionRecord(
+                name=self._name,
+                joint=joint.name,
+                purpose=self.file.purpose,
+                rate_hz=rate_hz,
+                position=positions[joint.name],
+                torque=signals["u", f"motor {joint.name}", ""],
+                velocity=_signal(signals, "y", joint.name, "velocity"),
+                temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
+                speed=self.file.speed,
+                load=self.file.load,
+                load_torque=carried.get(joint.name, 0.0),
+                resolution=step(positions[joint.name]),
+                start_s=self.start_s,
+                configuration=posture,
+                place=self.path,
+                slides=joint.slides,
+                notes=notes if joint is moving[0] else (),
+            )
+            for joint in moving
+        )
+
+    def _moves(
+        self, joint: Joint, positions: Mapping[str, FloatArray], signals: Mapping[tuple[str, str, str], FloatArray]
+    ) -> bool:
+        """Whether a joint with torque and position moves by more than its controller's errors.
+
+        DataError for a position that can only be that of the motor.
+        """
+        if joint.name not in positions or ("u", f"motor {joint.name}", "") not in signals:
+            return False
+        travel = float(np.ptp(positions[joint.name]))
+        ratio, turns = abs(self.robot.ratio(joint.name)), travel / (2 * np.pi)
+        if not joint.slides and turns > MAX_TURNS and ratio > MAX_TURNS:
+            raise DataError(
+                f"{self.path}: joint {joint.name} would turn {turns:.3g} times; its position is that of the motor, "
+                f"whose ratio is {ratio:.4g}: give that channel side: motor, or correct its unit"
+            )
+        return joint.name == self.file.joint or travel > HELD_TRAVEL[joint.slides]
+
+    def _temperature(self, signals: Mapping[tuple[str, str, str], FloatArray], joint: str, n: int) -> FloatArray | None:
+        """degC of a joint, by its channel or else by its file."""
+        found = _signal(signals, "t", joint)
+        if found is None:
+            return None if self.file.temperature is None else np.full(n, float(self.file.temperature))
+        low, high = float(found.min()), float(found.max())
+        if high > IMPOSSIBLE_DEGC:
+            unit = "K" if low > 200 else "degF"
+            raise DataError(
+                f"{self.path}: the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, which no joint bears; "
+                f"if the thermometer is in {'kelvin' if unit == 'K' else 'degrees Fahrenheit'}, give that channel "
+                f"unit: {unit}"
+            )
+        if high > HOT_DEGC:
+            raise DataError(
+                f"{self.path}: the temperature of joint {joint} is {low:.4g} to {high:.4g} degC, hotter than grease "
+                "bears; if the thermometer is in degrees Fahrenheit, give that channel unit: degF"
+            )
+        return found
+
+
+def _joint_of(channel: ChannelSpec) -> str:
+    """The joint that a channel is of; empty where its place is a body or a frame."""
+    kind, _, name = channel.at.partition(" ")
+    return name if kind in ("motor", "joint") else ""
+
+
+def _by_place(channels: Sequence[ChannelSpec], signals: FloatArray) -> dict[tuple[str, str, str], FloatArray]:
+    """Signals (n,) by role, place and quantity; torques and currents alike."""
+    return {
+        (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(signals[:, i])
+        for i, c in enumerate(channels)
+    }
+
+
+def _signal(
+    signals: Mapping[tuple[str, str, str], FloatArray], role: str, joint: str, quantity: str = ""
+) -> FloatArray | None:
+    """The signal at the motor of a joint, which its friction acts on, or else at the joint."""
+    return next(
+        (signals[key] for kind in ("motor", "joint") if (key := (role, f"{kind} {joint}", quantity)) in signals), None
+    )
