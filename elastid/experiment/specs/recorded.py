@@ -147,7 +147,7 @@ class FileSpec:
     also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
     it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
     period, period_samples: of this file where they differ from those of the others.
-    Of a study of friction, where configuration is left out unless joints at rest are not in the log:
+    Studies of friction need no configuration but for joints at rest that are not in the log.
     joint: name of the one that moves (default: every one whose torque and position are logged and that moves).
     purpose: passes and any other motion, or loops of growing torque before the joint slides.
     speed: of the passes in it (default: plateaus are found at any speed).  load: name of one of friction.loads.

@@ -1,0 +1,74 @@
+"""Logs of one axis whose friction is known, as lab files: motor side, in A and deg, with a thermometer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.robot import Body, Joint, Motor, Robot
+
+RATE, RATIO, TORQUE_CONSTANT = 500.0, 100.0, 0.5
+# Link side: Coulomb and viscous friction, rotor and arm, gravity, ripple of a motor turn, offset.
+COULOMB, VISCOUS, INERTIA, GRAVITY, RIPPLE, OFFSET = 12.0, 20.0, 15.0, 30.0, 0.3, 1.0
+
+ROBOT = Robot(
+    "one axis",
+    (
+        Body(
+            "arm",
+            joints=(Joint("1", "y", motor=Motor(1e-3, RATIO)),),
+            mass=10.0,
+            center_of_mass=(GRAVITY / 98.1, 0.0, 0.0),
+            inertia=INERTIA - 10.0 - 10.0 * (GRAVITY / 98.1) ** 2,
+        ),
+    ),
+)
+CHANNELS = (
+    ChannelSpec("u", "motor 1", "current", quantity="current", unit="A", torque_constant=TORQUE_CONSTANT, side="motor"),
+    ChannelSpec("y", "motor 1", "angle", quantity="position", unit="deg", side="motor"),
+)
+THERMOMETER = ChannelSpec("t", "joint 1", "temperature", quantity="temperature")
+
+
+def trapezoids(speeds: Sequence[float], travel: float = 0.8, acceleration: float = 4.0) -> FloatArray:
+    """Position (n,) of passes there and back, one speed after the other, at rest between them."""
+    parts = [np.zeros(round(0.3 * RATE))]
+    for speed in speeds:
+        n_ramp, n_flat = (
+            round(speed / acceleration * RATE),
+            max(0, round((travel / speed - speed / acceleration) * RATE)),
+        )
+        x = (np.arange(n_ramp) + 0.5) / max(n_ramp, 1)
+        rise = x**3 * (10 - 15 * x + 6 * x**2)
+        way = speed * np.concatenate([rise, np.ones(n_flat), rise[::-1], np.zeros(round(0.3 * RATE))])
+        parts += [way, -way]
+    return np.asarray(np.cumsum(np.concatenate(parts)) / RATE)
+
+
+def sliding_torque(q: FloatArray, seed: int = 0, noise: float = 0.3, gravity: float = GRAVITY) -> FloatArray:
+    """Link-side torque (n,) of a motion: inertia, friction, gravity, ripple, offset and noise."""
+    v = np.gradient(q, 1 / RATE)
+    rest = np.abs(v) < 1e-6
+    friction = np.where(rest, 0.0, COULOMB * np.sign(v)) + VISCOUS * v
+    known = INERTIA * np.gradient(v, 1 / RATE) + gravity * -np.cos(q) + RIPPLE * np.sin(RATIO * q) + OFFSET
+    return np.asarray(friction + known + noise * np.random.default_rng(seed).standard_normal(len(q)))
+
+
+def write_log(path: Path, q: FloatArray, torque: FloatArray, temperature: FloatArray | None = None) -> None:
+    """A CSV of motor current (A), motor angle (deg, 16 bit a turn) and temperature."""
+    counts = np.round(q * RATIO / (2 * np.pi) * 65536)
+    columns = {"current": torque / RATIO / TORQUE_CONSTANT, "angle": counts * 360 / 65536}
+    columns |= {} if temperature is None else {"temperature": temperature}
+    rows = "\n".join(",".join(f"{x:.9g}" for x in row) for row in zip(*columns.values(), strict=True))
+    path.write_text(",".join(columns) + "\n" + rows + "\n")
+
+
+def logs(*files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS, **changes: Any) -> ExperimentSpec:
+    """The section `experiment` of logs."""
+    return ExperimentSpec(recorded=RecordedSpec(RATE, channels, files, **changes))

@@ -1,0 +1,101 @@
+"""Logs of a friction study: one record a joint that moves, on the link side, with its temperature."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.base.errors import DataError
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec
+from elastid.friction_record import FrictionRecord
+from elastid.recorded.friction_logs import read_friction_logs
+from tests.plants.friction_logs import (
+    CHANNELS,
+    RATE,
+    ROBOT,
+    THERMOMETER,
+    logs,
+    sliding_torque,
+    trapezoids,
+    write_log,
+)
+
+Q = trapezoids([0.2, 0.5])
+U = sliding_torque(Q)
+
+
+def read(folder: Path, *files: FileSpec, channels: tuple[ChannelSpec, ...] = CHANNELS) -> tuple[FrictionRecord, ...]:
+    return read_friction_logs(ROBOT, logs(*files, channels=channels), folder, ["1"], {}).records
+
+
+def test_a_log_is_read_on_the_link_side(tmp_path: Path) -> None:
+    """Motor angle in deg over the ratio, motor current times constant and ratio."""
+    write_log(tmp_path / "slow.csv", Q, U)
+    (record,) = read(tmp_path, FileSpec("slow.csv", joint="1", speed=0.2, load="empty"))
+    np.testing.assert_allclose(record.position, Q, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(record.torque, U, rtol=1e-6, atol=1e-6)
+    assert (record.name, record.joint, record.purpose, record.speed) == ("slow", "1", "motion", 0.2)
+    assert record.load_torque == pytest.approx(30 * abs(np.cos(record.position.mean())), rel=1e-3)
+    assert record.temperature is None
+
+
+@pytest.mark.parametrize(("unit", "values"), [("degC", 40.0), ("K", 313.15), ("degF", 104.0), ("", 40.0)])
+def test_a_temperature_is_read_in_its_unit(unit: str, values: float, tmp_path: Path) -> None:
+    write_log(tmp_path / "log.csv", Q, U, np.full(len(Q), values))
+    channels = (*CHANNELS, replace(THERMOMETER, unit=unit))
+    (record,) = read(tmp_path, FileSpec("log.csv"), channels=channels)
+    assert record.mean_temperature == pytest.approx(40.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        (313.0, r"is 313 to 313 degC, which no joint bears; if the thermometer is in kelvin, give .* unit: K"),
+        (104.0, r"is 104 to 104 degC, hotter than grease bears; .* unit: degF"),
+    ],
+)
+def test_a_temperature_of_another_unit_is_refused(values: float, word: str, tmp_path: Path) -> None:
+    write_log(tmp_path / "log.csv", Q, U, np.full(len(Q), values))
+    with pytest.raises(DataError, match=word):
+        read(tmp_path, FileSpec("log.csv"), channels=(*CHANNELS, THERMOMETER))
+
+
+def test_a_temperature_written_by_hand_and_loops_are_of_their_file(tmp_path: Path) -> None:
+    write_log(tmp_path / "loops.csv", 1e-4 * Q, U)
+    (record,) = read(tmp_path, FileSpec("loops.csv", joint="1", purpose="loops", temperature=35.0))
+    assert record.purpose == "loops"
+    assert record.mean_temperature == 35.0
+    assert record.resolution == pytest.approx(2 * np.pi / 65536 / 100, rel=1e-3)
+
+
+def test_spikes_of_the_torque_are_taken_out(tmp_path: Path) -> None:
+    spoilt = U.copy()
+    spoilt[[700, 1500]] += 60.0
+    write_log(tmp_path / "log.csv", Q, spoilt)
+    (record,) = read(tmp_path, FileSpec("log.csv"))
+    assert np.abs(record.torque - U).max() < 2.0
+    assert [note.code for note in record.notes] == ["spikes-replaced"]
+    write_log(tmp_path / "clean.csv", Q, U)
+    assert read(tmp_path, FileSpec("clean.csv"))[0].notes == ()
+
+
+def test_the_motors_angle_as_that_of_the_joint_is_refused(tmp_path: Path) -> None:
+    """A joint that turns more than four times, with a gear."""
+    write_log(tmp_path / "log.csv", Q, U)
+    channels = (CHANNELS[0], replace(CHANNELS[1], side="link"))
+    with pytest.raises(DataError, match=r"would turn 12.7 times; its position is that of the motor, .* side: motor"):
+        read(tmp_path, FileSpec("log.csv"), channels=channels)
+
+
+def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
+    write_log(tmp_path / "log.csv", 1e-4 * Q, U)
+    with pytest.raises(DataError, match="no joint moves in it whose torque and position are logged"):
+        read(tmp_path, FileSpec("log.csv"))
+
+
+def test_rate_is_that_of_the_section(tmp_path: Path) -> None:
+    write_log(tmp_path / "log.csv", Q, U)
+    assert read(tmp_path, FileSpec("log.csv", samples=(100, 1100)))[0].duration_s == 1000 / RATE
