@@ -7,6 +7,7 @@ with the fitted numbers inserted. Conventions of sign and side: `elastid.model.e
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import casadi as ca
@@ -55,29 +56,61 @@ def write_casadi(folder: Path, model: FittedModel) -> tuple[Path, ...]:
 
 
 def write_c(folder: Path, model: FittedModel) -> tuple[Path, ...]:
-    """robot.c and robot.h: the same functions, each `int mass(const double** arg, double** res, ...)`.
+    """robot.c and robot.h: the same functions as `int robot_mass(const double** arg, double** res, ...)`.
 
-    Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`.
+    Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
+    arguments, results, coordinates and units.
     """
     generator = ca.CodeGenerator("robot.c", {"with_header": True})
-    for function in functions(model):
-        dense = [ca.densify(part) for part in function.call(function.sx_in())]
-        generator.add(
-            ca.Function(
-                function.name(), function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True}
-            )
-        )
+    prefixed = [_prefixed(function) for function in functions(model)]
+    for function in prefixed:
+        generator.add(function)
     folder.mkdir(parents=True, exist_ok=True)
     generator.generate(f"{folder}/")
-    return folder / "robot.c", folder / "robot.h", _coordinates(folder, model)
+    header = folder / "robot.h"
+    declarations = header.read_text(encoding="utf-8")
+    with text_file(header) as file:
+        file.write(_layout(model, prefixed) + declarations)
+    return folder / "robot.c", header, _coordinates(folder, model)
+
+
+def _prefixed(function: ca.Function) -> ca.Function:
+    """A function as robot_<name>, its results dense."""
+    dense = [ca.densify(part) for part in function.call(function.sx_in())]
+    name = f"robot_{function.name()}"
+    return ca.Function(name, function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True})
+
+
+def _layout(model: FittedModel, prefixed: Sequence[ca.Function]) -> str:
+    """The head of robot.h: what each function takes and gives, and what its entries are."""
+    units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
+    lines = [f"{_equation(model)}, on the link side.", ""]
+    for function in prefixed:
+        given = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
+        results = ", ".join(f"res[{i}] {_sized(function, i, is_in=False)}" for i in range(function.n_out()))
+        lines.append(f"{function.name()}: {given or 'no arguments'} -> {results}")
+    lines += ["", "Matrices are dense, column by column. Each function returns 0. Entries:"]
+    for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
+        lines += [f"  {letter}[{i}]  {name} ({units.get(name.split(' ', 1)[1], 'SI')})" for i, name in enumerate(names)]
+    return "/* " + "\n * ".join(line.replace("*/", "* /") for line in lines).replace(" * \n", " *\n") + "\n */\n"
+
+
+def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
+    """Name and size of an argument or result."""
+    name, size = (function.name_in(i), function.size_in(i)) if is_in else (function.name_out(i), function.size_out(i))
+    return f"{name} ({size[0]}{f' x {size[1]}' if size[1] > 1 else ''})"
+
+
+def _equation(model: FittedModel) -> str:
+    closing = " + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u"
+    return f"{model.name}: M(q) q'' + f(q, q'){closing}"
 
 
 def _coordinates(folder: Path, model: FittedModel) -> Path:
     """coordinates.txt: the names of the entries of q and u."""
     path = folder / "coordinates.txt"
-    equation = "M(q) q'' + f(q, q')" + (" + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u")
     with text_file(path) as file:
-        file.write(f"{model.name}: {equation}, link side, SI\n")
+        file.write(f"{_equation(model)}, link side, SI\n")
         for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
             file.writelines(f"{letter}[{i}]  {name}\n" for i, name in enumerate(names))
     return path

@@ -58,8 +58,8 @@ def test_c_code_has_the_response(model: FittedModel, tmp_path: Path) -> None:
     write_c(tmp_path, model)
     library = tmp_path / "robot.so"
     subprocess.run(["cc", "-O1", "-shared", "-fPIC", tmp_path / "robot.c", "-o", library, "-lm"], check=True)
-    B = ca.external("input_matrix", str(library))()["B"].full()
-    G = read_back(model, lambda name, *at: ca.external(name, str(library))(*at).full(), B)
+    B = ca.external("robot_input_matrix", str(library))()["B"].full()
+    G = read_back(model, lambda name, *at: ca.external(f"robot_{name}", str(library))(*at).full(), B)
     assert close(G, responses_of(model), accuracy(model))
 
 
@@ -69,3 +69,12 @@ def test_coordinates_are_named(model: FittedModel, tmp_path: Path) -> None:
     assert ("phi(q) = 0" in text) == (model.model.n_c > 0)
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         assert all(f"{letter}[{i}]  {name}\n" in text for i, name in enumerate(names))
+
+
+def test_the_header_says_what_the_functions_take(model: FittedModel, tmp_path: Path) -> None:
+    """Sizes, coordinates and units stand above the declarations."""
+    header = write_c(tmp_path, model)[1].read_text()
+    n = model.model.n_q
+    assert f"robot_mass: arg[0] q ({n}) -> res[0] M ({n} x {n})" in header
+    assert f"q[0]  {model.model.coordinates[0]} (rad" in header
+    assert header.count("/*") == header.count("*/")
