@@ -40,9 +40,11 @@ class Condition:
 
     @classmethod
     def typical(cls, levels: Levels) -> Condition:
-        """The lowest load, and the median temperature of its levels."""
+        """The lowest load, and of the temperatures there the middle one."""
         load = float(levels.load.min())
-        return cls(load, float(np.median(levels.temperature[levels.load <= load])))
+        known = levels.temperature[levels.load <= load + SAME_LOAD * levels.load.max()]
+        known = np.sort(known[np.isfinite(known)])
+        return cls(load, float(known[len(known) // 2]) if len(known) else float("nan"))
 
     def at(self, speed: FloatArray, direction: float) -> Conditions:
         """Every speed (n,) in one direction."""

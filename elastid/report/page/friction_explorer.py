@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -90,4 +91,4 @@ def _placed(n: int, at: FloatArray, values: FloatArray) -> list[float | None]:
 
 
 def _rounded(values: FloatArray) -> list[float | None]:
-    return [float(f"{value:.5g}") for value in values.tolist()]
+    return [float(f"{value:.5g}") if math.isfinite(value) else None for value in values.tolist()]
