@@ -3,7 +3,7 @@ r"""LuGre friction of an elastic joint from the motor's angle and torque, by mul
 The log is cut into intervals of a few samples, each simulated from a state of its own:
 
 .. math:: \min_{p, x_1 \dots x_K} \sum_k \left\| \frac{y - q_m(x_k, p)}{\sigma_y} \right\|^2
-          + \sum_k \left\| W_k^{-1/2} (x_k^{end} - x_{k+1}) \right\|^2 + \left\| R^{-1/2} (\ln p - \ln p_0) \right\|^2
+          + \sum_k \left\| W_k^{-1/2} (x_k^{end} - x_{k+1}) \right\|^2 + (\ln p - \ln p_0)^T \Lambda (\ln p - \ln p_0)
 
 W_k is the covariance that torque noise gives the end of an interval: without gaps the output error drifts by far more
 than the encoder's noise, so that the gaps are the noise model and no numerical trick. Gauss-Newton over ln p and all
@@ -23,6 +23,7 @@ from scipy.sparse.linalg import splu
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import FitError
+from elastid.friction_fit.lugre_prior import Prior
 from elastid.simulation.elastic_joint import FRICTION, STATES, ElasticJoint
 
 INTERVAL = 20
@@ -75,17 +76,21 @@ def fit_lugre(
     log: JointLog,
     joint: ElasticJoint,
     start: Mapping[str, float],
-    prior_std: Mapping[str, float] | None = None,
+    prior: Prior | None = None,
     substeps: int = 1,
+    exponent: float = 2.0,
 ) -> LuGreFit:
     """All six numbers from a log that sticks, breaks away and slides.
 
-    prior_std: of ln of the numbers that are known beforehand, with `start` as their mean.
+    prior: what passes and responses at rest have told; `start` needs only the numbers that it does not have.
+    exponent: of the Stribeck curve.
     Where a search leaves far more than the noise explains, it begins again with stiffer and with softer bristles.
     Raises FitError where the log is shorter than a few intervals, or no search explains it.
     """
-    problem = _Problem.of(log, joint, start, dict(prior_std or {}), substeps)
-    first = np.log([start[name] for name in FRICTION])
+    known = prior or Prior(np.zeros(len(FRICTION)), np.zeros((len(FRICTION),) * 2))
+    begin = {**start, **known.known}
+    problem = _Problem.of(log, joint.step(log.rate_hz, substeps, exponent), begin, known)
+    first = np.log([begin[name] for name in FRICTION])
     dof = len(log.angle) - len(FRICTION)
     best: tuple[float, FloatArray, _System, int] | None = None
     for factor in BRISTLE_STARTS:
@@ -157,7 +162,7 @@ class _System:
 class _Problem:
     """A log cut into K intervals, and the functions that simulate them: torque, angle (K, INTERVAL).
 
-    scale (5,): of the states.  start, prior (6,): mean and inverse variance of ln p.
+    scale (5,): of the states.  bend: of bristles before they slide, as far as the start knows it.
     """
 
     log: JointLog
@@ -166,18 +171,15 @@ class _Problem:
     torque: FloatArray
     angle: FloatArray
     scale: FloatArray
-    start: FloatArray
-    prior: FloatArray
+    bend: float
+    prior: Prior
 
     @classmethod
-    def of(
-        cls, log: JointLog, joint: ElasticJoint, start: Mapping[str, float], prior_std: dict[str, float], substeps: int
-    ) -> _Problem:
+    def of(cls, log: JointLog, step: ca.Function, start: Mapping[str, float], prior: Prior) -> _Problem:
         """The intervals of a log; FitError where they are too few."""
         K = len(log.angle) // INTERVAL
         if K < 10:
             raise FitError(f"friction of {log.place}: {len(log.angle)} samples are too few; record seconds of motion")
-        step = joint.step(log.rate_hz, substeps)
         x, lnp, u = ca.SX.sym("x", len(STATES)), ca.SX.sym("p", len(FRICTION)), ca.SX.sym("u", INTERVAL)
         state, angles = x, []
         for i in range(INTERVAL):
@@ -188,11 +190,10 @@ class _Problem:
         gain = ca.Function("gain", [x, lnp, u], [ca.jacobian(state, u)], {"cse": True})
         bend = start["coulomb"] / start["sigma_0"]
         scale = np.array([log.angle_std, log.angle_std * log.rate_hz / INTERVAL] * 2 + [bend])
-        prior = np.array([1 / prior_std[name] ** 2 if name in prior_std else 0.0 for name in FRICTION])
         cut = slice(0, K * INTERVAL)
         return cls(
             log, simulate.map(K), gain.map(K), log.torque[cut].reshape(K, -1), log.angle[cut].reshape(K, -1), scale,
-            np.log([start[name] for name in FRICTION]), prior,
+            bend, prior,
         )  # fmt: skip
 
     def first_states(self) -> FloatArray:
@@ -200,11 +201,10 @@ class _Problem:
         q = np.concatenate([[self.angle[0, 0]], self.angle.ravel()])
         width = max(3, INTERVAL // 2)
         v = np.convolve(np.gradient(q) * self.log.rate_hz, np.ones(width) / width, "same")
-        limit = np.exp(self.start[2] - self.start[0])
         z = np.empty_like(q)
         bend = 0.0
         for i, moved in enumerate(np.diff(q, prepend=q[0]).tolist()):
-            bend = min(max(bend + moved, -limit), limit)
+            bend = min(max(bend + moved, -self.bend), self.bend)
             z[i] = bend
         at = np.arange(0, len(q) - 1, INTERVAL)
         return np.stack([q[at], v[at], q[at], v[at], z[at]], axis=1)
@@ -223,8 +223,8 @@ class _Problem:
         seen = (self.angle - Y[:, :INTERVAL]) / self.log.angle_std
         gap = np.einsum("kij,kj->ki", root, X[1:] - Y[:-1, INTERVAL:])
         by_seen, by_gap = J[:, :INTERVAL] / self.log.angle_std, root @ J[:-1, INTERVAL:]
-        far = (p - self.start) * np.sqrt(self.prior)
-        cost = float(np.sum(seen**2) + np.sum(gap**2) + far @ far)
+        far = p - self.prior.mean
+        cost = float(np.sum(seen**2) + np.sum(gap**2) + far @ self.prior.information @ far)
         if not np.isfinite(cost):
             empty = np.zeros((K * n_x, n_p))
             return _System(np.inf, csc_matrix((K * n_x, K * n_x)), empty, np.eye(n_p), empty[:, 0], np.zeros(n_p))
@@ -242,8 +242,8 @@ class _Problem:
         B = B + np.concatenate([np.zeros((n_x, n_p)), (-root.transpose(0, 2, 1) @ by_gap[:, :, n_x:]).reshape(-1, n_p)])
         a = right[:, :n_x].ravel()
         a = a + np.concatenate([np.zeros(n_x), -np.einsum("kij,ki->kj", root, gap).ravel()])
-        C = own[:, n_x:, n_x:].sum(axis=0) + np.diag(self.prior)
-        c = right[:, n_x:].sum(axis=0) - self.prior * (p - self.start)
+        C = own[:, n_x:, n_x:].sum(axis=0) + self.prior.information
+        c = right[:, n_x:].sum(axis=0) - self.prior.information @ far
         return _System(cost, csc_matrix(A + later + upper + upper.T), B, C, a, c)
 
 

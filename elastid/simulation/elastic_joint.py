@@ -31,14 +31,15 @@ class ElasticJoint:
     stiffness: float
     damping: float
 
-    def step(self, rate_hz: float, substeps: int = 1) -> ca.Function:
+    def step(self, rate_hz: float, substeps: int = 1, exponent: float = 2.0) -> ca.Function:
         """(x (5,), numbers (6,), u) -> x one sample later, u held.
 
         substeps: Runge-Kutta steps in a sample; one at 1 kHz has a bristle mode of 30 Hz right to 1e-4.
+        exponent: of the Stribeck curve.
         """
         x, p, u = ca.SX.sym("x", len(STATES)), ca.SX.sym("p", len(FRICTION)), ca.SX.sym("u")
         sigma_0, sigma_1, F_c, F_s, nu_s, viscous = ca.vertsplit(p)
-        law, curve = Bristle(sigma_0, sigma_1), Curve(F_c, F_s, 1 / nu_s)
+        law, curve = Bristle(sigma_0, sigma_1), Curve(F_c, F_s, 1 / nu_s, exponent=exponent)
 
         def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
             spring = self.stiffness * (q[0] - q[1]) + self.damping * (v[0] - v[1])

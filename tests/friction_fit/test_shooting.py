@@ -11,6 +11,7 @@ from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
+from elastid.friction_fit.lugre_prior import Prior
 from elastid.friction_fit.shooting import JointLog, fit_lugre
 from elastid.simulation.elastic_joint import FRICTION, ElasticJoint
 
@@ -88,7 +89,8 @@ def test_all_six_numbers_from_a_start_wrong_by_two() -> None:
 @pytest.mark.slow
 def test_what_passes_have_told_counts() -> None:
     """A prior of 0.1 % holds viscous friction, which the log alone knows to 0.5 %."""
-    fit = fit_lugre(log(0), JOINT, start(0) | {"viscous": TRUTH["viscous"]}, {"viscous": 1e-3})
+    known = Prior.of({"viscous": TRUTH["viscous"]}, np.array([[(1e-3 * TRUTH["viscous"]) ** 2]]))
+    fit = fit_lugre(log(0), JOINT, start(0), known)
     assert abs(fit.values["viscous"] / TRUTH["viscous"] - 1) < 3e-3
 
 
