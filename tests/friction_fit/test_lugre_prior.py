@@ -12,6 +12,7 @@ from elastid.friction_fit.static_law import StaticLaw
 from elastid.simulation.elastic_joint import FRICTION
 
 
+@pytest.mark.slow
 def test_the_law_of_passes_counts_with_its_whole_covariance() -> None:
     """Draws of the law scatter in the logarithm as the information says; bristles are unknown."""
     levels = published_levels(tuple(np.geomspace(1, 280, 30)), (0.0,), (48.0,), 0.002)
