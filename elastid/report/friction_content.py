@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.note import NoteGroup, grouped
+from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_fit.law_choice import Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.report.numbers import digits, number
@@ -28,12 +29,16 @@ NOT_ASKED = "not asked for"
 
 @dataclass(frozen=True)
 class FrictionContent:
-    """What a friction study found, its text and its provenance; the page has no date and is reproducible."""
+    """What a friction study found, its text and its provenance; the page has no date and is reproducible.
+
+    plan: of the passes, where they were planned here.
+    """
 
     title: str
     result: FrictionResult
     study_text: str
     provenance: Mapping[str, str]
+    plan: FrictionPlan | None = None
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:

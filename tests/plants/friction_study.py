@@ -8,6 +8,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
+from elastid.experiment.plan.friction import FrictionPlan, JointPassDesign
+from elastid.experiment.plan.passes import PassLimits
 from elastid.friction_fit.at_rest import AtRest, RestPoint
 from elastid.friction_fit.law_choice import Held
 from elastid.friction_fit.levels import Levels
@@ -124,9 +126,17 @@ def friction_result() -> FrictionResult:
     return FrictionResult((elbow, lift), (Note("a-note", "a note on the study"),), "partly", "2 joints are identified.")
 
 
+def friction_plan() -> FrictionPlan:
+    """Twelve passes of the elbow at three speeds."""
+    limits = PassLimits("joint elbow", (-1.0, 1.0), 2.5, 10.0, TURN, 8.0)
+    design = JointPassDesign("elbow", limits, np.array([0.01, 0.3, 2.0]), np.array([4.0, 3, 5]), 2e-9, 0.987)
+    return FrictionPlan(1000.0, (), (design,), 141.0, known=("Coulomb friction to 1 %",))
+
+
 def friction_content() -> FrictionContent:
     """The page of both joints."""
-    return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", {"elastid": "1.0"})
+    provenance = {"elastid": "1.0"}
+    return FrictionContent("friction of <an arm>", friction_result(), "name: <arm>", provenance, friction_plan())
 
 
 def _noisy(values: FloatArray) -> FloatArray:

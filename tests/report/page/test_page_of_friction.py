@@ -52,6 +52,15 @@ def test_the_table_has_value_interval_and_origin_and_marks_what_misses_the_truth
     assert "no speed below nu_s / 3" in page
 
 
+def test_the_plan_has_its_speeds_and_their_certificate(page: str) -> None:
+    """A study that was not designed here has none."""
+    plan = page[page.index('<h2 id="plan">') : page.index('<h2 id="study">')]
+    assert "141.0 s of the robot" in plan
+    assert "0.0100 (4), 0.300 (3), 2.00 (5)" in plan
+    assert "98.7 %" in plan
+    assert "Plan</" not in html_of_friction(replace(study.friction_content(), plan=None), [])
+
+
 def test_notes_stand_once_and_names_cannot_run(page: str) -> None:
     for note in ("a note on the study", "pass 1: it sticks"):
         assert page.count(note) == 1
