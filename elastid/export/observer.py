@@ -1,0 +1,120 @@
+"""Export of the filters that follow friction: one self-contained C file, a function for each joint.
+
+A sample is one call: states and covariance are replaced, nothing else is kept, no memory is asked for. Numbers of the
+joint and of the noise are inside; all torques and angles are on the link side, SI.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import casadi as ca
+
+from elastid.observer.joint import FollowedJoint
+from elastid.observer.kalman import first_estimate
+from elastid.observer.noise import FilterNoise
+from elastid.observer.step import filter_step
+from elastid.store import text_file
+
+
+@dataclass(frozen=True)
+class Observer:
+    """The filter of a joint at a rate, with its noise."""
+
+    joint: FollowedJoint
+    noise: FilterNoise
+    rate_hz: float
+
+
+def write_observers(folder: Path, observers: Mapping[str, Observer]) -> tuple[Path, ...]:
+    """observer.c and observer.h: <joint>_start and <joint>_follow of each joint by its name."""
+    steps = {_identifier(name): _step(_identifier(name), observer) for name, observer in observers.items()}
+    generator = ca.CodeGenerator("equations.c")
+    for step in steps.values():
+        generator.add(step)
+    with tempfile.TemporaryDirectory() as temporary:
+        generator.generate(f"{temporary}/")
+        equations = (Path(temporary) / "equations.c").read_text(encoding="utf-8")
+    source, header = folder / "observer.c", folder / "observer.h"
+    with text_file(source) as file:
+        file.write(equations + '\n#include "observer.h"\n')
+        for (name, observer), step in zip(observers.items(), steps.values(), strict=True):
+            file.write(_functions(_identifier(name), observer, step))
+    with text_file(header) as file:
+        file.write(_header(observers))
+    return source, header
+
+
+def _step(name: str, observer: Observer) -> ca.Function:
+    """(x, P, u, g, y) -> (x, P, innovation, variance) with the noise's numbers."""
+    step = filter_step(observer.joint, observer.rate_hz)
+    x, P, u, g, y = step.sx_in()[:5]
+    results = step(x, P, u, g, y, observer.noise.vector(observer.joint, observer.rate_hz))
+    return ca.Function(f"{name}_step", [x, P, u, g, y], [ca.densify(each) for each in results], {"cse": True})
+
+
+def _functions(name: str, observer: Observer, step: ca.Function) -> str:
+    """The C functions of a joint around its step."""
+    start = first_estimate(observer.joint, 0.0)
+    n = len(start.x)
+    angles = [i for i, state in enumerate(observer.joint.states) if state.startswith("q_")]
+    spring = f" - load / {observer.joint.stiffness!r}" if observer.joint.is_elastic else ""
+    moved = "".join(f"  x[{i}] = angle{spring if observer.joint.states[i] == 'q_l' else ''};\n" for i in angles)
+    return f"""
+void {name}_start(double x[{n}], double P[{n * n}], double angle, double load) {{
+  static const double x_start[{n}] = {_row(start.x.tolist())};
+  static const double P_start[{n * n}] = {_row(start.P.ravel().tolist())};
+  for (int i = 0; i < {n}; i++) x[i] = x_start[i];
+  for (int i = 0; i < {n * n}; i++) P[i] = P_start[i];
+  (void)load;
+{moved}}}
+
+void {name}_follow(double x[{n}], double P[{n * n}], double torque, double load, double angle, double *innovation,
+                   double *variance) {{
+  double x_next[{n}], P_next[{n * n}], w[{step.sz_w()} + 1];
+  casadi_int iw[{step.sz_iw()} + 1];
+  const double *arg[{step.sz_arg()}] = {{x, P, &torque, &load, &angle}};
+  double *res[{step.sz_res()}] = {{x_next, P_next, innovation, variance}};
+  {name}_step(arg, res, iw, w, 0);
+  for (int i = 0; i < {n}; i++) x[i] = x_next[i];
+  for (int i = 0; i < {n * n}; i++) P[i] = P_next[i];
+}}
+"""
+
+
+def _header(observers: Mapping[str, Observer]) -> str:
+    """observer.h, with the states of each joint."""
+    lines = [
+        "/* Filters that follow friction, link side, SI. <joint>_start once, at rest; <joint>_follow every sample:"
+    ]
+    lines += [
+        " * torque and load (gravity) held since the sample before, angle of the motor now; innovation and variance"
+    ]
+    lines += [" * say how far the angle was from its prediction, and may be NULL. Of what is followed, Fc and f are"]
+    lines += [" * logarithms; a band of 95 % is x[i] +- 1.96 sqrt(P[i * n + i]). States of each joint:", " *"]
+    declared = []
+    for name, observer in observers.items():
+        states, key = observer.joint.states, _identifier(name)
+        n = len(states)
+        of = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
+        lines.append(f" * {name} ({key}) at {observer.rate_hz:g} Hz: {of}")
+        declared.append(f"void {key}_start(double x[{n}], double P[{n * n}], double angle, double load);")
+        declared.append(
+            f"void {key}_follow(double x[{n}], double P[{n * n}], double torque, double load, double angle,\n"
+            f"{' ' * (len(key) + 13)}double *innovation, double *variance);"
+        )
+    guard = ["#ifndef OBSERVER_H", "#define OBSERVER_H"]
+    return "\n".join([*lines, " */", *guard, *declared, "#endif"]) + "\n"
+
+
+def _identifier(name: str) -> str:
+    """A joint's name as C has it."""
+    return "joint_" + re.sub(r"\W", "_", name, flags=re.ASCII)
+
+
+def _row(values: list[float]) -> str:
+    return "{" + ", ".join(repr(value) for value in values) + "}"

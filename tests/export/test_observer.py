@@ -1,0 +1,36 @@
+"""The C code of a filter, compiled without dependencies, does what the filter does."""
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from elastid.export.observer import Observer, write_observers
+from elastid.observer.kalman import KalmanFilter, first_estimate
+from elastid.observer.noise import FilterNoise
+from tests.observer.warm_joint import COUNT, FOLLOWED, RATE_HZ, TORQUE_STD, rich, simulate
+
+NOISE = FilterNoise(angle=COUNT / np.sqrt(12), torque=TORQUE_STD, drift={"Fc": 6e-3, "f": 25e-3, "offset": 1e-3})
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
+def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
+    """States and covariance of a second, to rounding."""
+    source, header = write_observers(tmp_path, {"2": Observer(FOLLOWED, NOISE, RATE_HZ)})
+    library = tmp_path / "observer.so"
+    flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, source, "-o", library, "-lm"], check=True)
+    assert "x[5] Fc, x[6] f, x[7] offset" in header.read_text()
+    samples = simulate(rich(1.0), seed=2).samples
+    c, n = ctypes.CDLL(str(library)), len(FOLLOWED.states)
+    doubles = ctypes.c_double * n, ctypes.c_double * (n * n)
+    x, P = doubles[0](), doubles[1]()
+    c.joint_2_start(x, P, ctypes.c_double(samples.angle[0]), ctypes.c_double(0.0))
+    for u, g, y in zip(samples.torque, samples.load, samples.angle, strict=True):
+        c.joint_2_follow(x, P, *(ctypes.c_double(value) for value in (u, g, y)), None, None)
+    track = KalmanFilter(FOLLOWED, RATE_HZ).run(samples, NOISE, first_estimate(FOLLOWED, samples.angle[0]))
+    np.testing.assert_allclose(np.array(x), track.last.x, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(np.array(P).reshape(n, n), track.last.P, rtol=1e-6, atol=1e-18)
