@@ -47,7 +47,7 @@ class Levels:
         if len(self.torque) and np.all(self.torque < 0):
             raise DataError(
                 f"levels of {self.place}: friction drives at every speed (torque {self.torque.min():.4g} to "
-                f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (scale: -1)"
+                f"{self.torque.max():.4g}): torque and velocity have opposite signs; turn one channel (sign: -1)"
             )
 
     @property

@@ -13,6 +13,7 @@ from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.friction_fit.law_choice import FALSE_ALARM
 from elastid.friction_fit.levels import Levels
+from elastid.friction_fit.pass_faults import check_loads, gravity_note, offset_steps, usable_passes
 from elastid.friction_fit.pass_regression import Pass, PassRegression
 
 # A level wider than this says nothing of friction.
@@ -43,7 +44,8 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
     ripple is regressed too; 0 for none.
     Raises DataError where a pair has one direction only, or no pair slides.
     """
-    used, notes = _sliding(passes)
+    check_loads(passes)
+    used, notes = usable_passes(passes)
     pairs = _pairs(used)
     design = PassRegression.of(used, pairs, has_gravity, turn)
     values, covariance, left = design.solve()
@@ -73,6 +75,9 @@ def find_levels(passes: Sequence[Pass], has_gravity: bool, turn: float = 0.0) ->
         for i, name in enumerate(names)
     } | {"offset": offset}
     levels = _levels(used, conditions, g, std, uneven, known)
+    v, load = np.array([c.speed for c in conditions]), np.array([c.load for c in conditions])
+    notes += offset_steps(o, v, load, list(pairs), g, used[0].place, used[0].slides)
+    notes += gravity_note(shared, g, used[0].place, used[0].slides)
     return PassLevels(levels, shared, float(np.sqrt(np.mean(left**2))), tuple(notes), turn)
 
 
@@ -81,26 +86,6 @@ class _Condition:
     speed: float
     load: float
     temperature: float
-
-
-def _sliding(passes: Sequence[Pass]) -> tuple[list[Pass], list[Note]]:
-    """The passes that slide all the time, and notes about the others, whose pair goes with them."""
-    stuck = {each.pair: each for each in passes if each.turns_back}
-    notes = [
-        Note(
-            "stick-slip",
-            f"the joint stands or turns back within the pass (velocity {each.velocity.min():.3g} to "
-            f"{each.velocity.max():.3g}): it sticks and slips at this speed, and its level does not count; raise the "
-            "bandwidth of the controller, or measure faster",
-            f"pass {name}",
-        )
-        for name, each in stuck.items()
-    ]
-    used = [each for each in passes if each.pair not in stuck]
-    if not used:
-        place = passes[0].place if passes else "the joint"
-        raise DataError(f"passes of {place}: none slides all the time; measure faster, or raise the bandwidth")
-    return used, notes
 
 
 def _pairs(passes: Sequence[Pass]) -> dict[str, list[Pass]]:

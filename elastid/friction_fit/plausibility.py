@@ -1,0 +1,64 @@
+r"""Whether torque and angle of a log are of one side of the gear, by the inertia that they give.
+
+.. math:: J = J_m n^2 + M_{jj}(q)
+
+An angle or a torque of the motor that is taken for one of the joint makes it wrong by the ratio n, both by n^2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from elastid.base.errors import DataError
+from elastid.model.rigid_body import inverse_dynamics
+from elastid.record import Configuration
+from elastid.robot import Joint, Robot
+
+# Gears below have sides that differ by no more than masses may be wrong.
+SMALLEST_RATIO = 10.0
+# Stds by which an inertia differs from the robot's before it counts.
+CERTAIN_STDS = 3.0
+
+
+def check_sides(
+    robot: Robot, joint: Joint, inertia: float, std: float, posture: Configuration | None, place: str
+) -> None:
+    """DataError where a measured inertia (kg m^2, of a slide kg) is wrong by as much as the ratio of the gear.
+
+    It counts where it is known, and farther from the robot's than the root of the ratio.
+    """
+    if joint.motor is None or abs(joint.motor.ratio) < SMALLEST_RATIO:
+        return
+    ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)
+    wrong = inertia / known if known > 0 else 1.0
+    if abs(inertia - known) < CERTAIN_STDS * std or wrong <= 0 or abs(math.log(wrong)) < math.log(ratio) / 2:
+        return
+    unit = "kg" if joint.slides else "kg*m^2"
+    many = "torque and angle are" if abs(math.log(wrong)) > 1.5 * math.log(ratio) else "either torque or angle is"
+    advice = (
+        f"{many} of the motor: give the channel side: motor"
+        if wrong < 1
+        else f"{many} of the joint, but marked side: motor: leave that out"
+    )
+    raise DataError(
+        f"{place}: the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
+        f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit"
+    )
+
+
+def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:
+    """Inertia that a motor drives with the others held, link side; of a robot with loops the rotor's alone."""
+    motor = joint.motor
+    rotor = motor.inertia * motor.ratio**2 if motor is not None else 0.0
+    if robot.loops:
+        return rotor
+    names = [each.name for each in robot.joints]
+    q, zero, one = np.zeros((3, len(names)))
+    one[names.index(joint.name)] = 1.0
+    if posture is not None:
+        q[list(robot.driven_indices)] = posture.angles
+    theta, tau = [value for value, _ in robot.parameters().values()], inverse_dynamics(robot)
+    torque = np.asarray(tau(q, zero, one, theta)) - np.asarray(tau(q, zero, zero, theta))
+    return rotor + float(torque[names.index(joint.name), 0])
