@@ -8,12 +8,13 @@ k_j(D_j); then few elements with thresholds of their own, found from the spectru
 projection, as few as predict other parts of the log as well (Rizos and Fassois, Chaos 14, 2004; Lawson and Hanson,
 Solving Least Squares Problems, 1974).
 
-Noise of the angle is a random walk through the elements and takes stiffness away, so the angle is smoothed first.
+Noise of the angle is a random walk through the elements and takes stiffness away, so the angle is smoothed first, with
+zero phase and in the band with which the elements explain the torque best: wider passes noise, narrower the motion.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,8 +30,9 @@ from elastid.robot.presliding import MaxwellSlip
 SPECTRUM_ELEMENTS = 40
 # Few elements are tried up to this number.
 MAX_ELEMENTS = 8
-# The angle is smoothed above so many times the frequency of the motion.
-SMOOTHING_BAND = 20.0
+# The angle is smoothed above one of so many times the frequency of the motion.
+SMOOTHING_BANDS = (5.0, 7.0, 10.0, 14.0, 20.0, 28.0, 40.0)
+SMOOTHING_ORDER = 4
 # Parts of the log for cross-validation.
 FOLDS = 5
 # Counts of the encoder below which a loop shows nothing of friction.
@@ -87,12 +89,16 @@ class Elements:
 
 @dataclass(frozen=True)
 class Presliding:
-    """The spectrum over many thresholds, few elements, and the cross-validated errors (MAX_ELEMENTS,) of 1, 2, ..."""
+    """The spectrum over many thresholds, few elements, and the cross-validated errors (MAX_ELEMENTS,) of 1, 2, ...
+
+    position (n,): of the loops, smoothed.
+    """
 
     spectrum: Elements
     few: Elements
     errors: FloatArray
     spectrum_error: float
+    position: FloatArray
 
 
 def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
@@ -100,8 +106,7 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
 
     Raises DataError for loops of a few encoder counts, and for a log without them.
     """
-    q = smoothed(loops)
-    reach = np.ptp(q[loops.settled :]) / 2
+    reach = np.ptp(loops.position[loops.settled :]) / 2
     if not reach > max(MIN_COUNTS * loops.resolution, 0.0):
         raise DataError(
             f"loops of {loops.place}: the joint moved by {2 * reach:.3g} rad, "
@@ -110,8 +115,9 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
         )
     finest = max(1e-3 * reach, loops.resolution)
     thresholds = np.geomspace(finest, 2 * reach, SPECTRUM_ELEMENTS)
-    used = np.arange(len(q)) >= loops.settled
-    spectrum = _fit(q, loops.torque, thresholds, used)
+    used = np.arange(len(loops.position)) >= loops.settled
+    candidates = ((q, _fit(q, loops.torque, thresholds, used)) for q in _smoothed(loops))
+    q, spectrum = min(candidates, key=lambda each: each[1].relative_error * each[1].break_away)
     folds = _folds(used)
     spectrum_error = np.sqrt(np.mean([_missed(q, loops.torque, thresholds, used, fold) for fold in folds]))
     counts = range(1, MAX_ELEMENTS + 1) if elements is None else (elements,)
@@ -119,15 +125,16 @@ def fit_presliding(loops: Loops, elements: int | None = None) -> Presliding:
     missed = {n: [_missed(q, loops.torque, one.threshold, used, fold) for fold in folds] for n, one in found.items()}
     errors = np.sqrt([np.mean(missed[n]) for n in counts])
     chosen = elements or _fewest([missed[n] for n in counts])
-    return Presliding(spectrum, found[chosen], errors, float(spectrum_error))
+    return Presliding(spectrum, found[chosen], errors, float(spectrum_error), q)
 
 
-def smoothed(loops: Loops) -> FloatArray:
-    """The position without its noise: zero phase, far above the motion's frequency."""
-    band = SMOOTHING_BAND * loops.frequency_hz
-    if loops.resolution == 0 or not band < 0.45 * loops.rate_hz:
-        return loops.position
-    return np.asarray(sosfiltfilt(butter(2, band, fs=loops.rate_hz, output="sos"), loops.position))
+def _smoothed(loops: Loops) -> Iterator[FloatArray]:
+    """The position as it is, and without its noise in each band, where the sensor is not exact."""
+    yield loops.position
+    for band in SMOOTHING_BANDS if loops.resolution > 0 else ():
+        if (hz := band * loops.frequency_hz) < 0.45 * loops.rate_hz:
+            filter_ = butter(SMOOTHING_ORDER, hz, fs=loops.rate_hz, output="sos")
+            yield np.asarray(sosfiltfilt(filter_, loops.position))
 
 
 def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:
