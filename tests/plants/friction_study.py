@@ -80,7 +80,7 @@ def loops() -> tuple[Loops, Presliding]:
     few = Elements(np.array([300.0, 500.0]), np.array([1e-3, 3e-3]), 0.1, 0.01)
     spectrum = Elements(np.array([0.0, 300.0, 500.0]), np.array([1e-4, 1e-3, 3e-3]), 0.1, 0.005)
     errors = np.array([0.2, 0.02, 0.02])
-    return Loops("joint elbow", RATE, q, few.torque(q), 0.5, settled=250), Presliding(spectrum, few, errors, 0.015)
+    return Loops("joint elbow", RATE, q, few.torque(q), 0.5, settled=250), Presliding(spectrum, few, errors, 0.015, q)
 
 
 def warm_up() -> tuple[WarmUp, ThermalModel]:

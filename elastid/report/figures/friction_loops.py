@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from elastid.base.arrays import BoolArray
-from elastid.friction_fit.presliding import Elements, Loops, Presliding, smoothed
+from elastid.friction_fit.presliding import Elements, Loops, Presliding
 from elastid.report.figures import style
 
 # Thresholds of a spectrum that take less of the break-away torque are not drawn.
@@ -45,7 +45,7 @@ def friction_loops(loops: Loops, found: Presliding, slides: bool = False) -> Fig
 
 def _draw_loops(axes: Axes, loops: Loops, found: Presliding) -> None:
     used: BoolArray = np.arange(len(loops.position)) >= loops.settled
-    q = smoothed(loops)
+    q = found.position
     x = 1e3 * (q - q[used].mean())
     axes.plot(x[used], loops.torque[used], color=style.MEASURED, lw=0.7, alpha=0.7, label="measured")
     axes.plot(x[used], found.few.torque(q)[used], color=style.FITTED, lw=0.8, label="replayed")
