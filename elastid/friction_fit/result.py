@@ -61,7 +61,7 @@ class JointFriction:
     """Friction of one joint, link side; None where it was not measured or cannot be told.
 
     loops: the log of `presliding`.  bristles: the LuGre law by shooting.  warm_up: the data of `thermal`.
-    friction, viscous: of the robot's file, on the side of the motor.
+    friction, viscous: the law as a whole, with the ranges in which it was measured.
     numbers: the table.  held: parts without numbers, with reasons.
     """
 
