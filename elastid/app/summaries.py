@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
+from elastid.app.json_values import all_finite, finite, note_entries
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_model import FittedModel
 from elastid.fit.modification_index import ModificationIndex
@@ -86,14 +86,14 @@ def summary(
     friction: FrictionTakenOut | None = None,
 ) -> dict[str, Any]:
     """The content of summary.json; notes of the fit come first, then those of friction and of measured responses."""
-    groups = grouped((*result.notes, *(friction.notes if friction is not None else ()), *notes))
+    every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
     return {
         "schema": 1,
         "study": study.name,
         "status": result.status,
         "message": result.message,
-        "cost": _number(result.cost),
-        "cost_expected": _number(result.cost_expected),
+        "cost": finite(result.cost),
+        "cost_expected": finite(result.cost_expected),
         "dof": result.dof,
         "starts": len(result.starts),
         "hits": result.hits,
@@ -104,30 +104,22 @@ def summary(
         "modes": [
             {
                 "configuration": row.configuration,
-                "frequency_hz": _numbers(row.frequency_hz.tolist()),
-                "damping_ratio": _numbers(row.damping_ratio.tolist()),
+                "frequency_hz": all_finite(row.frequency_hz.tolist()),
+                "damping_ratio": all_finite(row.damping_ratio.tolist()),
             }
             for row in mode_rows
         ],
         "frf_error": [
             {
                 "configuration": agreement.configuration,
-                "rms_log_db": _number(agreement.overall_rms_log_db),
-                "phase_rms_deg": _number(agreement.overall_phase_rms_deg),
-                "inside_2sigma": _number(agreement.overall_inside_2sigma),
+                "rms_log_db": finite(agreement.overall_rms_log_db),
+                "phase_rms_deg": finite(agreement.overall_phase_rms_deg),
+                "inside_2sigma": finite(agreement.overall_inside_2sigma),
             }
             for agreement in agreements
         ],
-        "warnings": [str(group) for group in groups],
-        "notes": [
-            {
-                "code": group.first.code,
-                "severity": group.first.severity,
-                "places": [place for place in group.places if place],
-                "text": group.first.text,
-            }
-            for group in groups
-        ],
+        "warnings": [str(group) for group in grouped(every)],
+        "notes": note_entries(every),
     }
 
 
@@ -173,7 +165,7 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
         | {"start": x_start[p.name]}
         for p in parameters.free
     }
-    return best | {"status": "interrupted", "cost": _number(ends[0].cost), "parameters": rows}
+    return best | {"status": "interrupted", "cost": finite(ends[0].cost), "parameters": rows}
 
 
 def validation_summary(study: Study, validation: Validation) -> dict[str, Any]:
@@ -193,10 +185,10 @@ def validation_summary(study: Study, validation: Validation) -> dict[str, Any]:
             {
                 "configuration": agreement.configuration,
                 "left_out": bool(agreement.left_out),
-                "rms_log_db": _number(agreement.overall_rms_log_db),
-                "phase_rms_deg": _number(agreement.overall_phase_rms_deg),
-                "inside_2sigma": _number(agreement.overall_inside_2sigma),
-                "inside_2sigma_expected": _number(agreement.inside_expected),
+                "rms_log_db": finite(agreement.overall_rms_log_db),
+                "phase_rms_deg": finite(agreement.overall_phase_rms_deg),
+                "inside_2sigma": finite(agreement.overall_inside_2sigma),
+                "inside_2sigma_expected": finite(agreement.inside_expected),
             }
             for agreement in validation.configurations
         ],
@@ -206,9 +198,9 @@ def validation_summary(study: Study, validation: Validation) -> dict[str, Any]:
         "folds": [
             {
                 "configuration": fold.configuration,
-                "misfit": _number(fold.misfit),
-                "rms_log_db": _number(fold.rms_log_db),
-                "phase_rms_deg": _number(fold.phase_rms_deg),
+                "misfit": finite(fold.misfit),
+                "rms_log_db": finite(fold.rms_log_db),
+                "phase_rms_deg": finite(fold.phase_rms_deg),
                 "message": fold.message,
             }
             for fold in validation.folds
@@ -220,11 +212,11 @@ def _replay(replay: Replay) -> dict[str, Any]:
     return {
         "configuration": replay.configuration,
         "quantity": replay.quantity,
-        "band_hz": _numbers(replay.band_hz),
+        "band_hz": all_finite(replay.band_hz),
         "records": list(replay.records),
         "outputs": list(replay.outputs),
-        "fit_percent": [_numbers(row) for row in replay.fit_percent.tolist()],
-        "reachable_percent": [_numbers(row) for row in replay.reachable_percent.tolist()],
+        "fit_percent": [all_finite(row) for row in replay.fit_percent.tolist()],
+        "reachable_percent": [all_finite(row) for row in replay.reachable_percent.tolist()],
     }
 
 
@@ -233,8 +225,8 @@ def _parameters(study: Study, result: FitResult, friction: FrictionTakenOut | No
     return {
         row.name: {
             "value": row.estimate,
-            "std": _number(row.std),
-            "interval95": _numbers(row.interval),
+            "std": finite(row.std),
+            "interval95": all_finite(row.interval),
             "unit": row.unit,
             "at_bound": row.at_bound,
             "start": row.start,
@@ -255,7 +247,7 @@ def _further(result: FitResult, name: str) -> dict[str, Any]:
     for key in ("profile95", "bootstrap95"):
         ends = getattr(result, key)
         if len(ends) and not np.isnan(ends[i]).any():
-            found[key] = _numbers(ends[i].tolist())
+            found[key] = all_finite(ends[i].tolist())
     return found
 
 
@@ -265,14 +257,14 @@ def _modification(result: FitResult, one: ModificationIndex) -> dict[str, Any]:
         "name": one.name,
         "group": one.group,
         "place": one.place,
-        "share": _number(one.share),
-        "drop": _number(one.drop),
+        "share": finite(one.share),
+        "drop": finite(one.drop),
         "members": [
-            {"name": name, "unit": unit, "value": _number(value), "changed": _number(changed)}
+            {"name": name, "unit": unit, "value": finite(value), "changed": finite(changed)}
             for name, unit, value, changed in zip(one.members, one.units, one.values.tolist(), one.changed, strict=True)
         ],
         "alike": list(one.alike),
-        "effects": dict(zip(result.parameters.free_names, _numbers(one.effects.tolist()), strict=True)),
+        "effects": dict(zip(result.parameters.free_names, all_finite(one.effects.tolist()), strict=True)),
     }
 
 
@@ -280,12 +272,3 @@ def _correlations(result: FitResult) -> list[list[Any]]:
     names, r = result.parameters.free_names, result.correlation
     above = np.argwhere(np.triu(np.abs(r), 1) > CORRELATED)
     return [[names[i], names[j], round(float(r[i, j]), 4)] for i, j in above]
-
-
-def _numbers(values: Sequence[float]) -> list[float | None]:
-    return [_number(value) for value in values]
-
-
-def _number(value: float) -> float | None:
-    """JSON knows no infinity: null."""
-    return float(value) if math.isfinite(value) else None

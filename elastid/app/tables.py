@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from elastid.design.forecast import Forecast
+from elastid.friction_fit.result import FrictionNumber
 from elastid.report.numbers import digits, interval_of, number
 from elastid.report.parameter_rows import ParameterRow
 
@@ -16,6 +17,19 @@ def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:
     headings = ["parameter", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval"]
     headings += ["off / std"] if simulated else []
     return [headings, *(_line(row, simulated) for row in rows)]
+
+
+def friction_table(numbers: Sequence[FrictionNumber]) -> list[list[str]]:
+    """Headings, then a line for each number of friction; the truth where the rig is simulated."""
+    simulated = any(each.truth is not None for each in numbers)
+    rows = [["number", "unit", *(["true"] if simulated else []), "estimate", "std", "95 % interval", "learnt from"]]
+    for one in numbers:
+        kept = digits(one.value, one.std)
+        relative = 100 * one.std / abs(one.value) if one.value else math.inf
+        std = f"{number(relative, 2)} %" if math.isfinite(relative) else number(one.std, 2)
+        line = [one.name, one.unit, number(one.value, kept), std, " to ".join(interval_of((one.low, one.high), kept))]
+        rows.append([*line[:2], *([number(one.truth)] if simulated else []), *line[2:], one.learnt_from])
+    return rows
 
 
 def forecast_table(forecast: Forecast) -> list[list[str]]:

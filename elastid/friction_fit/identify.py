@@ -12,7 +12,6 @@ from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction.static_terms import Conditions
 from elastid.friction_fit.at_rest import AtRest, fit_at_rest
-from elastid.friction_fit.law_choice import Held
 from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.numbers import (
     numbers_at_rest,
@@ -47,7 +46,9 @@ def identify_friction(
     Raises FitError where a part of the law that is asked for (`yes`) cannot be told.
     """
     joints = tuple(_joint(robot, each, measured, spec, truth or {}) for each in levels)
-    status: Status = "identified" if not any(_refused(joint, spec.law) for joint in joints) else "partly"
+    status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
+    if all(joint.friction is None for joint in joints):
+        status = "failed"
     return FrictionResult(joints, measured.notes, status, _message(joints))
 
 
@@ -202,13 +203,6 @@ def _law_of_motion(motion: MotionFriction) -> tuple[Friction, float]:
     speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
     measured = MeasuredRange((min(speeds), max(speeds))) if speeds else None
     return Friction(fit["coulomb"], directions=Directions(**apart) if has else None, measured=measured), viscous
-
-
-def _refused(joint: JointFriction, law: LawSpec) -> tuple[Held, ...]:
-    """Parts that the study asks for or would take, and the data do not tell; nothing at all is one of them."""
-    if joint.friction is None:
-        return (Held("friction", "neither levels nor a motion tell it"),)
-    return tuple(held for held in joint.held if held.part == "stribeck" and law.stribeck != "no")
 
 
 def _message(joints: Sequence[JointFriction]) -> str:

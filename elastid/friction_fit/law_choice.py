@@ -18,6 +18,8 @@ from elastid.friction_fit.static_curve import START_DECAY_K, CurveFit, Terms, fi
 FALSE_ALARM = 0.01
 # A number wider than this share of itself (95 % of a normal distribution: it may as well be 0) is not known.
 MAX_RELATIVE_STD = 0.5
+# Reasons of parts that are not missing: nobody looked for them, or the data show that they are not there.
+NOT_ASKED, ABSENT = "not asked for", "the levels do not show it"
 # Conditions closer than this are one: in K, and as a share of the largest load.
 TEMPERATURE_STEP_K, LOAD_STEP = 2.0, 0.05
 # Speeds that a Stribeck curve beside viscous friction needs, and the part of nu_s that the lowest must reach.
@@ -74,7 +76,7 @@ def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...
 def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None, str]:
     """The law with one more part, or why not."""
     if part.key == "no":
-        return None, "not asked for"
+        return None, NOT_ASKED
     if part.refusal:
         return None, part.refusal
     terms = part.add(fit.terms)
@@ -89,7 +91,7 @@ def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None,
         (fit.cost - wider.cost) / len(new) / max(1.0, wider.cost / wider.dof), len(new), wider.dof
     )
     if part.is_tested and chance > FALSE_ALARM and part.key == "auto":
-        return None, f"the levels do not show it (chance {chance:.2g} without it); more or quieter levels might"
+        return None, f"{ABSENT} (chance {chance:.2g} without it); more or quieter levels might"
     wide = _widest(wider, new)
     if wide is not None:
         return None, wide

@@ -7,7 +7,7 @@ from typing import Literal, TypeAlias
 
 from elastid.base.note import Note
 from elastid.friction_fit.at_rest import AtRest
-from elastid.friction_fit.law_choice import Held
+from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
 from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.pass_levels import PassLevels
 from elastid.friction_fit.presliding import Loops, Presliding
@@ -17,7 +17,7 @@ from elastid.friction_fit.warm_up import ThermalModel, WarmUp
 from elastid.friction_record import FrictionRecord
 from elastid.robot.friction import Friction
 
-# identified: every number that was asked for.  partly: some part of the law was refused.  failed: no friction at all.
+# partly: stiction of some joint cannot be told, or nothing of it.  failed: no friction of any joint.
 Status: TypeAlias = Literal["identified", "partly", "failed"]
 
 
@@ -82,6 +82,15 @@ class JointFriction:
     held: tuple[Held, ...] = ()
     example: FrictionRecord | None = None
     notes: tuple[Note, ...] = ()
+
+    @property
+    def missing(self) -> tuple[Held, ...]:
+        """What a law of friction has and these data cannot tell: stiction, or friction at all."""
+        if self.friction is None:
+            return (Held("friction", "neither levels nor a motion tell it"),)
+        return tuple(
+            held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))
+        )
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,16 @@ class Stamp:
     seed: int = 0
     study: str = ""
 
+    @property
+    def shown(self) -> dict[str, str]:
+        """What a page says of it."""
+        return {
+            "elastid": self.version,
+            "seed": str(self.seed),
+            "hash of the inputs": self.inputs,
+            "hash of the code": self.code,
+        }
+
     def is_of(self, wanted: Stamp) -> bool:
         """Whether inputs and code are those of another stamp."""
         return (self.inputs, self.code) == (wanted.inputs, wanted.code)

@@ -52,12 +52,7 @@ def _content(run: Run) -> ReportContent:
         validation=validation,
         modes=modes_of(fitted),
         study_text=run.loaded.text,
-        provenance={
-            "elastid": stamp.version,
-            "seed": str(stamp.seed),
-            "hash of the inputs": stamp.inputs,
-            "hash of the code": stamp.code,
-        },
+        provenance=stamp.shown,
         truth=truth(study, friction),
         plan=read_plan(plan) if plan is not None else None,
         forecast=read_forecast(plan) if plan is not None else None,

@@ -23,12 +23,7 @@ def report(run: Run) -> None:
         responses=responses,
         peaks=found,
         study_text=run.loaded.text,
-        provenance={
-            "elastid": stamp.version,
-            "seed": str(stamp.seed),
-            "hash of the inputs": stamp.inputs,
-            "hash of the code": stamp.code,
-        },
+        provenance=stamp.shown,
         friction=_friction(run),
     )
     page = write_page_of_responses(content, run.folder, run.study.report.formats)

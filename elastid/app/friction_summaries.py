@@ -1,0 +1,57 @@
+"""summary.json of a friction study, of a fixed form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from elastid.app.json_values import all_finite, finite, note_entries
+from elastid.base.note import grouped
+from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.study import Study
+
+
+def friction_study_summary(study: Study, result: FrictionResult) -> dict[str, Any]:
+    """The content of summary.json: parameters with intervals and origin, what was not identified, measured ranges."""
+    every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
+    return _head(study, result.status, result.message) | {
+        "parameters": {number.name: _row(number) for number in result.numbers},
+        "not_identified": [
+            {"joint": joint.joint, "part": held.part, "reason": held.reason}
+            for joint in result.joints
+            for held in joint.held
+        ],
+        "measured": {joint.joint: _ranges(joint) for joint in result.joints},
+        "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
+        "notes": note_entries(every),
+    }
+
+
+def failed_friction(study: Study, message: str) -> dict[str, Any]:
+    """summary.json of a study that found nothing: the same keys, no numbers."""
+    nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "measured": {}, "warnings": [], "notes": []}
+    return _head(study, "failed", message) | nothing
+
+
+def _head(study: Study, status: str, message: str) -> dict[str, Any]:
+    return {"schema": 1, "study": study.name, "status": status, "message": message}
+
+
+def _row(number: FrictionNumber) -> dict[str, Any]:
+    found: dict[str, Any] = {
+        "value": number.value,
+        "std": finite(number.std),
+        "interval95": all_finite((number.low, number.high)),
+        "unit": number.unit,
+        "meaning": number.meaning,
+        "learnt_from": number.learnt_from,
+    }
+    return found if number.truth is None else found | {"truth": number.truth}
+
+
+def _ranges(joint: JointFriction) -> dict[str, list[float] | None]:
+    """Lowest and highest speed, load and temperature, SI and degC; null where there was one or none."""
+    measured = joint.friction.measured if joint.friction is not None else None
+    return {
+        name: None if measured is None or getattr(measured, name) is None else list(getattr(measured, name))
+        for name in ("speed", "load", "temperature")
+    }

@@ -1,0 +1,66 @@
+"""friction: levels and records -> friction.h5, summary.json and robot.yml, and the table at the end of a run."""
+
+from __future__ import annotations
+
+from elastid.app.friction_summaries import failed_friction, friction_study_summary
+from elastid.app.identified_robot import robot_of_friction
+from elastid.app.run import Run
+from elastid.app.summaries import write_summary
+from elastid.app.tables import friction_table
+from elastid.base.errors import FitError
+from elastid.friction_fit.identify import identify_friction
+from elastid.friction_fit.law_choice import NOT_ASKED
+from elastid.robot.friction_numbers import friction_numbers, with_numbers
+from elastid.store import text_file
+from elastid.store.friction_study import (
+    read_friction_records,
+    read_friction_result,
+    read_levels,
+    write_friction_result,
+)
+from elastid.study import Study
+
+
+def friction(run: Run) -> None:
+    """friction.h5, summary.json and robot.yml; one that found nothing leaves a summary with the reason: FitError."""
+    study, path = run.study, run.summary("friction")
+    found, measured = read_levels(run.path("levels")), read_friction_records(run.path("measure"))
+    try:
+        result = identify_friction(study.as_robot(), found, measured, study.as_friction(), true_numbers(study))
+    except FitError as error:
+        write_summary(path, failed_friction(study, str(error)))
+        raise
+    write_summary(path, friction_study_summary(study, result))
+    with text_file(run.folder / run.stages["friction"].leaves[2]) as file:
+        file.write(robot_of_friction(study, result))
+    write_friction_result(run.path("friction"), result, run.stamps["friction"])
+    said = [note for each in found for note in each.notes]
+    run.console.notes(note for each in result.joints for note in each.notes if note not in said)
+    run.console.say(f"friction: {result.message}")
+
+
+def conclude(run: Run) -> None:
+    """Show the numbers, where the results are, and in the last line what was not identified and why."""
+    result = read_friction_result(run.path("friction"))
+    run.console.table(friction_table(result.numbers))
+    for joint in result.joints:
+        for held in joint.held:
+            if held.reason != NOT_ASKED:
+                run.console.say(f"joint {joint.joint}, no {held.part}: {held.reason}")
+    leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
+    for path in (run.folder / name for name in leaves):
+        if path.exists():
+            run.console.say(str(path))
+    missing = [f"joint {each.joint}, {held.part}: {held.reason}" for each in result.joints for held in each.missing]
+    if result.status == "failed":
+        raise FitError(f"no friction was identified: {'; '.join(missing)}")
+    run.console.say(f"{result.status}: {'; '.join(missing) or 'every number that was looked for is in the table'}")
+
+
+def true_numbers(study: Study) -> dict[str, float] | None:
+    """The simulated robot's numbers of friction by name, link side; None where it is recorded."""
+    simulated = study.experiment.simulated
+    if simulated is None:
+        return None
+    true = with_numbers(study.as_robot(), {name: float(value) for name, value in simulated.truth.items()})
+    return {name: value for name, (value, _) in friction_numbers(true).items()}

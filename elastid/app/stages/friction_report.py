@@ -1,0 +1,21 @@
+"""report of a friction study: all results of a run -> report.html and figures/."""
+
+from __future__ import annotations
+
+from elastid.app.run import Run
+from elastid.report.friction_content import FrictionContent
+from elastid.report.page.page_of_friction import write_page_of_friction
+from elastid.store.friction_study import read_friction_result
+
+
+def report(run: Run) -> None:
+    """report.html and figures/."""
+    stamp = run.stamps["report"]
+    content = FrictionContent(
+        title=run.study.name,
+        result=read_friction_result(run.path("friction")),
+        study_text=run.loaded.text,
+        provenance=stamp.shown,
+    )
+    page = write_page_of_friction(content, run.folder, run.study.report.formats)
+    run.console.say(f"report: {page}")
