@@ -15,7 +15,7 @@ from pathlib import Path
 from elastid import __version__
 from elastid.app.console import Console
 from elastid.app.provenance import file_hash, stamps, upstream
-from elastid.app.stage_table import Stage, function_of, stages_of
+from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.store import Checkpoint, Stamp, read_stamp, remove_leftovers
@@ -86,6 +86,16 @@ class Run:
         text = path.read_text(encoding="utf-8", errors="replace")
         return wanted.inputs in text and wanted.code in text
 
+    def require_stage(self, name: str) -> None:
+        """Refuse a stage of the other kind of study: of friction, or of elasticity; StudyError."""
+        kind = "friction" if self.study.friction is not None else "elasticity"
+        of_kind = FRICTION if self.study.friction is not None else SIMULATED
+        if name not in stages_of(of_kind):
+            raise StudyError(
+                f"{self.loaded.path}: the study identifies {kind}, which has no stage `{name}`; its stages are "
+                f"{', '.join(self.stages)}"
+            )
+
     def require(self, stage: str) -> None:
         """Refuse to go on without the results that a stage reads; StudyError says which command makes them.
 
@@ -93,6 +103,7 @@ class Run:
         """
         if stage not in self.stages:
             self.study.as_robot()
+            self.require_stage(stage)
         for name in upstream(self.stages, self.stages[stage]):
             self.require_result(name)
 
@@ -144,6 +155,7 @@ def run_stage(run: Run, name: str) -> None:
     """One stage, whether or not it is current; StudyError where a result that it reads is missing or out of date."""
     if name not in run.stages:
         run.study.as_robot()
+        run.require_stage(name)
         kind = {"responses": "frequency responses from elsewhere"}.get(run.study.experiment.kind, "recorded")
         raise StudyError(
             f"{run.loaded.path}: the experiment is {kind}, there is nothing to {name}; the first stage is "

@@ -15,6 +15,12 @@ SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
 WITH_A_ROBOT = (SIMULATED, RECORDED, RESPONSES)
 # Studies without a robot: responses of recorded logs alone, or responses from elsewhere.
 FRF, FRF_RESPONSES = "frf", "frf-responses"
+# Studies of friction.
+FRICTION, FRICTION_RECORDED = "friction", "friction-recorded"
+# Keys of `friction` that say what is measured; `law` is that of the stage friction.
+FRICTION_EXPERIMENTS = tuple(
+    f"friction.{key}" for key in ("joints", "rate_hz", "passes", "loads", "presliding", "at_rest", "warm_up")
+)
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,45 @@ STAGES = (
         reads=("estimate",),
         leaves=("report.html", "figures", "peaks.csv"),
         function="report_responses:report",
+        further="report:study_text",
+    ),
+    Stage(
+        name="measure",
+        help="Simulate the motions or import the recorded logs: records.h5.",
+        kinds=(FRICTION_RECORDED,),
+        sections=("seed", "robot", "experiment", *FRICTION_EXPERIMENTS),
+        reads=(),
+        leaves=("records.h5",),
+        function="friction_measure:import_logs",
+        further="measure:log_hashes",
+    ),
+    Stage(
+        name="levels",
+        help="Find the friction at each speed, load and temperature: levels.h5.",
+        kinds=(FRICTION, FRICTION_RECORDED),
+        sections=(),
+        reads=("measure",),
+        leaves=("levels.h5",),
+        function="friction_levels:levels",
+    ),
+    Stage(
+        name="friction",
+        help="Identify the law of friction: friction.h5, summary.json and robot.yml.",
+        kinds=(FRICTION, FRICTION_RECORDED),
+        sections=("name", "friction.law"),
+        reads=("measure", "levels"),
+        leaves=("friction.h5", "summary.json", "robot.yml"),
+        function="friction_law:friction",
+        conclude="friction_law:conclude",
+    ),
+    Stage(
+        name="report",
+        help="Write the page and the figures: report.html and figures/.",
+        kinds=(FRICTION, FRICTION_RECORDED),
+        sections=("name", "report"),
+        reads=("friction",),
+        leaves=("report.html", "figures"),
+        function="friction_report:report",
         further="report:study_text",
     ),
 )

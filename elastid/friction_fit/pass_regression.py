@@ -26,6 +26,8 @@ from elastid.base.arrays import FloatArray, IntArray, frozen_value
 RIPPLE_HARMONICS = 2
 # Samples over which residuals may be correlated.
 MAX_LAG = 200
+# Of the mean speed, below which a change of it is rounding.
+ROUNDING = 1e-9
 # Samples of a pass in the regression: more of a slow one say nothing new.
 MAX_SAMPLES = 2000
 
@@ -83,7 +85,7 @@ class PassRegression:
             own = np.zeros((len(q), 2 * len(order)))
             own[:, order.index(each.pair)] = s
             own[:, len(order) + order.index(each.pair)] = 1.0
-            columns = [a, s * (speed - speed.mean())[::step]]
+            columns = [a, s * _about_mean(speed)[::step]]
             if has_gravity:
                 columns += [np.cos(q), np.sin(q)]
             if has_ripple:
@@ -143,6 +145,13 @@ class PassRegression:
                 break
             found.append(float(sum(products) / sum(counts)))
         return np.array(found)
+
+
+def _about_mean(speed: FloatArray) -> FloatArray:
+    """|q'| - v_k of a pass; a commanded speed that never changes leaves rounding, which is no slope."""
+    about = speed - speed.mean()
+    about[np.abs(about) < ROUNDING * speed.mean()] = 0.0
+    return np.asarray(about)
 
 
 def _long_run(B: FloatArray, autocovariance: FloatArray) -> FloatArray:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import PassReference
@@ -30,11 +31,20 @@ def read_friction_plan(path: Path) -> FrictionPlan:
 
 def write_pass_reference(path: Path, reference: PassReference) -> None:
     """A pass as CSV for a robot controller: time, position, velocity and acceleration of the joint, SI, link side."""
-    columns = (reference.position, reference.velocity, reference.acceleration)
+    motion = {"position": reference.position, "velocity": reference.velocity, "acceleration": reference.acceleration}
+    _write_columns(path, reference.rate_hz, motion)
+
+
+def write_torque_reference(path: Path, torque: FloatArray, rate_hz: float) -> None:
+    """A torque (n,) to inject as CSV, SI, link side."""
+    _write_columns(path, rate_hz, {"torque": torque})
+
+
+def _write_columns(path: Path, rate_hz: float, columns: Mapping[str, FloatArray]) -> None:
     with text_file(path) as file:
-        file.write("t_s,position,velocity,acceleration\n")
-        for k, row in enumerate(zip(*columns, strict=True)):
-            file.write(",".join(f"{value:.9g}" for value in (k / reference.rate_hz, *row)) + "\n")
+        file.write(",".join(("t_s", *columns)) + "\n")
+        for k, row in enumerate(zip(*columns.values(), strict=True)):
+            file.write(",".join(f"{value:.9g}" for value in (k / rate_hz, *row)) + "\n")
 
 
 def write_friction_records(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from elastid.app.provenance import file_hashes
 from elastid.app.run import Run
@@ -48,41 +48,62 @@ def log_hashes(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
     return file_hashes(loaded.base, (path for file in files for path in (file.path, *file.also)))
 
 
-def _measure(run: Run, rig: Rig) -> None:
+class Named(Protocol):
+    """An experiment or motion."""
+
+    @property
+    def name(self) -> str:
+        """That of its file."""
+        ...
+
+
+def measure_parts(run: Run, todo: Sequence[Named], measure: Callable[[Path, Stamp, Any], None], noun: str) -> Path:
+    """The folder with a file of each of `todo`, those of an interrupted measurement kept.
+
+    measure(path, stamp, one) is run in a worker, which writes the record itself: no record travels between processes.
+    """
     stamp, folder = run.stamps["measure"], run.partial("measure")
     folder.mkdir(parents=True, exist_ok=True)
     remove_leftovers(folder)
-    todo = [experiment for experiment in rig.experiments if not _is_measured(folder, experiment, stamp)]
-    if len(todo) < len(rig.experiments):
-        kept = len(rig.experiments) - len(todo)
-        run.console.say(f"measure: resumed, {kept} of {len(rig.experiments)} experiments are kept")
+    left = [one for one in todo if not _is_measured(folder, one, stamp)]
+    if len(left) < len(todo):
+        run.console.say(f"measure: resumed, {len(todo) - len(left)} of {len(todo)} {noun} are kept")
     with run.execution("measure") as execution:
-        for _ in execution.unordered(partial(_measure_one, rig, folder, stamp), todo):
+        for _ in execution.unordered(partial(_measured_part, measure, folder, replace(stamp, study="")), left):
             pass
+    return folder
+
+
+def part_path(folder: Path, one: Named) -> Path:
+    """The file of one part."""
+    return folder / f"{one.name}.h5"
+
+
+def _is_measured(folder: Path, one: Named, stamp: Stamp) -> bool:
+    found = read_stamp(part_path(folder, one))
+    return found is not None and found.is_of(stamp)
+
+
+def _measured_part(measure: Callable[[Path, Stamp, Any], None], folder: Path, stamp: Stamp, one: Named) -> None:
+    measure(part_path(folder, one), stamp, one)
+
+
+def _measure(run: Run, rig: Rig) -> None:
+    folder = measure_parts(run, rig.experiments, partial(_measure_one, rig), "experiments")
     notes: list[Note] = []
-    write_records(run.path("measure"), _measured(rig, folder, notes), stamp)
+    write_records(run.path("measure"), _measured(rig, folder, notes), run.stamps["measure"])
     shutil.rmtree(folder)
     run.console.notes(notes)
     run.console.say(f"measure: {len(rig.experiments)} records")
 
 
-def _path(folder: Path, experiment: Experiment) -> Path:
-    return folder / f"{experiment.name}.h5"
-
-
-def _is_measured(folder: Path, experiment: Experiment, stamp: Stamp) -> bool:
-    found = read_stamp(_path(folder, experiment))
-    return found is not None and found.is_of(stamp)
-
-
-def _measure_one(rig: Rig, folder: Path, stamp: Stamp, experiment: Experiment) -> None:
-    """Run in a worker, which writes the record itself: no record travels between processes."""
-    write_records(_path(folder, experiment), [rig.measure(experiment)], replace(stamp, study=""))
+def _measure_one(rig: Rig, path: Path, stamp: Stamp, experiment: Experiment) -> None:
+    write_records(path, [rig.measure(experiment)], stamp)
 
 
 def _measured(rig: Rig, folder: Path, notes: list[Note]) -> Iterator[Record]:
     """The records in the order of the plan, one at a time; their notes are gathered on the way."""
     for experiment in rig.experiments:
-        for record in read_records(_path(folder, experiment)):
+        for record in read_records(part_path(folder, experiment)):
             notes += record.notes
             yield record

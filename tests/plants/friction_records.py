@@ -1,0 +1,48 @@
+"""Records of the passes of a plan under a law that is known, without a loop: the joint follows its reference."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from elastid.app.stages.friction_design import friction_plan
+from elastid.app.stages.friction_law import true_numbers
+from elastid.experiment.plan.friction import FrictionPlan
+from elastid.experiment.plan.passes import pass_reference
+from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.study import LoadedStudy, load
+
+TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "friction"
+# Torques of gravity and noise (Nm), and inertia (kg m^2) of the axis.
+GRAVITY, NOISE, INERTIA = 78.0, 0.5, 8.2
+
+
+def template(*overrides: str) -> LoadedStudy:
+    """The study of the template."""
+    return load(TEMPLATE / "study.yml", overrides)
+
+
+def records(loaded: LoadedStudy, seed: int = 0) -> tuple[FrictionPlan, FrictionRecords]:
+    """The passes of its plan under its true law."""
+    plan, truth = friction_plan(loaded.study), true_numbers(loaded.study)
+    assert truth is not None
+    limits = {design.joint: design.limits for design in plan.designs}
+    rng = np.random.default_rng(seed)
+    found = []
+    for motion in plan.motions:
+        assert motion.planned is not None
+        path = pass_reference(motion.planned, limits[motion.joint], plan.rate_hz)
+        v = np.abs(path.velocity)
+        level = truth["Fc_m1"] + (truth["Fs_m1"] - truth["Fc_m1"]) * np.exp(-((v / truth["vs_m1"]) ** 2))
+        torque = np.sign(path.velocity) * (level + truth["f_m1"] * v) - GRAVITY * np.sin(path.position)
+        torque = torque + INERTIA * path.acceleration + NOISE * rng.standard_normal(len(v))
+        found.append(
+            FrictionRecord(
+                motion.name, motion.joint, "passes", plan.rate_hz, path.position, torque, path.velocity,
+                there=path.there, back=path.back, speed=motion.planned.speed, start_s=motion.start_s,
+                configuration=motion.configuration, is_reference=motion.planned.is_reference,
+                place=f"motion {motion.name}",
+            )
+        )  # fmt: skip
+    return plan, FrictionRecords(tuple(found))
