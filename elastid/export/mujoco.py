@@ -12,27 +12,27 @@ an actuator exerts link-side torque. The keyframes are the equilibria, controls 
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.export.mujoco_loops import Elements, RodPose, add_loops, add_rod_springs, rod_poses, rod_positions
+from elastid.export.mujoco_numbers import MIN_INERTIA, number, numbers, quaternion
 from elastid.fit.fitted_model import FittedModel
-from elastid.linear.equilibrium import equilibrium
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
-
-# MuJoCo refuses a moving body without mass or without inertia: negligible kg and kg m^2 of any robot.
-MIN_INERTIA = 1e-12
 
 
 def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """robot.xml. StudyError where MJCF cannot represent the robot."""
-    root = mjcf(model.robot)
-    _keyframes(root, model)
+    rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
+    start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
+    root = mjcf(model.robot, start)
+    _keyframes(root, model, rest, start)
     ET.indent(root)
     path = folder / "robot.xml"
     with text_file(path) as file:
@@ -40,26 +40,23 @@ def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     return (path,)
 
 
-def mjcf(robot: Robot) -> ET.Element:
-    """The robot without keyframes; StudyError where MJCF cannot represent it."""
+def mjcf(robot: Robot, rods: Mapping[str, RodPose]) -> ET.Element:
+    """The robot without keyframes; StudyError where MJCF cannot represent it.  rods: the poses they are drawn in."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
     ET.SubElement(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false", balanceinertia="false")
     # An implicit step keeps stiff gears stable; MuJoCo's default would not.
-    ET.SubElement(root, "option", gravity=_numbers(robot.gravity), integrator="implicit", timestep="0.0005")
-    _bodies(ET.SubElement(root, "worldbody"), robot)
+    ET.SubElement(root, "option", gravity=numbers(robot.gravity), integrator="implicit", timestep="0.0005")
+    elements = _bodies(ET.SubElement(root, "worldbody"), robot)
+    add_loops(root, elements, robot, rods)
     _tendons(root, robot)
+    add_rod_springs(root, elements, robot)
     _actuators(root, robot)
     return root
 
 
 def _check(robot: Robot) -> None:
     """StudyError where the robot has a part that MJCF cannot represent."""
-    if robot.loops:
-        raise StudyError(
-            f"robot {robot.name} has loops ({', '.join(loop.name for loop in robot.loops)}), whose rods are not "
-            "bodies of an MJCF file; export to casadi, c, control or matlab instead"
-        )
     nonlinear = [f"spring of joint {j.name}" for j in robot.joints if j.spring is not None and not j.spring.is_linear]
     nonlinear += [f"compensator {compensator.name}" for compensator in robot.compensators]
     if nonlinear:
@@ -81,7 +78,8 @@ def _check(robot: Robot) -> None:
         )
 
 
-def _bodies(world: ET.Element, robot: Robot) -> None:
+def _bodies(world: ET.Element, robot: Robot) -> Elements:
+    """The element of each body, with its axes in it."""
     elements = {BASE: (world, Placement())}  # with the placement of the body's axes in the element
     for body in robot.all_bodies:
         parent, mounted = elements[body.parent]
@@ -94,14 +92,15 @@ def _bodies(world: ET.Element, robot: Robot) -> None:
     for frame in robot.frames:
         parent, mounted = elements[frame.body]
         ET.SubElement(parent, "site", {"name": frame.name} | _seat(mounted, frame.placement))
+    return elements
 
 
 def _seat(first: Placement, second: Placement) -> dict[str, str]:
     """One placement behind another, as MJCF writes it."""
     R = first.rotation
     return {
-        "pos": _numbers(np.array(first.xyz) + R @ second.xyz),
-        "quat": _numbers(_quaternion(R @ second.rotation)),
+        "pos": numbers(np.array(first.xyz) + R @ second.xyz),
+        "quat": numbers(quaternion(R @ second.rotation)),
     }
 
 
@@ -113,15 +112,15 @@ def _inertial(element: ET.Element, body: Body) -> None:
     ET.SubElement(
         element,
         "inertial",
-        pos=_numbers(np.array(body.mounting.xyz) + R @ body.center_of_mass),
-        mass=_number(max(body.mass, MIN_INERTIA)),
-        fullinertia=_numbers(entries),
+        pos=numbers(np.array(body.mounting.xyz) + R @ body.center_of_mass),
+        mass=number(max(body.mass, MIN_INERTIA)),
+        fullinertia=numbers(entries),
     )
 
 
 def _hinges(element: ET.Element, joint: Joint) -> None:
-    axis = {"axis": _numbers(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
-    axis |= {"pos": _numbers(joint.point)} if any(joint.point) else {}
+    axis = {"axis": numbers(unit_axis(joint.axis)), "type": "slide" if joint.slides else "hinge"}
+    axis |= {"pos": numbers(joint.point)} if any(joint.point) else {}
     armature, friction = 0.0, 0.0
     if joint.motor is not None:
         armature = joint.motor.ratio**2 * joint.motor.inertia
@@ -137,7 +136,7 @@ def _hinges(element: ET.Element, joint: Joint) -> None:
 
 
 def _hinge(element: ET.Element, name: str, axis: dict[str, str], **numbers: float) -> None:
-    ET.SubElement(element, "joint", {"name": name} | axis | {key: _number(n) for key, n in numbers.items()})
+    ET.SubElement(element, "joint", {"name": name} | axis | {key: number(n) for key, n in numbers.items()})
 
 
 def _driven(joint: Joint) -> str:
@@ -151,7 +150,7 @@ def _tendons(root: ET.Element, robot: Robot) -> None:
         return
     tendons = ET.SubElement(root, "tendon")
     for joint in rough:
-        fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}", damping=_number(joint.viscous))
+        fixed = ET.SubElement(tendons, "fixed", name=f"joint {joint.name}", damping=number(joint.viscous))
         for part in ("motor", "twist"):
             ET.SubElement(fixed, "joint", joint=f"{part} {joint.name}", coef="1")
 
@@ -162,36 +161,28 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
         ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
 
 
-def _keyframes(root: ET.Element, model: FittedModel) -> None:
+def _keyframes(
+    root: ET.Element, model: FittedModel, rest: Sequence[OperatingPoint], start: Mapping[str, RodPose]
+) -> None:
+    """Rest in every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
-    for linear in model.linear:
-        point = equilibrium(model.model, model.theta[:-1], linear.configuration)
-        at = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
-        q: list[float] = []
-        for joint in model.robot.joints:  # MuJoCo's order: bodies by depth first, joints of a body in their order
-            angle = at[f"joint {joint.name}"]
-            q += [at[f"motor {joint.name}"], angle - at[f"motor {joint.name}"]] if joint.is_flexible else [angle]
-        ET.SubElement(keys, "key", name=linear.configuration.name, qpos=_numbers(q), ctrl=_numbers(point.u))
+    joints = [element.get("name", "") for element in root.findall("worldbody//joint")]
+    for point in rest:
+        now = rod_poses(model.robot, point.q[: len(model.robot.joints)])
+        at = _positions(model, point) | rod_positions(start, now, model.robot)
+        q = [value for joint in joints for value in at[joint]]
+        ET.SubElement(keys, "key", name=point.configuration.name, qpos=numbers(q), ctrl=numbers(point.u))
 
 
-def _quaternion(R: FloatArray) -> FloatArray:
-    """(w, x, y, z) of a rotation matrix: the eigenvector of Bar-Itzhack's symmetric matrix, with w >= 0."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = R.ravel()
-    K = np.array(
-        [
-            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
-            [zy - yz, xx - yy - zz, yx + xy, zx + xz],
-            [xz - zx, yx + xy, yy - xx - zz, zy + yz],
-            [yx - xy, zx + xz, zy + yz, zz - xx - yy],
-        ]
-    )
-    q = np.linalg.eigh(K)[1][:, -1]
-    return q if q[0] >= 0 else -q
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(_number(float(value)) for value in values)
-
-
-def _number(value: float) -> str:
-    return repr(float(value))
+def _positions(model: FittedModel, point: OperatingPoint) -> dict[str, list[float]]:
+    """Positions of the joints of the bodies by their names in the file."""
+    at = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
+    found: dict[str, list[float]] = {}
+    for joint in model.robot.joints:
+        angle = at[f"joint {joint.name}"]
+        if joint.is_flexible:
+            motor = at[f"motor {joint.name}"]
+            found |= {f"motor {joint.name}": [motor], f"twist {joint.name}": [angle - motor]}
+        else:
+            found[_driven(joint) if joint.spring is None else f"joint {joint.name}"] = [angle]
+    return found

@@ -1,11 +1,14 @@
 """MuJoCo, given what is exported to it, has the response of the linear model."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from plants.fitted_models import close, responses_of
+from scipy.linalg import null_space
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -57,7 +60,65 @@ def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: F
         write_mujoco(tmp_path, replace(serial_model, model=replace(serial_model.model, robot=bent)))
 
 
-def test_mujoco_is_refused_with_what_holds_loops(looped_model: FittedModel, tmp_path: Path) -> None:
-    """The message names the loops and the targets that hold them."""
-    with pytest.raises(StudyError, match=r"has loops \(rod\).*export to casadi, c, control or matlab"):
-        write_mujoco(tmp_path, looped_model)
+class Linearised:
+    """The engine about one of its keyframes: forces and constraint rows at displaced postures."""
+
+    def __init__(self, mujoco: Any, engine: Any, key: int) -> None:
+        self.mujoco, self.engine, self.data = mujoco, engine, mujoco.MjData(engine)
+        mujoco.mj_resetDataKeyframe(engine, self.data, key)
+        self.q0, self.held, self.n = self.data.qpos.copy(), self.data.ctrl.copy(), engine.nv
+
+    def force(self, dq: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """f (n,) and the rows J of the constraints."""
+        self.data.qpos[:], self.data.qvel[:] = self.q0, v
+        self.mujoco.mj_integratePos(self.engine, self.data.qpos, dq, 1.0)
+        self.mujoco.mj_forward(self.engine, self.data)
+        rows = np.array(self.data.efc_J).reshape(-1, self.n)[: self.data.nefc]
+        return np.array(self.data.qfrc_bias - self.data.qfrc_passive), rows
+
+    def differences(self, of: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """A Jacobian (n, n)."""
+        step = 1e-5
+        return np.column_stack([(of(h) - of(-h)) / (2 * step) for h in step * np.eye(self.n)])
+
+
+@pytest.mark.parametrize("key", [0, 1])
+def test_mujoco_closes_loops(looped_model: FittedModel, tmp_path: Path, key: int) -> None:
+    """The response along the motions that its constraints leave, within 1e-3; keyframes are equilibria."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    (path,) = write_mujoco(tmp_path, looped_model)
+    engine = mujoco.MjModel.from_xml_path(str(path))
+    at = Linearised(mujoco, engine, key)
+    zero = np.zeros(at.n)
+    rest, J = at.force(zero, zero)
+    assert np.abs(at.data.efc_pos).max() < 1e-8
+    M, B = np.zeros((at.n, at.n)), np.zeros((at.n, engine.nu))
+    mujoco.mj_fullM(engine, at.data, M)
+    for u in range(engine.nu):
+        B[engine.jnt_dofadr[engine.actuator_trnid[u, 0]], u] = 1
+    multipliers = np.linalg.lstsq(J.T, B @ at.held - rest, rcond=None)[0]
+    assert np.abs(rest + J.T @ multipliers - B @ at.held).max() < 1e-4 * np.abs(at.held).max()
+
+    def pulled(dq: FloatArray) -> FloatArray:
+        f, J = at.force(dq, zero)
+        return f + J.T @ multipliers
+
+    K, D = at.differences(pulled), at.differences(lambda v: at.force(zero, v)[0])
+    Z = null_space(J, rcond=1e-9)
+    M, D, K, B = Z.T @ M @ Z, Z.T @ D @ Z, Z.T @ K @ Z, Z.T @ B
+    s = 2j * np.pi * looped_model.measured[key].freq_hz[:, None, None]
+    G = s**2 * (B.T @ np.linalg.solve(s**2 * M + s * D + K, B.astype(complex))) * np.exp(-s * looped_model.theta[-1])
+    assert close(np.asarray(G), responses_of(looped_model, key), 1e-3)
+
+
+def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedModel, tmp_path: Path) -> None:
+    """Half a second of the engine's own time steps moves no joint by more than a tenth of a millirad."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, looped_model)[0]))
+    data = mujoco.MjData(engine)
+    mujoco.mj_resetDataKeyframe(engine, data, 0)
+    start = data.qpos.copy()
+    for _ in range(1000):
+        mujoco.mj_step(engine, data)
+    hinges = engine.jnt_qposadr[engine.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]
+    assert np.abs(data.qpos - start)[hinges].max() < 1e-4
