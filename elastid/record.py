@@ -9,7 +9,7 @@ joint), `body arm z` and `frame tool rz` (absolute rotation of a body or frame a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -70,6 +70,12 @@ class Configuration:
         object.__setattr__(self, "angles", frozen(np.atleast_1d(self.angles)))
         if not np.all(np.isfinite(self.angles)):
             raise ValueError(f"configuration {self.name}: the angles {self.angles.tolist()} are not all finite")
+
+    def moved(self, index: int, angle: float) -> Configuration:
+        """The same posture with one joint elsewhere."""
+        angles = self.angles.copy()
+        angles[index] = angle
+        return replace(self, angles=angles)
 
 
 @frozen_value

@@ -64,6 +64,7 @@ TABLE: dict[str, tuple[str, float]] = {
     "m/(s*K)": ("m/(s*K)", 1.0),
     "degC": ("degC", 1.0),
     "K": ("K", 1.0),
+    "W/K": ("W/K", 1.0),
     "kg": ("kg", 1.0),
     "g": ("kg", 1e-3),
     "kg*m^2": ("kg*m^2", 1.0),
@@ -229,6 +230,7 @@ Time: TypeAlias = Annotated[float, InUnit("s")]
 Torque: TypeAlias = Annotated[float, InUnit("N*m")]
 Temperature: TypeAlias = Annotated[float, InUnit("degC")]
 TemperatureRise: TypeAlias = Annotated[float, InUnit("K")]
+Conductance: TypeAlias = Annotated[float, InUnit("W/K")]
 # Of a joint, which may turn or slide.
 JointPosition: TypeAlias = Annotated[float, InUnit("rad", "m")]
 JointVelocity: TypeAlias = Annotated[float, InUnit("rad/s", "m/s")]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -127,17 +127,10 @@ def default_window(joint: Joint) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def moved(posture: Configuration, index: int, angle: float) -> Configuration:
-    """The posture with one joint elsewhere."""
-    angles = posture.angles.copy()
-    angles[index] = angle
-    return replace(posture, angles=angles)
-
-
 @lru_cache(maxsize=16)
 def _middle(robot: Robot, index: int, name: str, angles: tuple[float, ...], angle: float) -> FloatArray:
     model = model_of(robot)
-    there = moved(Configuration(name, np.array(angles)), index, angle)
+    there = Configuration(name, np.array(angles)).moved(index, angle)
     return equilibrium(model, model.theta, there).q
 
 

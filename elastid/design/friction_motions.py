@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.design.friction_axis import Axis, moved
+from elastid.design.friction_axis import Axis
 from elastid.excitation.standstill import growing_loops, small_multisine
 from elastid.experiment.plan.friction import JointPassDesign, PlannedMotion, PlannedWarmUp
 from elastid.experiment.plan.passes import PassLimits, pass_time, plan_passes, planned_pass
@@ -46,7 +46,7 @@ def standstill_of(
 ) -> tuple[PlannedMotion, ...]:
     """Growing loops and small multisines of the torque in the middle of the window."""
     joint, law = axis.joint.name, axis.guess.law
-    there, found = moved(posture, axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
+    there, found = posture.moved(axis.index, sum(axis.limits.window) / 2), list[PlannedMotion]()
     if spec.presliding is not None:
         one = spec.presliding
         low, high = (share * law.stiction for share in one.torque)

@@ -10,12 +10,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.friction.dynamic import Bristle, MaxwellElements, SmoothMaxwellSlip, SwitchedMaxwellSlip
-from elastid.friction.law import Curve, Law
+from elastid.friction.law import Curve, Expression, Law
 from elastid.friction.static import Tustin
 from elastid.robot import Directions, Friction, Robot
 
@@ -35,7 +34,7 @@ class PlacedLaw:
     slides: bool = False
     reverses: bool = False
 
-    def symbols(self, numbers: Sequence[ca.SX]) -> Curve:
+    def symbols(self, numbers: Sequence[Expression]) -> Curve:
         """The curve of symbols, one for each of `law.CURVE`, without the parts that the law does not have."""
         load = self.spec.load
         F_c, F_s, inverse_nu_s, alpha_3, alpha_T = numbers[:5]
@@ -74,6 +73,11 @@ class PlacedLaw:
         sliding = level * n * np.array([F_c, F_s, n**2 * spec.quadratic, n * alpha_T])
         extra = level * n * np.array([F_l, turn * uneven.coulomb, turn * n * uneven.viscous])
         return np.array([*sliding[:2], inverse, *sliding[2:], extra[0], inverse_nu_l, *extra[1:]])
+
+    def sliding(self, v: float, load: float = 0.0, temperature: float | None = None) -> float:
+        """tau_f of steady sliding at v > 0, link side, without the viscous friction of motor or joint."""
+        curve = self.symbols(self.curve(load, temperature).tolist())
+        return float(curve.level(v) + curve.growing(v))
 
     def _check(self, F_c: float, F_s: float, nu_s: float | None, load: float, temperature: float | None) -> None:
         torque, speed = ("N", "m/s") if self.slides else ("N*m", "rad/s")

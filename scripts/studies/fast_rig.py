@@ -120,10 +120,16 @@ class FastRig:
     def _advanced(self, plan: Plan, seed: int, posture: Posture, block: Sequence[Experiment]) -> Iterator[Record]:
         names = [configuration.name for configuration in plan.configurations]
         noise = [
-            draw_noise(self.simulated.noise, plan, plan.inputs, (seed, names.index(e.configuration.name), e.realisation,
-                                                                 e.experiment))
+            draw_noise(
+                self.simulated.noise,
+                plan.run_samples,
+                plan.rate_hz,
+                len(plan.inputs),
+                plan.inputs,
+                (seed, names.index(e.configuration.name), e.realisation, e.experiment),
+            )
             for e in block
-        ]  # fmt: skip
+        ]
         end = plan.run_samples - plan.first_sample
         sample = np.arange(-plan.first_sample, end - plan.first_sample)
         period = np.stack([plan.torque(e) for e in block], axis=2)

@@ -7,33 +7,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.friction_axis import LIMITS, axis, planned
 
 from elastid.base.errors import StudyError
-from elastid.design.friction import design_friction
 from elastid.design.friction_axis import axis_of
-from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import pass_reference
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import ControllerSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
 from elastid.record import Configuration
-from elastid.robot import Body, Frame, Friction, Joint, Limits, Motor, Robot, Spring
-
-LAW = Friction(0.25, stiction=0.34, stribeck_velocity=8.0)
-LIMITS = Limits((-2.0, 2.0), velocity=2.0, torque=400.0, acceleration=7.0)
-
-
-def arm(limits: Limits = LIMITS, law: Friction | None = LAW) -> Robot:
-    motor = Motor(4e-4, 100.0, viscous=1.5e-3, friction=law)
-    joint = Joint("1", axis="y", motor=motor, spring=Spring(1e5, 60.0), limits=limits)
-    body = Body("arm", joints=(joint,), mass=20.0, center_of_mass=(0.0, 0.0, 0.4), inertia=1.0)
-    return Robot("arm", (body,), frames=(Frame("tool", "arm"),))
-
-
-def planned(spec: FrictionSpec, robot: Robot | None = None, bandwidth_hz: float = 8.0) -> FrictionPlan:
-    robot = robot or arm()
-    experiment = ExperimentSpec({"up": (0.0,)}, simulated=SimulatedSpec(controller=ControllerSpec(bandwidth_hz)))
-    return design_friction(spec, robot.driven, experiment, robot, 3)
+from elastid.robot import Limits
 
 
 def test_passes_stay_within_limits_and_the_certificate_says_how_good_they_are() -> None:
@@ -82,9 +64,9 @@ def test_a_warm_up_is_followed_by_tests() -> None:
 
 
 def test_a_robot_without_friction_in_its_file_is_planned_by_those_of_common_gears() -> None:
-    plan = planned(FrictionSpec(), arm(law=None))
+    plan = planned(FrictionSpec(), axis(law=None))
     assert "friction as that of common gears" in plan.known[0]
-    planned(FrictionSpec(), arm(Limits(), None))
+    planned(FrictionSpec(), axis(Limits(), None))
 
 
 REFUSED: list[tuple[dict[str, Any], Limits, float, str]] = [
@@ -102,14 +84,14 @@ def test_what_cannot_be_done_is_refused_by_name(
     passes: dict[str, Any], limits: Limits, bandwidth_hz: float, word: str
 ) -> None:
     with pytest.raises(StudyError, match=word):
-        planned(FrictionSpec(passes=PassesSpec(**passes)), arm(limits), bandwidth_hz)
+        planned(FrictionSpec(passes=PassesSpec(**passes)), axis(limits), bandwidth_hz)
 
 
 def test_default_speeds_slide_with_a_loop_of_any_bandwidth() -> None:
     """Where slow sliding would be unstable, the slowest pass is the first that is not."""
-    robot = arm()
+    robot = axis()
     for bandwidth_hz in (0.3, 1.0, 8.0):
-        axis = axis_of(
+        found = axis_of(
             robot, robot.driven[0], Configuration("up", np.zeros(1)), PassesSpec(), ControllerSpec(bandwidth_hz)
         )
-        assert not axis.sticks_at(axis.slowest)
+        assert not found.sticks_at(found.slowest)

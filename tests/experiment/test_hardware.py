@@ -293,11 +293,11 @@ def test_a_drive_that_is_always_at_its_limit_is_refused() -> None:
 
 def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
     """The spectrum falls by the given dB a decade above the corner; a table is followed; white noise stays."""
-    design = plan(1.0, period=60)
-    white = draw_noise(NoiseSpec(torque_std=1.0), design, ("motor 1",), (1,))
+    size = (60_000, 1000.0, 1)
+    white = draw_noise(NoiseSpec(torque_std=1.0), *size, ("motor 1",), (1,))
     fall = ColoredNoiseSpec("disturbance", 2.0, corner_hz=5.0, slope=-40.0)
     peak = ColoredNoiseSpec("torque", 3.0, table=((10.0, 1.0), (50.0, 10.0), (250.0, 1.0)))
-    both = draw_noise(NoiseSpec(torque_std=1.0, colored=(fall, peak)), design, ("motor 1",), (1,))
+    both = draw_noise(NoiseSpec(torque_std=1.0, colored=(fall, peak)), *size, ("motor 1",), (1,))
     np.testing.assert_array_equal(both.outputs, white.outputs)
     np.testing.assert_allclose(both.disturbance.std(), 2.0, rtol=0.03)
     np.testing.assert_allclose((both.torque - white.torque).std(), 3.0, rtol=0.03)
@@ -311,9 +311,9 @@ def test_colored_noise_has_its_standard_deviation_and_its_slope() -> None:
 
 def test_colored_noise_has_the_power_that_the_forecast_counts_with() -> None:
     """Per line, as if it were white: within the scatter of the estimate at 3, 30 and 300 Hz."""
-    design = plan(1.0, period=60)
+    size = (60_000, 1000.0, 1)
     spec = NoiseSpec(torque_std=0.5, colored=(ColoredNoiseSpec("torque", 2.0, corner_hz=20.0),))
-    f, power = welch(draw_noise(spec, design, ("motor 1",), (1,)).torque[:, 0], 1000.0, nperseg=4096)
+    f, power = welch(draw_noise(spec, *size, ("motor 1",), (1,)).torque[:, 0], 1000.0, nperseg=4096)
     for line in (3.0, 30.0, 300.0):
         around = (f > line / 1.25) & (f < line * 1.25)
         white = power[around].mean() * 500.0  # a one-sided density over half the rate

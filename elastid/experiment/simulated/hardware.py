@@ -31,17 +31,18 @@ class Noise:
     outputs: FloatArray
 
 
-def draw_noise(spec: NoiseSpec, plan: Plan, outputs: Sequence[str], seed: tuple[int, ...]) -> Noise:
-    """The noise of a run; white and colored parts come from the same seed, one after the other."""
-    n, n_u = plan.run_samples, len(plan.inputs)
+def draw_noise(
+    spec: NoiseSpec, n: int, rate_hz: float, n_u: int, outputs: Sequence[str], seed: tuple[int, ...]
+) -> Noise:
+    """The noise of a run of n samples; white and colored parts come from the same seed, one after the other."""
     random = np.random.default_rng(np.random.SeedSequence(seed))
     signals = {
-        "torque": spec.torque_std * random.standard_normal((n, n_u)),
+        "torque": spec.torque_offset + spec.torque_std * random.standard_normal((n, n_u)),
         "reading": spec.angle_std * random.standard_normal((n, n_u)),
         "disturbance": spec.disturbance_std * random.standard_normal((n, n_u)),
         "outputs": output_stds(spec, outputs) * random.standard_normal((n, len(outputs))),
     }
-    frequencies = np.fft.rfftfreq(n, 1 / plan.rate_hz).astype(np.float64)
+    frequencies = np.fft.rfftfreq(n, 1 / rate_hz).astype(np.float64)
     for color in spec.colored:
         shape = color.amplitude(frequencies)
         shape[0] = 0.0

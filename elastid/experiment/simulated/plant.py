@@ -9,13 +9,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.base.units import Quantity, to_si
-from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.simulated import EncoderRippleSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
+from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
@@ -74,13 +73,13 @@ def plant_of(
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops))
 
 
-def check_steps(plant: Plant, q0: FloatArray, experiment: Experiment, substeps: int, rate_hz: float) -> None:
-    """StudyError where the integration steps are too long for the plant's fastest pole."""
-    rate = fastest_rate(plant.model, plant.loop.contacts, q0)
+def check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: float, rate_key: str) -> None:
+    """StudyError where the integration steps are too long for the plant's fastest pole; rate_key: of the study."""
+    rate = fastest_rate(plant.model, plant.loop.contacts, point.q)
     needed = math.ceil(rate / rate_hz / MAX_STEP_RATE)
     if substeps < needed:
         raise StudyError(
             f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "
-            f"{plant.model.robot.name} in configuration {experiment.configuration.name} (a pole of {rate:.4g} 1/s: its "
-            f"stiffest mode, or friction at standstill); take at least {needed}, or raise excitation.rate_hz"
+            f"{plant.model.robot.name} in configuration {point.configuration.name} (a pole of {rate:.4g} 1/s: its "
+            f"stiffest mode, or friction at standstill); take at least {needed}, or raise {rate_key}"
         )

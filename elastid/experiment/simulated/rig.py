@@ -138,7 +138,8 @@ class SimulatedRig:
 
     def _noise(self, experiment: Experiment) -> Noise:
         plan = self.plan
-        return draw_noise(self.simulated.noise, plan, self.outputs, (self.seed, *_indices(plan, experiment)))
+        seed = (self.seed, *_indices(plan, experiment))
+        return draw_noise(self.simulated.noise, plan.run_samples, plan.rate_hz, len(plan.inputs), self.outputs, seed)
 
     def _prepared(self, experiment: Experiment) -> tuple[Plant, OperatingPoint, Reference]:
         """The true robot, its equilibrium, and the reference of its controller."""
@@ -146,7 +147,7 @@ class SimulatedRig:
         hardware = spec.noise.encoder_counts, spec.encoder_ripple, spec.torque_ripple, spec.saturation
         plant = plant_of(true_robot(self.robot, spec.truth), spec.model, spec.loops, rate_hz, spec.substeps, *hardware)
         point = equilibrium(plant.model, plant.model.theta, experiment.configuration)
-        check_steps(plant, point.q, experiment, spec.substeps, rate_hz)
+        check_steps(plant, point, spec.substeps, rate_hz, "excitation.rate_hz")
         torque = feed_forward_of(plant.model)
         return plant, point, reference(self.plan, spec.carrier, torque, experiment.configuration)
 

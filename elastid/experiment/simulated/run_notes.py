@@ -49,6 +49,23 @@ def clipped(u: FloatArray, plant: Plant, experiment: Experiment) -> tuple[Note, 
     return tuple(notes)
 
 
+def torque_notes(u: FloatArray, plant: Plant, index: int, motion: str) -> tuple[Note, ...]:
+    """A note where the torque u (n,) of the motor that a friction study moves was clipped, or beyond its limit."""
+    joint, drive = plant.model.robot.driven[index], float(plant.loop.drives.torque[index])
+    unit, peak, limit = "N" if joint.slides else "N*m", float(np.abs(u).max()), joint.limits.torque
+    if peak >= drive:
+        share = float(np.mean(np.abs(u) >= drive))
+        text = (
+            f"clipped at its torque limit of {drive:.4g} {unit} in {max(share, 1e-4):.2%} of the samples: its level is "
+            "not that of friction; lower the highest speed, or choose a posture with less gravity torque"
+        )
+        return (Note("clipped-torque", text, f"{motion}, motor {joint.name}"),)
+    if peak > limit:
+        text = f"went to {peak:.4g} {unit}, beyond its limit of {limit:.4g} {unit}; lower the highest speed"
+        return (Note("beyond-limit", text, f"{motion}, motor {joint.name}"),)
+    return ()
+
+
 def opened(model: ElasticModel, trajectory: Trajectory) -> tuple[Note, ...]:
     """A note where the loops did not stay closed."""
     left = violation(model, trajectory.q)

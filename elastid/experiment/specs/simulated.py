@@ -21,6 +21,7 @@ from elastid.base.units import (
     Time,
     Torque,
 )
+from elastid.experiment.specs.heat import HeatSpec
 from elastid.model.spec import ModelSpec
 from elastid.simulation.spec import StabilisationSpec
 
@@ -211,7 +212,8 @@ class WarmingSpec:
 class NoiseSpec:
     """Sensor noise and disturbances, link side; in N and m where a joint slides.
 
-    torque_std: on the logged torque, white.  angle_std: on the logged angles, white.
+    torque_std: on the logged torque, white.  torque_offset: constant error of the logged torque.
+    angle_std: on the logged angles, white.
     acceleration_std: on the logged accelerations of points, white.
     encoder_counts: resolution of the motor encoders in counts per motor turn; 0 = unlimited.
     disturbance_std: torque that acts on the motors, white, unknown to the log.
@@ -224,6 +226,7 @@ class NoiseSpec:
     encoder_counts: int = 0
     acceleration_std: Acceleration = 0.0
     colored: tuple[ColoredNoiseSpec, ...] = ()
+    torque_offset: Torque = 0.0
 
     def variances(
         self, signal: Literal["torque", "angle", "disturbance"], freq_hz: FloatArray, rate_hz: float
@@ -255,6 +258,7 @@ class SimulatedSpec:
     loops: how those of a linkage are kept closed.
     saturation: motor torques are clipped at the joints' limits.torque; without it, exceeding them is reported.
     encoder_ripple, torque_ripple: errors that repeat with the motors' turns.  warming: how friction drifts.
+    heat: of joints whose friction is identified (default: their temperature does not change).
     """
 
     truth: dict[str, Quantity] = field(default_factory=dict)
@@ -267,6 +271,7 @@ class SimulatedSpec:
     encoder_ripple: tuple[EncoderRippleSpec, ...] = ()
     torque_ripple: tuple[TorqueRippleSpec, ...] = ()
     warming: WarmingSpec | None = None
+    heat: HeatSpec | None = None
     model: ModelSpec = ModelSpec()
     loops: StabilisationSpec = StabilisationSpec()
 

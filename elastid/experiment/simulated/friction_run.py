@@ -1,0 +1,124 @@
+"""One motion of a friction study on the true robot: its path, its friction under load and temperature, its loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.errors import DataError, StudyError
+from elastid.experiment.plan.friction import PlannedMotion
+from elastid.experiment.plan.passes import PassLimits, pass_reference
+from elastid.experiment.simulated.hardware import Noise, loads_of
+from elastid.experiment.simulated.plant import Plant
+from elastid.experiment.specs.simulated import ControllerSpec
+from elastid.linear.equilibrium import OperatingPoint
+from elastid.model.elastic import ElasticModel
+from elastid.simulation.closed_loop import Commands, Trajectory, simulate
+from elastid.simulation.controller import feed_forward, tune
+
+# At standstill the loop is slower than the torque by this factor, so that it does not hold the joint against it.
+STANDSTILL_SHARE = 0.1
+# Moments of a motion at which load and friction are computed; they change slowly, straight lines lie in between.
+KNOTS = 100
+
+
+@frozen_value
+class Path:
+    """Reference of one joint and torque that is injected, each (n,), link side; there, back: plateaus of a pass."""
+
+    position: FloatArray
+    velocity: FloatArray
+    acceleration: FloatArray
+    torque: FloatArray
+    there: tuple[int, int] | None = None
+    back: tuple[int, int] | None = None
+
+    @property
+    def n_samples(self) -> int:
+        """Length."""
+        return len(self.position)
+
+    @property
+    def sliding(self) -> FloatArray:
+        """Samples of both plateaus; of a motion without them, the first sample."""
+        windows = [window for window in (self.there, self.back) if window is not None]
+        return np.concatenate([np.arange(*window) for window in windows]) if windows else np.zeros(1, int)
+
+
+def path_of(motion: PlannedMotion, limits: PassLimits, angle: float, rate_hz: float) -> Path:
+    """The path of a planned motion; angle: at which the joint stands under a torque."""
+    if motion.planned is not None:
+        pass_ = pass_reference(motion.planned, limits, rate_hz)
+        still = np.zeros_like(pass_.position)
+        return Path(pass_.position, pass_.velocity, pass_.acceleration, still, pass_.there, pass_.back)
+    torque = np.zeros(1) if motion.torque is None else motion.torque
+    still = np.zeros_like(torque)
+    return Path(still + angle, still, still, torque)
+
+
+@dataclass(frozen=True)
+class FrictionRun:
+    """A motion on the true robot: from rest at `point`, joint `index` along `path`, at temperature (n,) or at none."""
+
+    motion: PlannedMotion
+    plant: Plant
+    point: OperatingPoint
+    index: int
+    path: Path
+    temperature: FloatArray | None
+
+    def simulated(self, controller: ControllerSpec, rate_hz: float, noise: Noise) -> Trajectory:
+        """The motion in closed loop; DataError where the joint is lost."""
+        model, n, i = self.plant.model, self.path.n_samples, self.index
+        position, velocity, acceleration, injected = (np.zeros((n, model.n_u)) for _ in range(4))
+        position += self.point.configuration.angles
+        position[:, i], velocity[:, i] = self.path.position, self.path.velocity
+        acceleration[:, i], injected[:, i] = self.path.acceleration, self.path.torque
+        torque = injected + feed_forward(model, self.point.q, position, velocity, acceleration)
+        commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
+        bandwidth_hz = controller.bandwidth_hz
+        if self.motion.planned is None and self.motion.period_samples is not None:
+            bandwidth_hz = min(bandwidth_hz, STANDSTILL_SHARE * rate_hz / self.motion.period_samples)
+        gains = tune(
+            model, self.point.q, bandwidth_hz, controller.damping_ratio,
+            controller.velocity_integral_time if bandwidth_hz == controller.bandwidth_hz else None,
+        )  # fmt: skip
+        try:
+            return simulate(self.plant.loop, gains, commands, self.point.q, self._friction())
+        except DataError as error:
+            raise DataError(
+                f"{self.motion.name}: {error}. Raise experiment.simulated.controller.bandwidth_hz, or lower the speeds "
+                "or torques of this motion"
+            ) from None
+
+    def _friction(self) -> FloatArray:
+        """The friction's numbers (n, 9 n_f) along the path; the temperature is that of the joint that moves."""
+        contacts, n = self.plant.loop.contacts, self.path.n_samples
+        knots = np.unique(np.linspace(0, n - 1, KNOTS).astype(int))
+        holding = holding_torque(self.plant.model, self.point, self.index, self.path.position[knots])
+        own = (f"motor {self.motion.joint}", f"joint {self.motion.joint}")
+        rows = []
+        try:
+            for knot, u in zip(knots, holding, strict=True):
+                loads = loads_of(contacts, self.plant.model.robot, replace(self.point, u=u))
+                T = None if self.temperature is None else float(self.temperature[knot])
+                curves = [
+                    law.curve(load, T if law.place in own else None)
+                    for law, load in zip(contacts.laws, loads, strict=True)
+                ]
+                rows.append(np.concatenate([np.zeros(0), *curves]))
+        except ValueError as error:
+            raise StudyError(f"{self.motion.name}: {error}") from None
+        table = np.stack(rows)
+        columns = [np.interp(np.arange(n), knots, column) for column in table.T]
+        return np.stack(columns, axis=1) if columns else np.zeros((n, 0))
+
+
+def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
+    """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
+    every = np.tile(point.configuration.angles, (len(position), 1))
+    every[:, index] = position
+    still = np.zeros_like(every)
+    return feed_forward(model, point.q, every, still, still)

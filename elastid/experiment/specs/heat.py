@@ -1,0 +1,40 @@
+"""The section `heat` of a simulated experiment: what warms and cools the joints of a friction study."""
+
+from __future__ import annotations
+
+from elastid.base.section import section
+from elastid.base.units import Conductance, Temperature, TemperatureRise, Time
+
+
+@section
+class HeatSpec:
+    r"""Heat of each joint of a friction study, for friction laws that have a `temperature`.
+
+    .. math:: C \dot T = \tau_f v - h (T - T_a)
+
+    conductance: h, from the joint to the room.  time_constant: C / h.  ambient: T_a, of the room.
+    start: T of every joint at the start (default: ambient).  thermometer_std: of the logged temperature; one error for each motion.
+    has_thermometer: whether temperatures are logged at all.
+    """
+
+    conductance: Conductance
+    time_constant: Time = 2700.0
+    ambient: Temperature = 20.0
+    start: Temperature | None = None
+    thermometer_std: TemperatureRise = 0.0
+    has_thermometer: bool = True
+
+    def __post_init__(self) -> None:
+        """Refuse a joint without heat capacity, or one that nothing cools."""
+        if not self.conductance > 0 or not self.time_constant > 0:
+            raise ValueError(
+                f"conductance is {self.conductance:g} W/K and time_constant {self.time_constant:g} s; both must be "
+                "positive"
+            )
+        if self.thermometer_std < 0:
+            raise ValueError(f"thermometer_std is {self.thermometer_std:g} K; it must not be negative")
+
+    @property
+    def start_degc(self) -> float:
+        """Of every joint at the start."""
+        return self.ambient if self.start is None else self.start

@@ -1,0 +1,119 @@
+"""Motions of a friction study on the simulated rig."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.friction_axis import LAW, axis, rig
+
+from elastid.base.errors import StudyError
+from elastid.experiment.simulated.heating import heat_of
+from elastid.experiment.specs.heat import HeatSpec
+from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
+from elastid.friction_fit.pass_levels import find_levels
+from elastid.friction_fit.record_passes import passes_of
+from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.robot import TemperatureDependence
+from elastid.robot.friction_numbers import friction_numbers
+
+# Six passes from 0.02 to 1.2 rad/s: 20 s of the robot.
+PASSES = PassesSpec((0.02, 1.2), count=6, spacing="logarithmic", repeat=1)
+SHORT = FrictionSpec(rate_hz=500.0, passes=PASSES)
+
+
+def exact(v: float) -> float:
+    """Nm, link side."""
+    return 25.0 + 9.0 * math.exp(-((v / 0.08) ** 2)) + 15.0 * v
+
+
+def test_levels_of_the_rig_are_those_of_the_law() -> None:
+    """Within 0.4 % under gravity of three times the friction, ripple of 2 % of it, an offset of 5 %, 16-bit encoder."""
+    noise = NoiseSpec(torque_offset=1.25, encoder_counts=65536)
+    simulated = rig(SHORT, noise=noise, torque_ripple=(TorqueRippleSpec(5e-3, 2),), substeps=4)
+    records = [simulated.measure(motion) for motion in simulated.motions]
+    assert all(record.load_torque > 0 for record in records)
+    passes = [one for record in records for one in passes_of(record)]
+    found = find_levels(passes, True, simulated.plan.designs[0].limits.turn)
+    levels = found.levels
+    assert levels.n_levels == 8
+    np.testing.assert_allclose(levels.torque, [exact(v) for v in levels.speed], rtol=4e-3)
+    assert found.shared["gravity.sin"][0] == pytest.approx(-20 * 9.81 * 0.4, rel=0.02)
+    assert not {note for record in records for note in record.notes}
+    # In another order, alone: the same bytes.
+    again = rig(SHORT, noise=noise, torque_ripple=(TorqueRippleSpec(5e-3, 2),), substeps=4).measure(
+        simulated.motions[3]
+    )
+    np.testing.assert_array_equal(again.torque, records[3].torque)
+
+
+def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
+    """Small torques bend the bristles by torque over sigma_0; rest records have whole periods without the first."""
+    spec = FrictionSpec(
+        rate_hz=500.0,
+        passes=PASSES,
+        presliding=PreslidingSpec((0.05, 0.8), 4, 1.0),
+        at_rest=AtRestSpec((0.1,), (5, 40)),
+    )
+    simulated = rig(spec, substeps=4)
+    loops = simulated.measure(next(m for m in simulated.motions if m.purpose == "loops"))
+    first = slice(0, loops.period_samples)
+    secant = np.ptp(loops.torque[first]) / np.ptp(loops.position[first])
+    assert secant == pytest.approx(friction_numbers(axis())["s0_m1"][0], rel=0.05)
+    assert np.ptp(loops.position) < 1e-3
+    rest = simulated.measure(next(m for m in simulated.motions if m.purpose == "at_rest"))
+    assert rest.period_samples == 1000
+    assert len(rest.torque) == 4000
+    np.testing.assert_allclose(rest.position[1000:2000], rest.position[2000:3000], atol=2e-3 * np.ptp(rest.position))
+
+
+WARM = replace(LAW, temperature=TemperatureDependence(20.0, viscous=1.0e-3, decay=15.0))
+
+
+def test_a_warm_up_follows_its_heat_and_takes_viscous_friction_away() -> None:
+    """T rises towards P / h with C / h; tests are colder at first; the log has power and thermometer at each test."""
+    heat = HeatSpec(conductance=0.5, time_constant=600.0, ambient=20.0, start=22.0, thermometer_std=0.5)
+    spec = FrictionSpec(rate_hz=500.0, passes=PASSES, warm_up=WarmUpSpec(1.0, time=1800.0, test_every=600.0))
+    simulated = rig(spec, axis(law=WARM), heat=heat)
+    (log,) = simulated.warm_ups()
+    history = heat_of(simulated.plan, axis(law=WARM), heat, "1")
+    assert history.temperature[0] == 22.0
+    T, steps = history.temperature, np.diff(history.time_s)
+    fade = np.exp(-steps / 600.0)
+    np.testing.assert_allclose(T[1:], 20.0 + (T[:-1] - 20.0) * fade + history.power / 0.5 * (1 - fade), rtol=1e-12)
+    tests = [motion for motion in simulated.motions if motion.is_warm_up]
+    assert np.all(np.isin([round(test.start_s, 6) for test in tests], np.round(log.time_s, 6)))
+    assert np.std(log.temperature - history.at(log.time_s)) == pytest.approx(0.5, rel=0.5)
+    fastest = [motion for motion in tests if motion.planned and motion.planned.speed > 1.0]
+    cold, warm = (simulated.measure(motion) for motion in (fastest[0], fastest[-1]))
+    assert warm.mean_temperature > cold.mean_temperature + 5
+    levels = find_levels([one for record in (cold, warm) for one in passes_of(record)], True).levels
+    theta = levels.temperature - 20.0
+    expected = [25.0 + (15.0 + 10.0 * math.expm1(-t / 15.0)) * v for t, v in zip(theta, levels.speed, strict=True)]
+    np.testing.assert_allclose(levels.torque, expected, rtol=0.02)
+    blind = rig(spec, axis(law=WARM), heat=HeatSpec(conductance=0.5, has_thermometer=False))
+    assert blind.measure(tests[0]).temperature is None
+    assert np.isnan(blind.warm_ups()[0].temperature).all()
+    with pytest.raises(StudyError, match=r"experiment.simulated.heat: a warm-up takes a joint that gets warm"):
+        rig(spec)
+
+
+def test_a_payload_is_a_load() -> None:
+    loads = (LoadSpec("empty"), LoadSpec("full", payload=5.0))
+    simulated = rig(FrictionSpec(rate_hz=500.0, passes=PASSES, loads=loads))
+    empty, full = (
+        simulated.measure(next(m for m in simulated.motions if m.load == name and m.planned and m.planned.speed > 1))
+        for name in ("empty", "full")
+    )
+    # 20 kg at 0.4 m and 5 kg at 0.8 m, over paths of slightly different length.
+    assert full.load_torque == pytest.approx(1.5 * empty.load_torque, rel=0.1)
+
+
+def test_what_the_rig_cannot_do_is_said() -> None:
+    with pytest.raises(StudyError, match=r"robot arm has no parameter Fcc_m1"):
+        rig(SHORT, truth={"Fcc_m1": 3.0})
+    coarse = rig(FrictionSpec(rate_hz=50.0, passes=PASSES), substeps=1)
+    with pytest.raises(StudyError, match=r"substeps: 1 steps a sample .* or raise friction.rate_hz"):
+        coarse.measure(coarse.motions[0])
