@@ -13,8 +13,8 @@ class HeatSpec:
     .. math:: C \dot T = \tau_f v - h (T - T_a)
 
     conductance: h, from the joint to the room.  time_constant: C / h.  ambient: T_a, of the room.
-    start: T of every joint at the start (default: ambient).  thermometer_std: of the logged temperature; one error for each motion.
-    has_thermometer: whether temperatures are logged at all.
+    start: T of every joint at the start (default: ambient).  thermometer_std: of the logged temperature; one error for
+    each motion.  has_thermometer: whether temperatures are logged at all.
     """
 
     conductance: Conductance
