@@ -133,11 +133,10 @@ class FrequencyResponse:
     distortion alone, or None.  rate_is_known is False where freq_hz is in units of the sampling rate.
     quality: of the measurement, or None.  repairs: counts by the kind of repair in its records.
     sliding: inputs and outputs that translate, in N and m instead of Nm and rad.  input_units: of each input, where one
-    is a voltage or a current.  bias (2, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of each
-    input, of which the size is known, each times a factor of unit variance for all lines: one that all configurations
-    share, and one of this configuration by itself; or None.  correlated_lines: lines over which the errors of G by
-    noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.  hold: the torques of
-    which G contains images, or None.
+    is a voltage or a current.  bias (n_b, n_u, F, n_y, n_u): systematic errors of G by dry friction at the motor of
+    each input, of which the size is known, each times a factor of unit variance for all lines: some that all
+    configurations share, and the last of this configuration by itself; or None.  correlated_lines: lines over which the
+    errors of G by noise are correlated, sum of their autocorrelation; 1 where each line is estimated by itself.
 
     Raises ValueError for shapes that disagree, frequencies that do not increase, or values that are not finite.
     """
@@ -176,8 +175,8 @@ class FrequencyResponse:
             covariance = getattr(self, name)
             if covariance is not None and covariance.variance.shape != shape:
                 raise ValueError(f"{where}: {name} variance has shape {covariance.variance.shape}, expected {shape}")
-        if self.bias is not None and self.bias.shape != (2, len(self.inputs), *shape):
-            raise ValueError(f"{where}: bias has shape {self.bias.shape}, expected {(2, len(self.inputs), *shape)}")
+        if self.bias is not None and self.bias.shape[1:] != (len(self.inputs), *shape):
+            raise ValueError(f"{where}: bias has shape {self.bias.shape}, expected (n_b, n_u, F, n_y, n_u)")
 
     @property
     def n_lines(self) -> int:

@@ -190,7 +190,8 @@ def _write_response(group: Any, response: FrequencyResponse) -> None:
         what = "whether images of held torques are in an output"
         variable(group, "sampled", np.array(response.hold.sampled, dtype=np.int8), [outputs], what)
     if response.bias is not None:
-        extent = scale(group, "extent", ("all configurations", "this configuration"), "extent of a systematic error")
+        shared = ("all configurations",) * (len(response.bias) - 1)
+        extent = scale(group, "extent", (*shared, "this configuration"), "extent of a systematic error")
         axes = [extent, inputs, frequency, outputs, inputs]
         variable(group, "bias", response.bias, axes, "systematic error of G by friction of each motor", response.unit)
     write_quality(group, response, frequency, outputs, inputs)

@@ -54,10 +54,9 @@ from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weights.weights import weigh
-from elastid.frf.estimate import estimate
 from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.net_torque import net_records
 from elastid.frf.spec import EstimatorSpec
+from elastid.frf.without_friction import estimate_without_friction
 from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import EXACT
 from elastid.record import Record
@@ -183,7 +182,7 @@ class DataSet:
         friction = find_friction(configurations, spec, lines)
         found = []
         for taken in (None, friction):
-            responses = [estimate(list(net_records(records, taken)), spec, lines) for records in configurations]
+            responses = [estimate_without_friction(records, taken, spec, lines) for records in configurations]
             found.append(fit(responses))
         return np.array(found), np.array([friction.sliding_level(place)[0] for place in friction.places])
 

@@ -14,12 +14,11 @@ from elastid.app.provenance import file_hashes
 from elastid.app.run import Run
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note
-from elastid.frf.estimate import estimate as estimate_response
 from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.net_torque import net_records
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.shafts import on_shafts
 from elastid.frf.spec import EstimatorSpec
+from elastid.frf.without_friction import estimate_without_friction
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store import read_configurations, read_plan, read_records, write_responses
@@ -72,8 +71,9 @@ def estimate_configuration(
 
     friction: what is taken out of the records' torque before.  E: couplings of the motors' gears, or None.
     """
-    records = tuple(net_records(read_records(path, configuration), friction, E))
-    response = replace(estimate_response(records, spec, lines), repairs=_all_repairs(records))
+    records = tuple(read_records(path, configuration))
+    response = estimate_without_friction(records, friction, spec, lines, E)
+    response = replace(response, repairs=_all_repairs(records))
     return response, {note for record in records for note in record.notes}
 
 

@@ -3,7 +3,7 @@ r"""Systematic errors of measured responses of which only the size is known, suc
 .. math:: \hat G_q = G_q(x) + \sum_b (c_b\, \delta G_{bq} + c_{bq}\, \delta G'_{bq}) + noise, \qquad
           c_b, c_{bq} + \bar c_b \sim N(0, 1)
 
-for motor b in configuration q: one factor that all configurations share, and the difference of one of each by itself
+for motor b in configuration q: factors that all configurations share, and the difference of one of each by itself
 from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
 estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
 `FrequencyResponse.bias`.
@@ -21,18 +21,19 @@ from elastid.fit.problem.elastic import ElasticFit, Part, mixed
 from elastid.fit.problem.residuals import as_real, error_gain
 from elastid.response import FrequencyResponse
 
-# Input and configuration of a factor; without one, of all configurations.
-Factor: TypeAlias = tuple[str, str]
+# Input, index and configuration of a factor; without one, of all configurations.
+Factor: TypeAlias = tuple[str, int, str]
 
 
 def find_factors(responses: Sequence[FrequencyResponse]) -> tuple[Factor, ...]:
     """The factors of all responses: of each motor that biases one, shared and in each configuration by itself."""
     found: dict[Factor, None] = {}
     for response in responses:
-        if response.bias is not None:
-            for errors, where in zip(response.bias, ("", response.configuration.name), strict=True):
-                there = (name for name, one in zip(response.inputs, errors, strict=True) if np.any(one))
-                found |= {(name, where): None for name in there}
+        for i, errors in enumerate(() if response.bias is None else response.bias):
+            of_all = response.bias is not None and i < len(response.bias) - 1
+            key = (i, "") if of_all else (-1, response.configuration.name)
+            there = (name for name, one in zip(response.inputs, errors, strict=True) if np.any(one))
+            found |= {(name, *key): None for name in there}
     return tuple(found)
 
 
@@ -41,15 +42,15 @@ def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexAr
     bias = np.zeros((len(factors), *response.G.shape), complex)
     if response.bias is None:
         return bias
-    for b, (name, configuration) in enumerate(factors):
-        if name not in response.inputs:
+    for b, (name, i, configuration) in enumerate(factors):
+        if name not in response.inputs or i >= len(response.bias) - 1:
             continue
-        shared, own = response.bias[:, response.inputs.index(name)]
+        error = response.bias[i, response.inputs.index(name)]
         if not configuration:
-            bias[b] = shared
-        elif np.any(own):
-            count = sum(one[0] == name and one[1] != "" for one in factors)
-            bias[b] = ((configuration == response.configuration.name) - 1 / count) * own
+            bias[b] = error
+        elif np.any(error):
+            count = sum(one[0] == name and one[2] != "" for one in factors)
+            bias[b] = ((configuration == response.configuration.name) - 1 / count) * error
     return bias
 
 

@@ -14,6 +14,8 @@ it is.
 - spectra:      torques, motions and shapes of all experiments of a configuration
 - levels:       f_i by regression, with covariance
 - selection:    which of the shapes, by cross-validation over realisations
+- alternatives: which others fit nearly as well, and what the choice adds to the covariance
+- choice:       both for all motors, rates of bristles among them
 - reversals:    motion of a motor with what its samples do not show, under the friction that was found
 - net_torque:   record -> record whose u is the net torque
 - result:       what was found and taken out

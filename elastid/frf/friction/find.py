@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,34 +11,19 @@ from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note, Severity
 from elastid.frf.checks.records import refuse_mismatch
 from elastid.frf.friction.candidates import candidate_shapes, refusal
+from elastid.frf.friction.choice import Choice, choose
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.limits import limits_of
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.reversals import high_accelerance
-from elastid.frf.friction.selection import MAX_KEPT_SHARE, choose_shapes, shares
-from elastid.frf.friction.shapes import RATE_OF, Shape
+from elastid.frf.friction.selection import shares
+from elastid.frf.friction.shapes import Shape
 from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configuration, taken
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.record import Record
 
 # Shapes are chosen in the first configurations, so many records of them; levels are found in all.
 _CHOICE_RECORDS = 24
-# Of the power of a shape, at least: a sign in a multisine has 0.36 to 0.6, a stop operator longer than the motion 0.
-MIN_NONLINEAR_SHARE = 0.05
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations.
-
-    chosen (n,): of the candidates.  rates (n,): thresholds of those whose rates are shapes, too, else 0.
-    """
-
-    shapes: tuple[Shape, ...]
-    motor_of: IntArray
-    kept_share: FloatArray
-    chosen: IntArray
-    rates: FloatArray
 
 
 def find_friction(
@@ -80,60 +65,19 @@ def find_friction(
             data[-1] = data[-1].with_shapes(np.arange(len(candidates)), choice.rates)
         count += len(records)
         if choice is None and count >= _CHOICE_RECORDS:
-            choice = _choose(data, candidates, first.inputs, spec.friction == "auto")
-            data = [each.with_shapes(choice.chosen, choice.rates) for each in data]
-            candidates = tuple(candidates[i] for i in choice.chosen)
+            choice = choose(data, candidates, first.inputs, spec.friction == "auto")
+            data = [each.with_shapes(choice.candidates, choice.rates) for each in data]
+            candidates = tuple(candidates[i] for i in choice.candidates)
     assert first is not None
     if choice is None:
-        choice = _choose(data, candidates, first.inputs, spec.friction == "auto")
-        data = [each.with_shapes(choice.chosen, choice.rates) for each in data]
+        choice = choose(data, candidates, first.inputs, spec.friction == "auto")
+        data = [each.with_shapes(choice.candidates, choice.rates) for each in data]
     raw = normal_equations(data, np.zeros(len(choice.shapes)), choice.motor_of)
-    levels, found = find_levels(data, choice.motor_of, np.zeros(len(choice.shapes)))
+    levels, found = find_levels(data, choice.motor_of, choice.taken)
     frictions = [taken(levels, each.Phi, choice.motor_of, len(first.inputs)) for each in data]
     accelerance = high_accelerance(data, frictions, spec.quantity)
     result = _result(first, tuple(names), choice, levels, accelerance, raw, found)
     return replace(result, notes=(*result.notes, *limits.values()))
-
-
-def _choose(
-    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
-) -> Choice:
-    """Shapes by cross-validation: first signs and bristles, then the rates of those that were chosen."""
-    motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
-    chosen, _ = _chosen_of_each(data, motor_of, len(places), auto)
-    rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
-    shapes = _with_rates([candidates[i] for i in chosen], rates)
-    motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    final, kept = _chosen_of_each([each.with_shapes(chosen, rates) for each in data], motor_of, len(places), auto)
-    bending = final[final < len(chosen)]
-    # A rate is derived from the shape of its bristle.
-    rated = {int(np.flatnonzero(rates > 0)[i - len(chosen)]) for i in final if i >= len(chosen)}
-    own = np.union1d(bending, np.array(sorted(rated), dtype=np.int64))
-    rates = np.array([rates[i] if i in rated else 0.0 for i in own])
-    shapes = _with_rates([candidates[i] for i in chosen[own]], rates)
-    motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
-    return Choice(shapes, motor_of, kept, chosen[own], rates)
-
-
-def _chosen_of_each(
-    data: Sequence[ConfigurationSpectra], motor_of: IntArray, n_m: int, auto: bool
-) -> tuple[IntArray, FloatArray]:
-    """The chosen shapes (n,) of all motors, and the share (n_m,) of the power that they leave."""
-    _, found = find_levels(data, motor_of, np.zeros(len(motor_of)))
-    # A shape in proportion to the motion is a spring or a damper: the response has it, no distortion tells its level.
-    telling = np.mean([each.nonlinear_share() for each in data], axis=0) > MIN_NONLINEAR_SHARE
-    choices = [choose_shapes(found, i, np.flatnonzero((motor_of == i) & telling)) for i in range(n_m)]
-    pays = [own if not auto or kept <= MAX_KEPT_SHARE else own[:0] for own, kept in choices]
-    return np.concatenate(pays), np.array([kept for _, kept in choices])
-
-
-def _with_rates(shapes: Sequence[Shape], rates: FloatArray) -> tuple[Shape, ...]:
-    own = [
-        replace(shape, kind=RATE_OF[shape.kind], threshold=float(D))
-        for shape, D in zip(shapes, rates, strict=True)
-        if D > 0
-    ]
-    return (*shapes, *own)
 
 
 def _result(
@@ -145,13 +89,13 @@ def _result(
     raw: NormalEquations,
     found: NormalEquations,
 ) -> FrictionTakenOut:
-    left = shares(found, len(first.inputs), choice.motor_of)
+    left = shares(found, len(first.inputs), choice.motor_of, choice.taken)
     result = FrictionTakenOut(
         places=first.inputs,
         place_units=first.units_of_inputs,
         shapes=choice.shapes,
         levels=levels,
-        covariance=covariance(found),
+        covariance=covariance(found, choice.taken) + choice.covariance,
         configurations=names,
         before=raw.level,
         after=found.level,

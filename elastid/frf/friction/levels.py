@@ -72,13 +72,13 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
 
 
 def find_levels(
-    data: Sequence[ConfigurationSpectra], motor_of: IntArray, start: FloatArray
+    data: Sequence[ConfigurationSpectra], motor_of: IntArray, chosen: IntArray
 ) -> tuple[FloatArray, NormalEquations]:
-    """Levels (n_f,), none negative, and the sums about them."""
-    levels = start
+    """Levels (n_f,), none negative and 0 of all shapes but those chosen (n,), and the sums about them."""
+    levels = np.zeros(len(motor_of))
     for _ in range(_ITERATIONS):
         found = normal_equations(data, levels, motor_of)
-        levels = solve(found.A.sum(axis=0), found.b.sum(axis=0))
+        levels[chosen] = solve(found.A.sum(axis=0)[np.ix_(chosen, chosen)], found.b.sum(axis=0)[chosen])
     return levels, normal_equations(data, levels, motor_of)
 
 
@@ -93,13 +93,20 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(f / size)
 
 
-def covariance(found: NormalEquations) -> FloatArray:
-    """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines."""
-    if not found.A.shape[1]:
-        return np.zeros((0, 0))
-    A = found.A.sum(axis=0) * found.dof_share
-    size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    return np.asarray(0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size))
+def covariance(found: NormalEquations, chosen: IntArray) -> FloatArray:
+    """Covariance (n_f, n_f) of the levels, from the scatter of the residuals over experiments and lines.
+
+    0 of all shapes but those chosen (n,).
+    """
+    n_f = found.A.shape[1]
+    C = np.zeros((n_f, n_f))
+    if len(chosen):
+        A = (found.A.sum(axis=0) * found.dof_share)[np.ix_(chosen, chosen)]
+        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        C[np.ix_(chosen, chosen)] = (
+            0.5 * np.linalg.pinv(A / np.outer(size, size), hermitian=True) / np.outer(size, size)
+        )
+    return C
 
 
 def _folds(data: ConfigurationSpectra, net: Net, realisations: IntArray) -> IntArray:

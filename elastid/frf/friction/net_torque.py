@@ -56,9 +56,10 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
 
 def friction_torque(record: Record, friction: FrictionTakenOut) -> FloatArray:
     """Sum (n, n_u) of f_i phi_i at the samples of all whole periods of a record, Nm on the link side."""
-    motions = {place: sharp_motion(record, place, friction) for place in friction.taken_places()}
-    phi = samples(record, motions, friction.shapes)
-    torque = np.zeros((len(phi), len(record.inputs)))
-    for i, shape in enumerate(friction.shapes):
-        torque[:, record.inputs.index(shape.place)] += friction.levels[i] * phi[:, i]
+    n = record.n_samples // record.period_samples * record.period_samples
+    torque = np.zeros((n, len(record.inputs)))
+    for place in friction.taken_places():
+        shapes, levels = zip(*friction.taken_shapes(place), strict=True)
+        phi = samples(record, {place: sharp_motion(record, place, friction)}, shapes)
+        torque[:, record.inputs.index(place)] = phi @ np.array(levels)
     return torque

@@ -18,7 +18,8 @@ class FrictionTakenOut:
 
     places (n_m,): the motors that were looked at, `motor 1`.  place_units (n_m,): N*m, or N where a motor slides.
     shapes (n_f,): each with its motor; of a motor without shapes nothing was taken out.  levels (n_f,): in Nm (N), link
-    side, with covariance (n_f, n_f): standard deviations are those of a normal distribution.
+    side; 0 of shapes that were not taken out but fit nearly as well.  covariance (n_f, n_f): of the levels by noise and
+    by the choice between shapes; standard deviations are those of a normal distribution.
     configurations (C,).  before, after (C, n_m): amplitude of the torque that no response explains (Nm) at a line, the
     median of the lines, with friction in it and without: nonlinear distortion and noise.  kept_share (n_m,): share
     of its power that is left in realisations that the levels were not fitted to, 1 where nothing was taken out.
@@ -57,6 +58,11 @@ class FrictionTakenOut:
     def std(self) -> FloatArray:
         """Standard deviation (n_f,) of the levels."""
         return np.sqrt(np.diag(self.covariance))
+
+    def taken_shapes(self, place: str) -> tuple[tuple[Shape, float], ...]:
+        """The shapes that were taken out of a motor's torque, each with its level."""
+        pairs = zip(self.shapes, self.levels.tolist(), strict=True)
+        return tuple((shape, level) for shape, level in pairs if shape.place == place and level > 0)
 
     def taken_places(self) -> tuple[str, ...]:
         """The motors that friction was taken out of."""

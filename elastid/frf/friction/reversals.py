@@ -45,9 +45,8 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     column = record.outputs.index(place)
     order = MOTION_ORDER[record.quantities[column]]
     held = _held_torque(record, record.inputs.index(place), n)
-    own = [(f, shape) for f, shape in zip(friction.levels, friction.shapes, strict=True) if shape.place == place]
     for _ in range(_ITERATIONS):
-        torque = held - sum(f * spectrum(record, motion, shape, n, lines) for f, shape in own)
+        torque = held - sum(f * spectrum(record, motion, shape, n, lines) for shape, f in friction.taken_shapes(place))
         high = np.where(lines > n // 2, accelerance * torque, 0)
         y = record.y.copy()
         y[:n, column] -= fine(integrated(high, s, 2 - order), n)[:-1:CELLS]

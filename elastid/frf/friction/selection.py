@@ -54,9 +54,9 @@ def _without_needless(found: NormalEquations, motor: int, chosen: IntArray, left
     return chosen
 
 
-def shares(found: NormalEquations, motors: int, motor_of: IntArray) -> FloatArray:
-    """Share (n_m,) of the power that all shapes of each motor leave in other realisations."""
-    every = [np.flatnonzero(motor_of == motor) for motor in range(motors)]
+def shares(found: NormalEquations, motors: int, motor_of: IntArray, chosen: IntArray) -> FloatArray:
+    """Share (n_m,) of the power that the chosen shapes (n,) of each motor leave in other realisations."""
+    every = [chosen[motor_of[chosen] == motor] for motor in range(motors)]
     none = motor_of[:0]
     powers = [(kept_power(found, i, own), kept_power(found, i, none)) for i, own in enumerate(every)]
     return np.array([left / total if total > 0 else 1.0 for left, total in powers])

@@ -1,0 +1,59 @@
+"""Responses of records whose friction is taken out know what the errors of its levels do to them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.dry_friction import measured
+
+from elastid.frf.estimate import estimate
+from elastid.frf.friction.find import find_friction
+from elastid.frf.friction.net_torque import net_records
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.shafts import on_links, on_shafts
+from elastid.frf.spec import EstimatorSpec
+from elastid.frf.without_friction import estimate_without_friction
+
+COULOMB = EstimatorSpec(friction="coulomb")
+E = np.array([[1.0, 0.0], [-0.4, 1.0]])
+
+
+@pytest.fixture(scope="module")
+def found() -> FrictionTakenOut:
+    (records, _), lines = measured()
+    return find_friction([records], COULOMB, lines)
+
+
+def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: FrictionTakenOut) -> None:
+    """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest; its sign is free."""
+    (records, _), lines = measured()
+    error = 0.01 * found.levels * np.array([shape.place == "motor 1" for shape in found.shapes])
+    sole = replace(found, covariance=np.outer(error, error))
+    response = estimate_without_friction(records, sole, COULOMB, lines)
+    off = replace(sole, levels=sole.levels + error)
+    change = estimate(list(net_records(records, off)), COULOMB, lines).G - response.G
+    assert response.bias is not None
+    sign = np.sign(np.vdot(response.bias[1, 0], change).real)
+    np.testing.assert_allclose(sign * response.bias[1, 0], change, atol=0.05 * np.abs(change).max())
+
+
+def test_couplings_of_gears_turn_the_errors_with_the_response(found: FrictionTakenOut) -> None:
+    """Records on the link side of coupled gears: G is E^-1 G' E^-T of that on the shafts, and so are its errors."""
+    (records, _), lines = measured()
+    shafts = estimate_without_friction(records, found, COULOMB, lines)
+    links = estimate_without_friction([on_links(each, E) for each in records], found, COULOMB, lines, E)
+    assert on_shafts(on_links(records[0], E), E).inputs == records[0].inputs
+    inverse = np.linalg.inv(E)
+    assert shafts.bias is not None
+    assert links.bias is not None
+    np.testing.assert_allclose(links.G, inverse @ shafts.G @ inverse.T, rtol=1e-6, atol=1e-9)
+    turned = inverse @ shafts.bias[1] @ inverse.T
+    np.testing.assert_allclose(links.bias[1], turned, atol=1e-3 * np.abs(turned).max())
+
+
+def test_friction_that_stays_leaves_the_response_as_it_is() -> None:
+    """To the last bit, where none was looked for."""
+    (records, _), lines = measured()
+    np.testing.assert_array_equal(
+        estimate_without_friction(records, None, COULOMB, lines).G, estimate(records, COULOMB, lines).G
+    )
