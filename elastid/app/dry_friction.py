@@ -86,7 +86,7 @@ def friction_summary(robot: Robot, friction: FrictionTakenOut | None) -> list[di
                 "shapes": [
                     {"kind": shape.kind, "threshold": shape.threshold, "level": level, "std": std}
                     for shape, level, std in shapes
-                    if shape.place == row.place
+                    if shape.place == row.place and level > 0
                 ],
                 "before": dict(zip(friction.configurations, friction.before[:, i].tolist(), strict=True)),
                 "after": dict(zip(friction.configurations, friction.after[:, i].tolist(), strict=True)),

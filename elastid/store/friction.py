@@ -23,7 +23,7 @@ def write_friction(file: Any, friction: FrictionTakenOut) -> None:
     variable(group, "shape_kind", [each.kind for each in friction.shapes], [shape], "kind of the shape")
     thresholds = [each.threshold for each in friction.shapes]
     variable(group, "threshold", thresholds, [shape], "distance over which a bristle bends, link side", "rad")
-    variable(group, "levels", friction.levels, [shape], "level of each shape, link side", "N*m")
+    variable(group, "levels", friction.levels, [shape], "level of each shape, link side, 0 where not taken out", "N*m")
     variable(group, "covariance", friction.covariance, [shape, shape], "covariance of the levels")
     configurations = scale(group, "configuration", friction.configurations, "configuration")
     axes = [configurations, places]

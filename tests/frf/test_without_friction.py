@@ -25,7 +25,7 @@ def found() -> FrictionTakenOut:
 
 
 def test_the_errors_of_the_levels_are_what_the_response_changes_by(found: FrictionTakenOut) -> None:
-    """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest; its sign is free."""
+    """With the friction of motor 1 off by its standard deviation, at every line to 5 % of the largest."""
     (records, _), lines = measured()
     error = 0.01 * found.levels * np.array([shape.place == "motor 1" for shape in found.shapes])
     sole = replace(found, covariance=np.outer(error, error))

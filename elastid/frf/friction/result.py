@@ -79,7 +79,15 @@ class FrictionTakenOut:
 
         From -F_c at distance 0 to F_c where all bristles slide again; link side, rad and Nm (m and N).
         """
-        rows = np.stack([shape.reversal(distance) * (shape.place == place) for shape in self.shapes], axis=1)
+        return self._curve(place, [shape.reversal(distance) for shape in self.shapes])
+
+    def sliding(self, place: str, velocity: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Torque (n,) in steady sliding at `velocity` (n,), and its standard deviation; link side, rad/s and Nm."""
+        return self._curve(place, [shape.sliding(velocity) for shape in self.shapes])
+
+    def _curve(self, place: str, values: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
+        of_place = np.array([shape.place == place for shape in self.shapes])
+        rows = np.stack(values, axis=1) * of_place
         return rows @ self.levels, np.sqrt(np.maximum(np.einsum("ni,ij,nj->n", rows, self.covariance, rows), 0.0))
 
     def _combined(self, row: FloatArray) -> tuple[float, float]:

@@ -46,6 +46,13 @@ class Shape:
         x = distance / self.threshold
         return np.asarray(np.minimum(x - 1, 1.0) if self.kind == "stop" else 1 - 2 * np.exp(-x))
 
+    def sliding(self, velocity: FloatArray) -> FloatArray:
+        """The shape (n,) in steady sliding at `velocity` (n,)."""
+        if self.is_rate:
+            return np.zeros(len(velocity))
+        gradual = self.kind == "sign" and self.threshold > 0
+        return np.asarray(np.tanh(velocity / self.threshold) if gradual else np.sign(velocity))
+
 
 def amplitudes(record: Record, motion: Motion, shape: Shape, periods: IntArray, lines: IntArray) -> ComplexArray:
     """Amplitudes (F,) of a shape at lines (F,), in the mean over some repetitions of a record."""

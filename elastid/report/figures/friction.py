@@ -56,7 +56,7 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
 
     Where no bristle was taken out, friction is a function of velocity, and x is that, in rad/s (m/s).
     """
-    own = [shape for shape in friction.shapes if shape.place == place]
+    own = [shape for shape, _ in friction.taken_shapes(place)]
     bend = max((shape.threshold for shape in own if shape.kind != "sign"), default=0.0)
     if bend > 0:
         distance = np.linspace(0.0, _BEYOND * bend, _POINTS)
@@ -68,12 +68,9 @@ def curve_of(friction: FrictionTakenOut, place: str) -> tuple[FloatArray, FloatA
             np.concatenate([[of_level, of_level], std]),
             True,
         )
-    turning = max(shape.threshold for shape in own)
+    turning = max((shape.threshold for shape in own), default=0.0)
     v = np.linspace(-1.0, 1.0, _POINTS) * (_TURNS * turning if turning > 0 else _SHORT)
-    rows = np.stack([np.tanh(v / each.threshold) if each.threshold > 0 else np.sign(v) for each in own])
-    chosen = [i for i, shape in enumerate(friction.shapes) if shape.place == place]
-    of_levels = friction.covariance[np.ix_(chosen, chosen)]
-    return v, friction.levels[chosen] @ rows, np.sqrt(np.einsum("in,ij,jn->n", rows, of_levels, rows)), False
+    return v, *friction.sliding(place, v), False
 
 
 def _draw_curve(axes: Axes, friction: FrictionTakenOut, i: int, known: float | None) -> None:
