@@ -14,8 +14,8 @@ from elastid.base.note import Note
 from elastid.friction_fit.plateaus import SAME_SPEED, Plateau, distinct_speeds, find_plateaus
 from elastid.friction_record import FrictionRecord
 
-# A plateau is steady behind this filter: about as long as the shortest one.
-STEADY_HZ = 7.0
+# A plateau is steady behind this filter, which is about as long as the shortest one.
+STEADY_HZ = 15.0
 # One in which the joint sticks and slips is steady only behind this one.
 STICK_SLIP_HZ = 1.0
 # Of the speed that a log is of: plateaus at others are none of its passes.
@@ -24,23 +24,24 @@ OTHER_SPEED = 0.2
 BESIDE_S = 0.3
 
 
-def detect_passes(record: FrictionRecord) -> tuple[FrictionRecord, ...]:
+def detect_passes(record: FrictionRecord, has_gravity: bool) -> tuple[FrictionRecord, ...]:
     """A record of passes for each pair of plateaus of a motion, named after it with a number; none where it has none.
 
+    has_gravity: there and back must then share positions.
     Of a log with a speed, its plateaus at that speed alone. Raises DataError where such a log has no pass there and
     back at it.
     """
     plateaus = _plateaus(record, STEADY_HZ)
     if record.speed is not None and not plateaus:
         plateaus = _plateaus(record, STICK_SLIP_HZ)
-    pairs = _pairs(record, plateaus)
+    pairs = _pairs(record, plateaus, has_gravity)
     if record.speed is not None and not pairs:
         raise DataError(_refusal(record, plateaus))
     return tuple(_cut(record, there, back, number) for number, (there, back) in enumerate(pairs, start=1))
 
 
 def lone_plateaus(record: FrictionRecord, passes: Sequence[FrictionRecord]) -> tuple[Note, ...]:
-    """A note on the speeds at which a motion slides one way only."""
+    """A note on the speeds at which a motion slides without a way back."""
     known = [each.speed for each in passes if each.speed is not None]
     alone = [
         speed
@@ -51,8 +52,8 @@ def lone_plateaus(record: FrictionRecord, passes: Sequence[FrictionRecord]) -> t
         return ()
     listed = ", ".join(f"{speed:.3g}" for speed in alone)
     text = (
-        f"it slides steadily at {listed} {record.unit}/s in one direction only: no level of friction there, since the "
-        "way back tells it from gravity and offset; record both directions"
+        f"it slides steadily at {listed} {record.unit}/s without the way back through the same positions: no level of "
+        "friction there, since that tells it from gravity and offset; record both directions"
     )
     return (Note("one-direction", text, f"motion {record.name} of joint {record.joint}", "information"),)
 
@@ -72,24 +73,24 @@ def _smooth(record: FrictionRecord, passband_hz: float) -> tuple[FloatArray, Flo
     return velocity, np.gradient(velocity, 1 / record.rate_hz)
 
 
-def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau]) -> list[tuple[Plateau, Plateau]]:
-    """Each plateau with the next one back at the same speed whose positions overlap, each used once."""
+def _pairs(record: FrictionRecord, plateaus: Sequence[Plateau], has_gravity: bool) -> list[tuple[Plateau, Plateau]]:
+    """Each plateau with the next one back at the same speed, each used once."""
     pairs: list[tuple[Plateau, Plateau]] = []
     free = list(plateaus)
     while free:
         first = free.pop(0)
-        partner = next((other for other in free if _belong(record, first, other)), None)
+        partner = next((other for other in free if _belong(record, first, other, has_gravity)), None)
         if partner is not None:
             free.remove(partner)
             pairs.append((first, partner))
     return pairs
 
 
-def _belong(record: FrictionRecord, one: Plateau, other: Plateau) -> bool:
+def _belong(record: FrictionRecord, one: Plateau, other: Plateau, has_gravity: bool) -> bool:
     if one.velocity * other.velocity >= 0 or abs(one.velocity + other.velocity) > SAME_SPEED * abs(one.velocity):
         return False
     first, second = (record.position[p.start : p.stop] for p in (one, other))
-    return bool(max(first.min(), second.min()) < min(first.max(), second.max()))
+    return not has_gravity or bool(max(first.min(), second.min()) < min(first.max(), second.max()))
 
 
 def _cut(record: FrictionRecord, there: Plateau, back: Plateau, number: int) -> FrictionRecord:

@@ -1,8 +1,9 @@
-r"""Whether torque and angle of a log are of one side of the gear, by the inertia that they give.
+r"""What the robot's file knows of a joint alone: whether gravity turns against it, and its inertia.
 
 .. math:: J = J_m n^2 + M_{jj}(q)
 
-An angle or a torque of the motor that is taken for one of the joint makes it wrong by the ratio n, both by n^2.
+An angle or a torque of the motor that is taken for one of the joint makes the inertia of a log wrong by the ratio n of
+the gear, both by n^2.
 """
 
 from __future__ import annotations
@@ -20,6 +21,10 @@ from elastid.robot import Joint, Robot
 SMALLEST_RATIO = 10.0
 # Stds by which an inertia differs from the robot's before it counts.
 CERTAIN_STDS = 3.0
+# Of the largest torque of gravity at a joint, below which a change with its angle is rounding.
+ROUNDING = 1e-9
+# Angles at which gravity is compared: no two of them alike, whatever its phase.
+GRAVITY_ANGLES = (0.0, 1.1, 2.3)
 
 
 def check_sides(
@@ -46,6 +51,23 @@ def check_sides(
         f"{place}: the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
         f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit"
     )
+
+
+def turns_against_gravity(robot: Robot, joint: Joint, posture: Configuration | None) -> bool:
+    """Whether the torque of gravity at a joint changes with its angle, the others held; of a robot with loops yes."""
+    if joint.slides:
+        return False
+    if robot.loops:
+        return True
+    names = [each.name for each in robot.joints]
+    theta = np.array([value for value, _ in robot.parameters().values()])
+    tau, zero = inverse_dynamics(robot), np.zeros(len(names))
+    held = np.zeros(len(names))
+    if posture is not None:
+        held[list(robot.driven_indices)] = posture.angles
+    turned = held + np.outer(GRAVITY_ANGLES, np.array([name == joint.name for name in names]))
+    found = [float(np.asarray(tau(q, zero, zero, theta))[names.index(joint.name), 0]) for q in turned]
+    return bool(np.ptp(found) > ROUNDING * max(1.0, *map(abs, found)))
 
 
 def joint_inertia(robot: Robot, joint: Joint, posture: Configuration | None) -> float:

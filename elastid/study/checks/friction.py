@@ -9,8 +9,8 @@ from elastid.base.errors import did_you_mean
 from elastid.friction_fit.spec import FrictionSpec, LoadSpec
 from elastid.robot import Joint
 from elastid.study.checks.experiment import check_experiment
+from elastid.study.checks.friction_logs import check_friction_logs
 from elastid.study.checks.names import unknown
-from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.checks.simulated import check_simulated
 from elastid.study.messages import Problem
 from elastid.study.sections import Study, joint_called
@@ -28,17 +28,16 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
         return
     yield from _check_sections(study)
     yield from _check_joints(study, spec)
+    for i, load in enumerate(spec.loads):
+        yield from _check_load(study, load, (*_FRICTION, "loads", i))
     if experiment.recorded is not None:
-        yield from check_files(study, experiment.recorded.files, ("experiment", "recorded"), base)
-        yield from check_channels(study, experiment.recorded.channels, ("experiment", "recorded"))
+        yield from check_friction_logs(study, experiment.recorded, base)
         return
     yield from check_experiment(study)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
     for joint in study.friction_joints:
         yield from _check_passes(spec, joint)
-    for i, load in enumerate(spec.loads):
-        yield from _check_load(study, load, (*_FRICTION, "loads", i))
 
 
 def _check_sections(study: Study) -> Iterator[Problem]:
