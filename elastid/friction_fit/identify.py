@@ -7,10 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
-from elastid.friction.static_terms import Conditions
 from elastid.friction_fit.at_rest import AtRest, fit_at_rest
 from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.numbers import (
@@ -25,7 +23,7 @@ from elastid.friction_fit.rest_response import rest_responses
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction, JointLevels, Status
 from elastid.friction_fit.spec import FrictionSpec, LawSpec
 from elastid.friction_fit.static_law import StaticLaw
-from elastid.friction_fit.warm_up import LevelOf, ThermalModel, WarmUp, fit_warm_up
+from elastid.friction_fit.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
 from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
@@ -136,7 +134,7 @@ def _heat(joint: str, measured: FrictionRecords, static: StaticLaw | None, notes
         return None
     try:
         warm_up = _warm_up(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        return _Heat(warm_up, fit_warm_up(warm_up, _level_of(static)))
+        return _Heat(warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up.load)))
     except (DataError, FitError) as error:
         notes.append(Note("no-warm-up", str(error), f"warm-up of joint {joint}"))
         return None
@@ -155,20 +153,8 @@ def _warm_up(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
         np.clip(at, 0, len(log.time_s) - 1), np.array(speeds), np.array(levels), np.array(stds),
+        float(np.mean([record.load_torque for record in tests])) if tests else 0.0,
     )  # fmt: skip
-
-
-def _level_of(static: StaticLaw | None) -> LevelOf | None:
-    """The law's level at speeds and temperatures, where it depends on temperature."""
-    if static is None or not any(name.startswith("temperature") for name in static.names):
-        return None
-    fit, load = static.fit, float(np.mean(static.levels.load))
-
-    def level(speed: FloatArray, temperature: FloatArray) -> FloatArray:
-        zeros = np.zeros_like(speed)
-        return fit.torque(Conditions(speed, zeros, zeros + load, temperature))
-
-    return level
 
 
 def _law(

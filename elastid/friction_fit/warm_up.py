@@ -25,7 +25,9 @@ from scipy.stats import f as f_distribution
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, FitError
+from elastid.friction.static_terms import Conditions
 from elastid.friction_fit.law_choice import FALSE_ALARM
+from elastid.friction_fit.static_law import StaticLaw
 
 # Level(speed (m,), temperature (m,)) of a law, Nm.
 LevelOf = Callable[[FloatArray, FloatArray], FloatArray]
@@ -40,6 +42,7 @@ class WarmUp:
 
     readings (n + 1,): of a thermometer in degC, NaN where there is none, with reading_std.
     test (m,): index of time_s at which a test pass was made, at test_speed (m,), with its level (m,) and std (m,).
+    load: that all test passes carried, Nm.
     """
 
     time_s: FloatArray
@@ -52,6 +55,7 @@ class WarmUp:
     test_speed: FloatArray
     level: FloatArray
     level_std: FloatArray
+    load: float = 0.0
 
     def __post_init__(self) -> None:
         """Check shapes and that time runs."""
@@ -104,6 +108,19 @@ class ThermalModel:
             return level_of(warm_up.test_speed, at_tests)
         place = [int(np.argmin(np.abs(self.speeds - speed))) for speed in warm_up.test_speed]
         return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
+
+
+def level_over_heat(law: StaticLaw | None, load: float) -> LevelOf | None:
+    """The law's level at speeds and temperatures under a load, Nm; None where it does not depend on temperature."""
+    if law is None or not any(name.startswith("temperature") for name in law.names):
+        return None
+    fit = law.fit
+
+    def level(speed: FloatArray, temperature: FloatArray) -> FloatArray:
+        zeros = np.zeros_like(speed)
+        return fit.torque(Conditions(speed, zeros, zeros + load, temperature))
+
+    return level
 
 
 def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalModel:

@@ -11,8 +11,8 @@ from elastid.friction_fit.law_choice import Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.report.numbers import digits, number
 
-# Numbers of a joint that its sentence has, the first ones of its table.
-ANSWERED = 3
+# Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
+ANSWERED = ("F_c", "F_s", "f")
 # Parts of a law without numbers, in words.
 PARTS = {
     "stribeck": "stiction and Stribeck velocity",
@@ -25,6 +25,15 @@ PARTS = {
 }
 # Reason of a part that nobody looked for.
 NOT_ASKED = "not asked for"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A part of the law that has no numbers at some joints, and why."""
+
+    part: str
+    reason: str
+    joints: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -48,8 +57,9 @@ class FrictionContent:
 
     @property
     def answers(self) -> tuple[str, ...]:
-        """One sentence for each joint, and one on the truth where the robot is simulated."""
+        """A sentence for each joint, on what is not identifiable, and on the truth where the robot is simulated."""
         sentences = [answer(joint) for joint in self.result.joints]
+        sentences += [words] if (words := _not_identified(self.result)) else []
         known = [each for each in self.result.numbers if each.truth is not None]
         if known:
             held = sum(each.low <= each.truth <= each.high for each in known if each.truth is not None)
@@ -59,15 +69,40 @@ class FrictionContent:
 
 def answer(joint: JointFriction) -> str:
     """What was found of a joint, the numbers first, in one sentence."""
-    said = joint.numbers[:ANSWERED]
+    symbols = {each.symbol for each in joint.numbers}
+    wanted = [
+        s for symbol in ANSWERED for s in ((f"{symbol}+", f"{symbol}-") if f"{symbol}+" in symbols else (symbol,))
+    ]
+    said = [each for symbol in wanted for each in joint.numbers if each.symbol == symbol]
     if not said:
         return f"Joint {joint.joint}: no friction could be identified."
     numbers = ", ".join(f"{each.symbol} = {with_interval(each)}" for each in said)
     further = len(joint.numbers) - len(said)
     more = f", and {further} further number{'s' if further > 1 else ''}" if further else ""
-    parts = ", ".join(dict.fromkeys(part_words(held) for held in joint.held if held.reason != NOT_ASKED))
-    left = f"; not identifiable: {parts}" if parts else ""
-    return f"Joint {joint.joint}: {numbers}{more}{left}."
+    return f"Joint {joint.joint}: {numbers}{more}."
+
+
+def refusals(result: FrictionResult) -> tuple[Refusal, ...]:
+    """Parts of the law without numbers, the joints with the same reason together."""
+    joints: dict[tuple[str, str], tuple[str, ...]] = {}
+    for joint in result.joints:
+        for held in joint.held:
+            key = part_words(held), held.reason
+            joints[key] = (*joints.get(key, ()), joint.joint)
+    return tuple(Refusal(part, reason, names) for (part, reason), names in joints.items())
+
+
+def _not_identified(result: FrictionResult) -> str:
+    """Parts that the data do not tell, with their joints where these are not all; empty where there are none."""
+    joints: dict[str, tuple[str, ...]] = {}
+    for refusal in refusals(result):
+        if refusal.reason != NOT_ASKED:
+            joints[refusal.part] = joints.get(refusal.part, ()) + refusal.joints
+    parts = [
+        part if len(names) == len(result.joints) else f"{part} (joint {', '.join(names)})"
+        for part, names in joints.items()
+    ]
+    return f"Not identifiable from these data: {', '.join(parts)}." if parts else ""
 
 
 def part_words(held: Held) -> str:

@@ -5,19 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-import numpy as np
 from matplotlib.figure import Figure
 
-from elastid.base.arrays import FloatArray
-from elastid.friction.static_terms import Conditions
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.result import FrictionResult, JointFriction
-from elastid.friction_fit.static_law import StaticLaw
-from elastid.friction_fit.warm_up import LevelOf
+from elastid.friction_fit.warm_up import level_over_heat
 from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.friction_at_rest import friction_at_rest
 from elastid.report.figures.friction_conditions import friction_conditions
-from elastid.report.figures.friction_curve import depends_on, friction_curve
+from elastid.report.figures.friction_curve import friction_curve
 from elastid.report.figures.friction_loops import friction_loops
 from elastid.report.figures.friction_motion import friction_motion
 from elastid.report.figures.friction_pass import friction_pass
@@ -53,7 +49,8 @@ def _of_joint(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
         yield "at-rest", caption, friction_at_rest(place, joint.at_rest, joint.slides)
     if joint.thermal is not None and joint.warm_up is not None:
         caption = "warm-up: power, temperature and levels of the test passes; lines: what the thermal model predicts."
-        figure = friction_warm_up(place, joint.warm_up, joint.thermal, _level_of(law), joint.slides)
+        level_of = level_over_heat(law, joint.warm_up.load)
+        figure = friction_warm_up(place, joint.warm_up, joint.thermal, level_of, joint.slides)
         yield "warm-up", caption, figure
 
 
@@ -74,18 +71,6 @@ def _of_records(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
             "threshold D; error of parts of the log that were left out of the fit, by number of elements."
         )
         yield "loops", caption, friction_loops(joint.loops, joint.presliding, joint.slides)
-
-
-def _level_of(law: StaticLaw | None) -> LevelOf | None:
-    """The law over speed and temperature at its lowest load, where it depends on temperature."""
-    if law is None or not depends_on(law, "temperature"):
-        return None
-    load = float(law.levels.load.min())
-
-    def level(speed: FloatArray, temperature: FloatArray) -> FloatArray:
-        return law.fit.torque(Conditions(speed, np.zeros_like(speed), np.full_like(speed, load), temperature))
-
-    return level
 
 
 def _file_names(joints: Sequence[str]) -> list[str]:

@@ -70,9 +70,9 @@ def _draw_curve(axes: Axes, found: MotionFriction, samples: MotionSamples) -> No
     step = max(1, len(samples.velocity) // MOST_SAMPLES)
     looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": 1.5, "mew": 0, "alpha": 0.5}
     axes.plot(samples.velocity[::step], samples.friction[::step], **looks, color=style.MEASURED)
-    for plateau in distinct_speeds(found.plateaus):
-        for steady in (plateau, -plateau):
-            axes.axvline(steady, color=style.NOISE, lw=0.8, ls=":", label="speeds dwelt at")
+    for sign in (1.0, -1.0):
+        for speed in distinct_speeds([plateau for plateau in found.plateaus if sign * plateau.velocity > 0]):
+            axes.axvline(sign * speed, color=style.NOISE, lw=0.8, ls=":", label="speeds dwelt at")
     for low, high in ((float(samples.velocity.min()), 0.0), (0.0, float(samples.velocity.max()))):
         v = np.linspace(low, high, POINTS)[1 if low == 0 else 0 : -1 if high == 0 else None]
         if found.are_apart:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from elastid.friction_fit.result import JointFriction
 from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
-from elastid.report.friction_content import FrictionContent, part_words
+from elastid.report.friction_content import FrictionContent, refusals
 from elastid.report.friction_rows import NUMBER_HEADINGS, number_cells
 from elastid.report.numbers import number
 from elastid.report.page.booklet import columns, heading, text_pages, wrapped
@@ -46,7 +46,7 @@ def html_of_friction(content: FrictionContent, figures: Collection[EmbeddedFigur
         headings=NUMBER_HEADINGS,
         rows=[(each, number_cells(each)) for each in content.result.numbers],
         shared=shared_numbers,
-        part_words=part_words,
+        refusals=refusals(content.result),
         section=JOINT,
         figures=figures,
         explorer=shown,
@@ -71,11 +71,10 @@ def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...
 def _text(content: FrictionContent) -> Iterator[str]:
     """The page without its figures, on paper."""
     yield from heading(content.title, content.notes)
-    for sentence in (*content.answers, content.result.message):
+    for sentence in content.answers:
         yield from wrapped(sentence)
     yield ""
     if content.result.numbers:
         yield from columns([NUMBER_HEADINGS, *map(number_cells, content.result.numbers)])
-    for joint in content.result.joints:
-        for held in joint.held:
-            yield from wrapped(f"- joint {joint.joint}, no {part_words(held)}: {held.reason}", "  ")
+    for refusal in refusals(content.result):
+        yield from wrapped(f"- joint {', '.join(refusal.joints)}, no {refusal.part}: {refusal.reason}", "  ")
