@@ -2,34 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-
-import numpy as np
+from collections.abc import Iterator, Sequence
 
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
-from elastid.friction_fit.at_rest import AtRest, fit_at_rest
-from elastid.friction_fit.motion import MotionFriction
+from elastid.friction_fit.before_sliding import BeforeSliding, find_before_sliding
+from elastid.friction_fit.joint_law import joint_law
 from elastid.friction_fit.numbers import (
+    Truth,
     numbers_at_rest,
+    numbers_of_bristles,
     numbers_of_heat,
     numbers_of_law,
     numbers_of_motion,
 )
-from elastid.friction_fit.presliding import Loops, Presliding, fit_presliding
-from elastid.friction_fit.record_passes import passes_of
-from elastid.friction_fit.rest_response import rest_responses
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction, JointLevels, Status
-from elastid.friction_fit.spec import FrictionSpec, LawSpec
+from elastid.friction_fit.spec import FrictionSpec
 from elastid.friction_fit.static_law import StaticLaw
 from elastid.friction_fit.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat
-from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
-from elastid.robot import Directions, Friction, LuGre, MeasuredRange, Robot
-from elastid.robot.friction import MAX_DAMPING_VELOCITY_RATIO
+from elastid.friction_fit.warm_up_records import warm_up_of
+from elastid.friction_record import FrictionRecords
+from elastid.robot import Robot
 
-# Of the largest damping velocity with which a LuGre law is passive.
-PASSIVE_MARGIN = 0.9
+# Numbers of a joint that the sentence on it has.
+SAID = 4
 
 
 def identify_friction(
@@ -37,7 +33,7 @@ def identify_friction(
     levels: Sequence[JointLevels],
     measured: FrictionRecords,
     spec: FrictionSpec,
-    truth: Mapping[str, float] | None = None,
+    truth: Truth | None = None,
 ) -> FrictionResult:
     """The friction of all joints; truth: of a simulated robot, by name, link side.
 
@@ -47,153 +43,63 @@ def identify_friction(
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if all(joint.friction is None for joint in joints):
         status = "failed"
-    return FrictionResult(joints, measured.notes, status, _message(joints))
+    return FrictionResult(joints, measured.notes, status, "; ".join(map(_sentence, joints)))
 
 
 def _joint(
-    robot: Robot, found: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Mapping[str, float]
+    robot: Robot, found: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Truth
 ) -> JointFriction:
-    """All parts of one joint; a part that fails leaves a note and the others."""
-    name, notes = found.joint, list(found.notes)
-    static = StaticLaw.of(found.levels.levels, spec.law) if found.levels is not None else None
-    bent = _presliding(measured.of(name, "loops"), spec.law, notes)
-    rest = _at_rest(robot, measured.of(name, "at_rest"), static, notes)
-    heat = _heat(name, measured, static, notes)
-    friction, viscous = _law(static, found.motion, bent, rest, spec.law)
-    numbers: list[FrictionNumber] = []
-    if static is not None:
-        numbers += numbers_of_law(name, static, truth)
-    if found.motion is not None:
-        known = {number.name for number in numbers}
-        numbers += (each for each in numbers_of_motion(name, found.motion, truth) if each.name not in known)
-    if rest is not None:
-        numbers += numbers_at_rest(name, rest, found.slides, truth)
-    if heat is not None:
-        numbers += numbers_of_heat(name, heat.model, heat.warm_up)
+    """All parts of one joint."""
+    name, passes = found.joint, found.levels
+    static = StaticLaw.of(passes.levels, spec.law) if passes is not None else None
+    loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
+    before = find_before_sliding(robot, loops, rest, passes, static, spec)
+    warm_up, thermal, notes = _heat(name, measured, static)
+    friction, viscous = joint_law(static, found.motion, before, spec.law) or (None, None)
+    numbers = {each.name: each for each in _numbers(found, static, before, truth)}
+    if warm_up is not None and thermal is not None:
+        numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else found.motion.held if found.motion is not None else ()
     return JointFriction(
-        name, found.slides, found.levels, found.motion, static,
-        presliding=bent.found if bent else None, loops=bent.loops if bent else None, at_rest=rest,
-        thermal=heat.model if heat else None, warm_up=heat.warm_up if heat else None,
-        friction=friction, viscous=viscous, numbers=tuple(numbers), held=held, example=found.example,
-        notes=tuple(notes),
+        name, found.slides, passes, found.motion, static, before.presliding, before.loops, before.at_rest,
+        before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, found.example,
+        (*found.notes, *before.notes, *notes),
     )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class _Bent:
-    loops: Loops
-    found: Presliding
+def _numbers(
+    found: JointLevels, static: StaticLaw | None, before: BeforeSliding, truth: Truth
+) -> Iterator[FrictionNumber]:
+    """The table; of a number that two experiments tell the later one counts, passes more than a motion."""
+    if static is not None:
+        yield from numbers_of_law(found.joint, static, truth)
+    if found.motion is not None:
+        yield from _beside(numbers_of_motion(found.joint, found.motion, truth), static)
+    if before.at_rest is not None:
+        yield from numbers_at_rest(found.joint, before.at_rest, found.slides, truth)
+    if before.bristles is not None:
+        yield from numbers_of_bristles(found.joint, before.bristles, found.slides, truth)
 
 
-@dataclass(frozen=True)
-class _Heat:
-    warm_up: WarmUp
-    model: ThermalModel
+def _beside(numbers: Iterator[FrictionNumber], static: StaticLaw | None) -> Iterator[FrictionNumber]:
+    """Numbers of a motion that are no friction, and all where no passes tell friction."""
+    return (each for each in numbers if static is None or each.symbol in ("J", "o", "G", "H"))
 
 
-def _presliding(records: Sequence[FrictionRecord], law: LawSpec, notes: list[Note]) -> _Bent | None:
-    """Maxwell slip elements of the first log of loops."""
-    if not records or law.presliding in ("no", "lugre"):
-        return None
-    record = records[0]
-    # The first half loop only tells the elements where they start.
-    frequency_hz = record.rate_hz / record.period_samples if record.period_samples else 1 / record.duration_s
-    loops = Loops(
-        f"joint {record.joint}", record.rate_hz, record.position, record.torque, frequency_hz, record.resolution,
-        round(record.rate_hz / frequency_hz / 2) if record.period_samples else 0,
-    )  # fmt: skip
-    try:
-        return _Bent(loops, fit_presliding(loops, law.elements))
-    except DataError as error:
-        notes.append(Note("no-presliding", str(error), f"record {record.name}"))
-        return None
-
-
-def _at_rest(
-    robot: Robot, records: Sequence[FrictionRecord], static: StaticLaw | None, notes: list[Note]
-) -> AtRest | None:
-    if not records:
-        return None
-    joint = records[0].joint
-    viscous = (0.0, 0.0)
-    if static is not None and "viscous" in static.names:
-        i = static.names.index("viscous")
-        viscous = static.viscous, float(np.sqrt(static.covariance[i, i]))
-    try:
-        return fit_at_rest(f"joint {joint}", rest_responses(records), None, viscous)
-    except (DataError, FitError) as error:
-        notes.append(Note("nothing-at-rest", str(error), f"record {records[0].name}"))
-        return None
-
-
-def _heat(joint: str, measured: FrictionRecords, static: StaticLaw | None, notes: list[Note]) -> _Heat | None:
-    """The thermal model of the joint's warm-up, from its thermometer, its test passes, or both."""
+def _heat(
+    joint: str, measured: FrictionRecords, static: StaticLaw | None
+) -> tuple[WarmUp | None, ThermalModel | None, tuple[Note, ...]]:
+    """The joint's warm-up with its thermal model, or the note on why there is none."""
     log = next((log for log in measured.warm_ups if log.joint == joint), None)
     if log is None:
-        return None
+        return None, None, ()
     try:
-        warm_up = _warm_up(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        return _Heat(warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up.load)))
+        warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
+        return warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up.load)), ()
     except (DataError, FitError) as error:
-        notes.append(Note("no-warm-up", str(error), f"warm-up of joint {joint}"))
-        return None
+        return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
 
 
-def _warm_up(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
-    """The log with the level of each test pass: half the difference of its directions' means."""
-    speeds, levels, stds = [], [], []
-    for record in tests:
-        there, back = sorted(passes_of(record), key=lambda each: -each.direction)
-        speeds.append(float((there.velocity.mean() - back.velocity.mean()) / 2))
-        levels.append(float((there.torque.mean() - back.torque.mean()) / 2))
-        spread = [np.std(each.torque - each.torque.mean()) / np.sqrt(len(each.torque)) for each in (there, back)]
-        stds.append(float(np.hypot(*spread) / 2))
-    at = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
-    return WarmUp(
-        log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
-        np.clip(at, 0, len(log.time_s) - 1), np.array(speeds), np.array(levels), np.array(stds),
-        float(np.mean([record.load_torque for record in tests])) if tests else 0.0,
-    )  # fmt: skip
-
-
-def _law(
-    static: StaticLaw | None,
-    motion: MotionFriction | None,
-    bent: _Bent | None,
-    rest: AtRest | None,
-    spec: LawSpec,
-) -> tuple[Friction | None, float | None]:
-    """The law as a whole, and the viscous friction beside it."""
-    if static is not None:
-        friction, viscous = static.to_friction(), static.viscous
-    elif motion is not None and motion.chosen["coulomb"] > 0:
-        friction, viscous = _law_of_motion(motion)
-    else:
-        return None, None
-    if bent is not None and spec.presliding in ("auto", "maxwell_slip"):
-        return replace(friction, maxwell_slip=bent.found.few.to_maxwell_slip()), viscous
-    if rest is not None and spec.presliding in ("auto", "lugre") and rest.sigma_0 > 0:
-        damping = max(0.0, rest.sigma_1)
-        falling = PASSIVE_MARGIN * MAX_DAMPING_VELOCITY_RATIO * friction.coulomb / damping if damping > 0 else None
-        return replace(friction, lugre=LuGre(rest.sigma_0, damping, falling)), viscous
-    return friction, viscous
-
-
-def _law_of_motion(motion: MotionFriction) -> tuple[Friction, float]:
-    """Coulomb and viscous friction of a motion, in the range of its plateaus."""
-    fit = motion.chosen
-    viscous = max(0.0, fit["viscous"])
-    has = "directions.coulomb" in fit.names or "directions.viscous" in fit.names
-    apart = {name: fit[f"directions.{name}"] for name in ("coulomb", "viscous") if f"directions.{name}" in fit.names}
-    speeds = [abs(plateau.velocity) for plateau in motion.plateaus]
-    measured = MeasuredRange((min(speeds), max(speeds))) if speeds else None
-    return Friction(fit["coulomb"], directions=Directions(**apart) if has else None, measured=measured), viscous
-
-
-def _message(joints: Sequence[JointFriction]) -> str:
-    said = []
-    for joint in joints:
-        parts = [f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:4]]
-        said.append(f"joint {joint.joint}: {', '.join(parts)}" if parts else f"joint {joint.joint}: nothing was found")
-    return "; ".join(said)
+def _sentence(joint: JointFriction) -> str:
+    parts = [f"{number.symbol} = {number.value:.4g} {number.unit}" for number in joint.numbers[:SAID]]
+    return f"joint {joint.joint}: {', '.join(parts) or 'nothing was found'}"

@@ -1,0 +1,25 @@
+"""The log of a warm-up and its test passes -> the data of the thermal model."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.friction_fit.record_passes import passes_of
+from elastid.friction_fit.warm_up import WarmUp
+from elastid.friction_record import FrictionRecord, WarmUpLog
+
+
+def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
+    """The log with the level of each test pass, half the difference of the means of its directions."""
+    pairs = [sorted(passes_of(record), key=lambda each: -each.direction) for record in tests]
+    speeds = [(there.velocity.mean() - back.velocity.mean()) / 2 for there, back in pairs]
+    levels = [(there.torque.mean() - back.torque.mean()) / 2 for there, back in pairs]
+    stds = [np.hypot(*(np.std(each.torque) / np.sqrt(len(each.torque)) for each in pair)) / 2 for pair in pairs]
+    at = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
+    return WarmUp(
+        log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
+        np.clip(at, 0, len(log.time_s) - 1), np.array(speeds), np.array(levels), np.array(stds),
+        float(np.mean([record.load_torque for record in tests])) if tests else 0.0,
+    )  # fmt: skip
