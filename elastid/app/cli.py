@@ -144,7 +144,7 @@ def demo(**options: Any) -> None:
 @click.argument("folder", type=click.Path(path_type=Path), metavar="DIR")
 @click.option(
     "--template",
-    type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf"]),
+    type=click.Choice(["serial", "parallel-linkage", "recorded", "ros2", "responses", "frf", "friction"]),
     default="serial",
     show_default=True,
 )

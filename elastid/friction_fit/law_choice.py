@@ -58,10 +58,11 @@ def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...
     waiting, held = list(_parts(levels, spec)), dict[str, str]()
     # A part may show only after a later one: what was refused by its numbers is tried once more.
     for _ in range(2):
+        held.clear()
         for part in tuple(waiting):
             wider, reason = _tried(levels, fit, part)
             if wider is None:
-                held[part.name] = reason
+                held.setdefault(part.name, reason)  # a later number of the same part has the same reason, or a lesser
                 continue
             fit = wider
             waiting.remove(part)
