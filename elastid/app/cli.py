@@ -101,7 +101,7 @@ def _options(*names: str) -> Decorator:
 _RUN_HELP = "Where the results go (default: runs/<name of the study>)."
 _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
 # The keys of export.targets.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
-_TARGETS = ["control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff"]
+_TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff"]
 _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
@@ -209,6 +209,8 @@ def run(study: Path, **options: Any) -> None:
 @_stage_options
 def export(study: Path, target: str, **options: Any) -> None:
     """Write the identified model for another tool: export/<target>/ in the run folder.
+
+    To robot: the robot's file with the identified numbers, of a study of elasticity or of friction.
 
     Of a study without a robot: its measured responses, to control, matlab, csv or uff. To uff those of any study.
     """

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
+from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
-from elastid.fit.fitted_model import models_by_group
-from elastid.store import read_fit, read_responses
+from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.store import read_fit, read_friction, read_responses, text_file
+from elastid.store.friction_study import read_friction_result
+
+# The target that is no other tool's but elastid's own.
+ROBOT = "robot"
 
 
 def export(run: Run, target: str) -> tuple[Path, ...]:
@@ -18,7 +24,9 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
 
     Where robots, or other groups of configurations, have parameters of their own: a model of each in a folder below.
     """
-    if run.study.robot is None or target not in TARGETS:
+    if run.study.friction is not None:
+        return _export_friction(run, target)
+    if run.study.robot is None or target not in (*TARGETS, ROBOT):
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
@@ -28,10 +36,37 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
     if any(models):
         each = (f"{label} ({', '.join(G.configuration.name for G in of.measured)})" for label, of in models.items())
         run.console.say(f"export: a model for each of {', '.join(each)}, which have parameters of their own")
-    paths = tuple(path for label, model in models.items() for path in TARGETS[target](folder / label, model))
+    write = TARGETS.get(target, partial(_write_robot, run))
+    paths = tuple(path for label, model in models.items() for path in write(folder / label, model))
     if result.status not in TRUSTED:
         run.console.warn(f"export: the fit cannot be trusted ({result.status.replace('_', ' ')}): {result.message}")
     return _said(run, paths)
+
+
+def _write_robot(run: Run, folder: Path, model: FittedModel) -> tuple[Path, ...]:
+    """robot.yml of a fitted model."""
+    return (_written(folder, robot_of_fit(model.name, model.robot, read_friction(run.path("estimate")))),)
+
+
+def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
+    """The robot with the identified law; other tools take the fitted model of a study of elasticity."""
+    if target != ROBOT:
+        raise StudyError(
+            f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
+            "and take that file as the robot of an elastic study"
+        )
+    run.require_result("friction")
+    folder = run.folder / "export" / ROBOT
+    shutil.rmtree(folder, ignore_errors=True)
+    result = read_friction_result(run.path("friction"))
+    return _said(run, (_written(folder, robot_of_friction(run.study, result)),))
+
+
+def _written(folder: Path, text: str) -> Path:
+    path = folder / "robot.yml"
+    with text_file(path) as file:
+        file.write(text)
+    return path
 
 
 def _export_responses(run: Run, target: str) -> tuple[Path, ...]:

@@ -129,12 +129,21 @@ def models_by_group(
     Arguments and errors as `FittedModel.of`.
     """
     models = {}
-    for label, members in group_labels(result.parameters, [G.configuration.name for G in measured]).items():
+    for label, (fitted, members) in robots_by_group(result, robot, [G.configuration.name for G in measured]).items():
         its = [G for G in measured if G.configuration.name in members]
-        numbers = _numbers(result, members[0])
-        fitted = robot.with_parameters({key: value for key, value in numbers.items() if key != DELAY})
         models[label] = FittedModel._of(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
     return models
+
+
+def robots_by_group(
+    result: FitResult, robot: Robot, configurations: Sequence[str]
+) -> dict[str, tuple[Robot, tuple[str, ...]]]:
+    """The robot with the fitted numbers of each group of configurations, by its label, and their names."""
+    found = {}
+    for label, members in group_labels(result.parameters, list(configurations)).items():
+        numbers = {key: value for key, value in _numbers(result, members[0]).items() if key != DELAY}
+        found[label] = robot.with_parameters(numbers), tuple(members)
+    return found
 
 
 def _numbers(result: FitResult, configuration: str) -> dict[str, float]:

@@ -98,6 +98,13 @@ def through_gear(friction: Friction, n: float, to_motor: bool) -> Friction:
     return moved if slip is None else replace(moved, maxwell_slip=_slip(slip, scale))
 
 
+def law_of(robot: Robot, joint: str) -> Friction | None:
+    """The law at the motor of a joint, on the link side; None where it has none."""
+    motor = next(each.motor for each in robot.driven if each.name == joint)
+    law = None if motor is None else _law(motor)
+    return None if law is None or motor is None else through_gear(law, motor.ratio, to_motor=False)
+
+
 def friction_numbers(robot: Robot) -> dict[str, tuple[float, str]]:
     """Value and unit, link side, of each number that the friction of the robot's motors has."""
     found: dict[str, tuple[float, str]] = {}

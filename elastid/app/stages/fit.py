@@ -6,17 +6,18 @@ from collections.abc import Sequence
 from typing import Any
 
 from elastid.app.dry_friction import contents
+from elastid.app.identified_robot import robot_of_fit
 from elastid.app.run import Run
 from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
 from elastid.app.tables import parameter_table
 from elastid.base.errors import FitError, MisfitError
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_model import FittedModel, robots_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.multistart import Interrupted
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
-from elastid.store import read_fit, read_friction, read_responses, write_fit
+from elastid.store import read_fit, read_friction, read_responses, text_file, write_fit
 from elastid.validation.agreement import agreement
 
 TRUSTED = ("converged", "at_bound")
@@ -45,6 +46,7 @@ def fit(run: Run) -> None:
         run.console.say(f"fit: stopped, {unfinished.words or 'no start'} done and kept")
         raise
     write_summary(path, _summary(run, result, responses))
+    _write_robots(run, result, [response.configuration.name for response in responses])
     write_fit(run.path("fit"), result, run.stamps["fit"])
     unfinished.clear()
     run.console.notes(result.notes)
@@ -73,6 +75,15 @@ def conclude(run: Run) -> None:
     if result.status not in TRUSTED:
         raise FitError(f"the fit cannot be trusted ({status}): {result.message}; {meaning}")
     run.console.say(f"{status}: {meaning}")
+
+
+def _write_robots(run: Run, result: FitResult, configurations: Sequence[str]) -> None:
+    """robot.yml with the fitted numbers; of groups with parameters of their own robot-<group>.yml each."""
+    friction = read_friction(run.path("estimate"))
+    for label, (robot, _) in robots_by_group(result, run.study.as_robot(), configurations).items():
+        name = f"robot-{label}.yml" if label else "robot.yml"
+        with text_file(run.folder / name) as file:
+            file.write(robot_of_fit(run.study.name, robot, friction))
 
 
 def _sentence(text: str) -> str:
