@@ -114,7 +114,9 @@ class PassRegression:
         autocovariance = self._autocovariance(left)
         meat = np.zeros((B.shape[1], B.shape[1]))
         for own, step in self._passes():
-            meat += _long_run(B[own], autocovariance[::step])
+            # A pass has columns of its own pair and the shared ones alone.
+            used = np.flatnonzero(np.any(B[own], axis=0))
+            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance[::step])
         bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
         spare = len(self.y) / max(1, len(self.y) - B.shape[1])
         covariance = spare * bread @ meat @ bread / np.outer(size, size)
