@@ -97,13 +97,15 @@ class Prospect:
 
         realisations: self.realisations unless given.  StudyError where the configuration has no equilibrium.
         """
+        return self._weighed(configuration, x, realisations or self.realisations, self.fit)
+
+    def _weighed(self, configuration: Configuration, x: FloatArray, M: int, fit: FitSpec) -> ExpectedResponse:
+        """The expected response with weights as `fit` has them."""
         model, G, motion = self._local(configuration, x)
-        covariance = self._covariance(G, motion, configuration, realisations or self.realisations)
+        covariance = self._covariance(G, motion, configuration, M)
         model = replace(model, hold=self._hold)
         response = replace(to_response(model, self.parameters.expand(x), self.freq_hz), total=covariance)
-        return ExpectedResponse(
-            response, model, weigh(response, with_diagonal_weights(self.fit)), self.parameters, self.fit
-        )
+        return ExpectedResponse(response, model, weigh(response, fit), self.parameters, fit)
 
     @property
     def _hold(self) -> HeldTorque | None:
@@ -112,7 +114,7 @@ class Prospect:
         return HeldTorque((self.rate_hz,) * len(self.robot.driven), sampled) if any(sampled) else None
 
     def source(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> PowerSource:
-        """The same as a function of the powers of R; friction scatters as it does under R.
+        """The same, elements weighed one by one, as a function of the powers of R; friction scatters as under R.
 
         StudyError where the level of the noise does not depend on the powers.
         """
@@ -123,7 +125,7 @@ class Prospect:
             )
         M = realisations or self.realisations
         _, G, motion = self._local(configuration, x)
-        expected = self.expected(configuration, x, M)
+        expected = self._weighed(configuration, x, M, with_diagonal_weights(self.fit))
         sensitivity = self._sensitivity(configuration, motion)
         error = _diagonal(self._error(self._acting(sensitivity), G, motion)) / M
         ((_, J),) = expected.problem.blocks(x)

@@ -113,9 +113,7 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
 
 
 def with_diagonal_weights(spec: FitSpec) -> FitSpec:
-    """The same without correlated weights unless asked for: how a covariance will weigh that is yet to be measured."""
-    if spec.weights.covariance == "full":
-        return spec
+    """The same with weights element by element."""
     return replace(spec, weights=replace(spec.weights, covariance="diagonal"))
 
 

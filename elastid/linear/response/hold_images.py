@@ -15,11 +15,11 @@ phase; gains and lags of the torque are part of G; lags of a sensor act on what 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen, frozen_value
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.measurement_chain import TORQUE_LAG
 from elastid.linear.response.factor import factor
@@ -94,13 +94,14 @@ class HoldImages:
         s = (2j * np.pi * self.freq_hz).astype(complex)
         further = 2j * np.pi * self.rate_hz * IMAGES
         turn = np.exp(-further * delay)
-        even, odd = self._summed(turn) if not order else -s * self._summed(turn) - self._summed(further * turn)
+        even, odd = self._sums(turn) if not order else -s * self._sums(turn) - self._sums(further * turn)
         gain = factor(self.sensors, theta, s) / s**2
         return Folding((gain * even).T, (gain * odd).T, self._counts)
 
-    def _summed(self, turn: ComplexArray) -> ComplexArray:
+    def _sums(self, turn: ComplexArray) -> ComplexArray:
         """(2, J, F): all images, each times its factor (n_m,)."""
-        return np.ascontiguousarray(self._terms @ turn.view(np.float64).reshape(-1, 2)).view(np.complex128)[..., 0]
+        terms = _terms(self.freq_hz.tobytes(), self.rate_hz, self._lowest)
+        return np.ascontiguousarray(terms @ turn.view(np.float64).reshape(-1, 2)).view(np.complex128)[..., 0]
 
     @cached_property
     def _counts(self) -> BoolArray:
@@ -112,14 +113,6 @@ class HoldImages:
         """The frequency of the lowest image over the rate."""
         return 1.0 - min(float(self.freq_hz.max(initial=0.0)) / self.rate_hz, 0.5)
 
-    @cached_property
-    def _terms(self) -> FloatArray:
-        """(2, J, F, n_m): what each image adds by the real (0) and by the imaginary part (1) of each node."""
-        x = np.where(self.freq_hz < self.rate_hz / 2, self.freq_hz / self.rate_hz, 0.0)[:, None]
-        nodes, image = _chebyshev(), x + IMAGES
-        even = (x / image) ** 3 * np.array([_lagrange(nodes, j, (self._lowest / image) ** 2) for j in range(N_NODES)])
-        return np.stack([even, even * (self._lowest / image) / np.sqrt(nodes)[:, None, None]])
-
 
 def hold_images(model: LinearModel, freq_hz: FloatArray) -> tuple[HoldImages, ...]:
     """Those of a model on lines freq_hz (F,), for each rate at which torques are held."""
@@ -127,6 +120,19 @@ def hold_images(model: LinearModel, freq_hz: FloatArray) -> tuple[HoldImages, ..
         return ()
     rates = np.array(model.hold.rates_hz)
     return tuple(HoldImages(model, freq_hz, rate, rates == rate) for rate in np.unique(rates[rates > 0]).tolist())
+
+
+@lru_cache(maxsize=32)
+def _terms(freq_hz: bytes, rate_hz: float, lowest: float) -> FloatArray:
+    """(2, J, F, n_m): what each image adds by the real (0) and by the imaginary part (1) of each node.
+
+    lowest: the frequency of the lowest image over the rate.
+    """
+    lines = np.frombuffer(freq_hz)
+    x = np.where(lines < rate_hz / 2, lines / rate_hz, 0.0)[:, None]
+    nodes, image = _chebyshev(), x + IMAGES
+    even = (x / image) ** 3 * np.array([_lagrange(nodes, j, (lowest / image) ** 2) for j in range(N_NODES)])
+    return frozen(np.stack([even, even * (lowest / image) / np.sqrt(nodes)[:, None, None]]))
 
 
 def _chebyshev() -> FloatArray:
