@@ -15,7 +15,8 @@ from elastid.report.figures.friction_curve import units
 
 # Samples of a pass that are drawn.
 MOST_SAMPLES = 3000
-COLORS = {"friction": style.FITTED, "gravity": style.MEASURED, "ripple": style.NOISE, "inertia": style.TOTAL}
+OFFSET = "gravity and offset"
+COLORS = {"friction": style.START, OFFSET: style.MEASURED, "ripple": style.NOISE, "inertia": style.TOTAL}
 
 
 def friction_pass(pair: Sequence[Pass], found: PassLevels) -> Figure:
@@ -27,10 +28,10 @@ def friction_pass(pair: Sequence[Pass], found: PassLevels) -> Figure:
     figure, panels = style.panels(3, 1, (style.WIDE, 6.6), (0.8, 0.25, 0.85, 0.55), (0.0, 0.14), **options)
     whole, shown, left = panels[:, 0]
     scale = 1.0 if pair[0].slides else 180 / np.pi
-    for each in pair:
+    for each, own in zip(pair, parts_of(pair, found), strict=True):
         step = max(1, len(each.position) // MOST_SAMPLES)
         q, u = scale * each.position[::step], each.torque[::step]
-        parts = {name: part[::step] for name, part in parts_of(each, pair, found).items()}
+        parts = {name: part[::step] for name, part in own.items()}
         total = np.sum(list(parts.values()), axis=0)
         whole.plot(q, u, color=style.MEASURED, lw=0.7, alpha=0.8, label="measured")
         whole.plot(q, total, color=style.FITTED, lw=1.2, label="regression")
@@ -51,17 +52,24 @@ def friction_pass(pair: Sequence[Pass], found: PassLevels) -> Figure:
     return figure
 
 
-def parts_of(each: Pass, pair: Sequence[Pass], found: PassLevels) -> dict[str, FloatArray]:
-    """Friction, gravity with the offset, ripple and inertia (n,) of a pass, those that the regression has."""
+def parts_of(pair: Sequence[Pass], found: PassLevels) -> list[dict[str, FloatArray]]:
+    """Friction, gravity with the offset, ripple and inertia (n,) of each pass, those that the regression has.
+
+    The offset is the pair's own: what is alike in both directions.
+    """
     shared = {name: value for name, (value, _) in found.shared.items()}
-    q, speed = each.position, np.abs(each.velocity)
-    sliding = _level(pair, found, each.direction) + shared["slope"] * (speed - speed.mean())
-    gravity = shared["offset"] + shared.get("gravity.cos", 0.0) * np.cos(q) + shared.get("gravity.sin", 0.0) * np.sin(q)
-    parts = {"friction": each.direction * sliding, "gravity": gravity}
-    if "ripple.1c" in shared:
-        parts["ripple"] = _ripple(q, shared, found.turn)
-    parts["inertia"] = shared["inertia"] * each.acceleration
-    return parts
+    each_has = []
+    for each in pair:
+        q, speed = each.position, np.abs(each.velocity)
+        sliding = _level(pair, found, each.direction) + shared.get("slope", 0.0) * (speed - speed.mean())
+        gravity = shared.get("gravity.cos", 0.0) * np.cos(q) + shared.get("gravity.sin", 0.0) * np.sin(q)
+        parts = {"friction": each.direction * sliding, OFFSET: gravity}
+        if "ripple.1c" in shared:
+            parts["ripple"] = _ripple(q, shared, found.turn)
+        each_has.append(parts | {"inertia": shared.get("inertia", 0.0) * each.acceleration})
+    left = [each.torque - np.sum(list(parts.values()), axis=0) for each, parts in zip(pair, each_has, strict=True)]
+    offset = float(np.mean([one.mean() for one in left]))
+    return [parts | {OFFSET: parts[OFFSET] + offset} for parts in each_has]
 
 
 def _level(pair: Sequence[Pass], found: PassLevels, direction: float) -> float:

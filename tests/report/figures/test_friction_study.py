@@ -83,7 +83,7 @@ def test_the_parts_of_a_pass_explain_its_torque() -> None:
     whole, parts, left = figure.axes
     assert np.std(left.get_lines()[0].get_ydata()) == pytest.approx(study.NOISE, rel=0.1)
     there = lines_of(parts)
-    assert set(there) == {"friction", "gravity", "ripple", "inertia"}
+    assert set(there) == {"friction", "gravity and offset", "ripple", "inertia"}
     assert np.abs(there["friction"].get_ydata()) == pytest.approx(study.F_C + study.VISCOUS * study.SPEED, rel=0.01)
     assert np.ptp(there["ripple"].get_ydata()) == pytest.approx(2 * study.RIPPLE, rel=0.01)
     assert whole.get_lines()[0].get_xdata()[0] == pytest.approx(np.degrees(passes_of(study.example())[0].position[0]))
