@@ -14,7 +14,7 @@ parameter identification techniques for ODE, 1983.) The last term is what passes
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as ca
 import numpy as np
@@ -27,15 +27,16 @@ from elastid.friction_fit.lugre_prior import Prior
 from elastid.simulation.elastic_joint import FRICTION, STATES, ElasticJoint
 
 INTERVAL = 20
-MAX_ITERATIONS = 60
+# Of each search, and of the best of them.
+FIRST_ITERATIONS, MAX_ITERATIONS = 8, 60
 # Residuals over what the noise explains, above which a search begins again elsewhere, and above which no law explains
 # the log.
 GOOD_EXCESS, MAX_EXCESS = 1.25, 2.0
 # Stiffnesses of the bristles from which searches begin, over the given one.
 BRISTLE_STARTS = (1.0, 2.0, 0.5)
 MAX_DAMPING = 1e8
-# An iteration that lowers the cost by less has converged.
-MIN_PROGRESS = 1e-7
+# A step that changes the cost by less has converged: of 8000 samples that is a quarter of a standard deviation.
+MIN_PROGRESS = 1e-5
 # Rounding and integration error of a gap, as a share of the angle's std, and of what bristles bend.
 GAP_FLOOR = 0.05
 BRISTLE_FLOOR = 1e-3
@@ -92,45 +93,62 @@ def fit_lugre(
     problem = _Problem.of(log, joint.step(log.rate_hz, substeps, exponent), begin, known)
     first = np.log([begin[name] for name in FRICTION])
     dof = len(log.angle) - len(FRICTION)
-    best: tuple[float, FloatArray, _System, int] | None = None
+    searches: list[_Search] = []
     for factor in BRISTLE_STARTS:
-        p, system, iterations = _descend(problem, first + np.log(factor) * np.eye(len(FRICTION))[0])
-        if best is None or system.cost < best[0]:
-            best = system.cost, p, system, iterations
-        if best[0] < GOOD_EXCESS * dof:
+        p = first + np.log(factor) * np.eye(len(FRICTION))[0]
+        searches.append(_descend(problem, _Search.at(problem, p), FIRST_ITERATIONS))
+        if searches[-1].system.cost < GOOD_EXCESS * dof:
             break
-    assert best is not None
-    cost, p, system, iterations = best
+    best = _descend(problem, min(searches, key=lambda search: search.system.cost), MAX_ITERATIONS)
+    cost = best.system.cost
     if not cost < MAX_EXCESS * dof:
         raise FitError(
             f"friction of {log.place}: the best LuGre law leaves {cost / dof:.2g} times what the noise explains; start "
             "nearer (passes give the static numbers), check inertia and stiffness of the joint and the stds of torque "
             "and angle, or take Maxwell slip"
         )
-    covariance = system.covariance() * max(1.0, cost / dof)
-    return LuGreFit(dict(zip(FRICTION, np.exp(p).tolist(), strict=True)), covariance, cost, dof, iterations)
+    covariance = best.system.covariance() * max(1.0, cost / dof)
+    return LuGreFit(dict(zip(FRICTION, np.exp(best.p).tolist(), strict=True)), covariance, cost, dof, best.iterations)
 
 
-def _descend(problem: _Problem, p: FloatArray) -> tuple[FloatArray, _System, int]:
-    """The end of a search from ln p, its normal equations, and the number of iterations."""
-    X, damping = problem.first_states(), 1e-3
-    system = problem.at(p, X)
-    for iteration in range(1, MAX_ITERATIONS + 1):
+@dataclass(frozen=True)
+class _Search:
+    """Where a search is: ln p (6,), states (K, 5), its normal equations and damping, and whether it has ended."""
+
+    p: FloatArray
+    X: FloatArray
+    system: _System
+    damping: float = 1e-3
+    iterations: int = 0
+    has_ended: bool = False
+
+    @classmethod
+    def at(cls, problem: _Problem, p: FloatArray) -> _Search:
+        """Its beginning at ln p."""
+        X = problem.first_states()
+        return cls(p, X, problem.at(p, X))
+
+    def next(self, problem: _Problem) -> _Search:
+        """After one step, as long as the problem allows; damped less only where the first length was right."""
+        damping, cost = self.damping, self.system.cost
         while True:
-            dp, dX = system.step(damping)
-            dp = np.clip(dp, -1.0, 1.0)
-            tried = problem.at(p + dp, X + dX)
-            if tried.cost < system.cost or damping > MAX_DAMPING:
+            dp, dX = self.system.step(damping)
+            p, X = self.p + np.clip(dp, -1.0, 1.0), self.X + dX
+            system = problem.at(p, X)
+            if system.cost < (1 + MIN_PROGRESS) * cost or damping > MAX_DAMPING:
                 break
             damping *= 10
-        progress = system.cost - tried.cost
-        if progress <= 0:
-            return p, system, iteration
-        p, X, damping = p + dp, X + dX, max(damping / 10, 1e-9)
-        if progress < MIN_PROGRESS * system.cost:
-            return p, tried, iteration
-        system = tried
-    return p, system, MAX_ITERATIONS
+        if system.cost >= cost:
+            return replace(self, has_ended=True)
+        damping = max(damping / 10, 1e-9) if damping == self.damping else damping
+        return _Search(p, X, system, damping, self.iterations + 1, cost - system.cost < MIN_PROGRESS * cost)
+
+
+def _descend(problem: _Problem, search: _Search, iterations: int) -> _Search:
+    """The search when it has ended, or has made so many iterations."""
+    while not search.has_ended and search.iterations < iterations:
+        search = search.next(problem)
+    return search
 
 
 @dataclass(frozen=True)

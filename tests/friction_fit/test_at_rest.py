@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import casadi as ca
 import numpy as np
 import pytest
+from plants.lugre_joint import COUNT, JOINT, RATE, TRUTH, angle
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
@@ -17,14 +17,8 @@ from elastid.friction.law import Curve
 from elastid.friction_fit.at_rest import AtRest, fit_at_rest
 from elastid.friction_fit.rest_response import rest_responses
 from elastid.friction_record import FrictionRecord
-from elastid.simulation.elastic_joint import FRICTION, ElasticJoint
 
-JOINT = ElasticJoint(0.01, 0.02, 800.0, 0.3)
-TRUTH = {
-    "sigma_0": 300.0, "sigma_1": 0.5, "coulomb": 1.0, "stiction": 1.5, "stribeck_velocity": 8.0, "viscous": 5e-3,
-}  # fmt: skip
-RATE, PERIOD, LINES = 1000.0, 2000, np.arange(10, 161)
-COUNT = 2 * np.pi / 2**16
+PERIOD, LINES = 2000, np.arange(10, 161)
 
 
 def multisine(peak: float, rng: np.random.Generator) -> FloatArray:
@@ -35,17 +29,11 @@ def multisine(peak: float, rng: np.random.Generator) -> FloatArray:
     return np.asarray(u * peak / np.abs(u).max())
 
 
-@lru_cache(maxsize=2)
-def walk(n: int) -> ca.Function:
-    return JOINT.step(RATE, 2).mapaccum("walk", n)
-
-
 def record(name: str, peak: float, seed: int, noise: float, count: float, periods: int = 6) -> FrictionRecord:
     """From rest, torque held from sample to sample, with noise that is not logged."""
     rng = np.random.default_rng(seed)
     u = np.tile(multisine(peak, rng), periods)
-    p = np.tile(np.array([TRUTH[key] for key in FRICTION])[:, None], len(u))
-    q = walk(len(u))(np.zeros(5), p, (u + noise * rng.standard_normal(len(u)))[None]).full()[0]
+    q = angle(u + noise * rng.standard_normal(len(u)), 2)
     q = np.append(0.0, q[:-1])
     return FrictionRecord(
         name, "1", "at_rest", RATE, np.round(q / count) * count if count else q, u, resolution=count,

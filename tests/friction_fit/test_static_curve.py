@@ -6,26 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.published_friction import drawn, published_levels
+from plants.published_friction import TERMS, drawn, published_levels
 
 from elastid.base.errors import FitError
 from elastid.friction_fit.static_curve import Terms, derivative, fit_curve
 
-WHOLE = Terms(
-    (
-        "coulomb", "excess", "viscous", "load.coulomb", "load.excess", "temperature.stiction", "temperature.viscous",
-        "directions.coulomb", "directions.viscous", "quadratic",
-    ),
-    ("stribeck_velocity", "temperature.stribeck_velocity", "exponent", "load.stribeck_velocity", "temperature.decay"),
-    {},
-)  # fmt: skip
-PUBLISHED = replace(WHOLE, linear=WHOLE.linear[:7])
+WHOLE = replace(TERMS, linear=(*TERMS.linear, "directions.coulomb", "directions.viscous", "quadratic"))
 
 
 def test_the_published_surface_is_refitted_from_every_start() -> None:
     """240 exact levels, 12 numbers: exact to rounding, wherever the search begins."""
     levels = published_levels()
-    fit = fit_curve(levels, PUBLISHED)
+    fit = fit_curve(levels, TERMS)
     assert fit.hits == fit.starts >= 6
     np.testing.assert_allclose(fit.torque(levels.conditions), levels.torque, rtol=1e-8)
     assert fit.values["exponent"] == pytest.approx(1.36, rel=1e-7)
@@ -52,9 +44,9 @@ def test_derivatives_are_those_of_differences(shared: bool) -> None:
 def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth() -> None:
     """60 data sets: scatter over stated std 0.8 to 1.25 for each of 12 numbers, 720 intervals at 95 %."""
     levels = published_levels()
-    truth = fit_curve(levels, PUBLISHED)
+    truth = fit_curve(levels, TERMS)
     exact = np.array([truth.values[name] for name in truth.names])
-    fits = [fit_curve(drawn(levels, seed), PUBLISHED) for seed in range(60)]
+    fits = [fit_curve(drawn(levels, seed), TERMS) for seed in range(60)]
     error = np.array([[fit.values[name] for name in truth.names] for fit in fits]) - exact
     stated = np.array([np.sqrt(np.diag(fit.covariance)) for fit in fits])
     ratio = error.std(axis=0) / stated.mean(axis=0)
