@@ -17,7 +17,8 @@ from elastid.friction_record import FrictionRecord
 # A plateau is steady behind this filter, which is about as long as the shortest one.
 STEADY_HZ = 15.0
 # One in which the joint sticks and slips is steady only behind this one.
-STICK_SLIP_HZ = 1.0
+STICK_SLIP_HZ = 0.3
+FILTER_ORDER = 4
 # Of the speed that a log is of: plateaus at others are none of its passes.
 OTHER_SPEED = 0.2
 # Seconds beside a pair that the derivatives of its ends need.
@@ -68,7 +69,7 @@ def _plateaus(record: FrictionRecord, passband_hz: float) -> tuple[Plateau, ...]
 
 
 def _smooth(record: FrictionRecord, passband_hz: float) -> tuple[FloatArray, FloatArray]:
-    sos = butter(2, min(passband_hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
+    sos = butter(FILTER_ORDER, min(passband_hz, 0.45 * record.rate_hz), fs=record.rate_hz, output="sos")
     velocity = np.gradient(sosfiltfilt(sos, record.position), 1 / record.rate_hz)
     return velocity, np.gradient(velocity, 1 / record.rate_hz)
 

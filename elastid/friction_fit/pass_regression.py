@@ -111,16 +111,23 @@ class PassRegression:
         inverse = (Vt[good].T / s[good]) @ U[:, good].T
         values = inverse @ self.y
         left = self.y - B @ values
-        autocovariance = self._autocovariance(left)
-        meat = np.zeros((B.shape[1], B.shape[1]))
-        for own, step in self._passes():
-            # A pass has columns of its own pair and the shared ones alone.
-            used = np.flatnonzero(np.any(B[own], axis=0))
-            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance[::step])
         bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
         spare = len(self.y) / max(1, len(self.y) - B.shape[1])
-        covariance = spare * bread @ meat @ bread / np.outer(size, size)
-        return values / size, covariance, left
+        autocovariance = self._autocovariance(left)
+        covariance = bread @ self._meat(B, autocovariance) @ bread
+        if np.any(np.diag(covariance) < 0):
+            # Cut off where it is still large, an autocovariance is none; tapered to zero it is.
+            tapered = autocovariance * (1 - np.arange(len(autocovariance)) / len(autocovariance))
+            covariance = bread @ self._meat(B, tapered) @ bread
+        return values / size, spare * covariance / np.outer(size, size), left
+
+    def _meat(self, B: FloatArray, autocovariance: FloatArray) -> FloatArray:
+        """B^T Gamma B of all passes: each has columns of its own pair and the shared ones alone."""
+        meat = np.zeros((B.shape[1], B.shape[1]))
+        for own, step in self._passes():
+            used = np.flatnonzero(np.any(B[own], axis=0))
+            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance[::step])
+        return meat
 
     def _passes(self) -> list[tuple[slice, int]]:
         """Samples of each pass, and which part of the log's samples they are."""

@@ -21,6 +21,8 @@ from elastid.robot import Joint, Robot
 SMALLEST_RATIO = 10.0
 # Stds by which an inertia differs from the robot's before it counts.
 CERTAIN_STDS = 3.0
+# By so much an inertia may miss a power of the ratio.
+CLOSE_FACTOR = 4.0
 # Of the largest torque of gravity at a joint, below which a change with its angle is rounding.
 ROUNDING = 1e-9
 # Angles at which gravity is compared: no two of them alike, whatever its phase.
@@ -32,16 +34,19 @@ def check_sides(
 ) -> None:
     """DataError where a measured inertia (kg m^2, of a slide kg) is wrong by as much as the ratio of the gear.
 
-    It counts where it is known, and farther from the robot's than the root of the ratio.
+    It counts where it is known, and close to a power of the ratio times the robot's.
     """
     if joint.motor is None or abs(joint.motor.ratio) < SMALLEST_RATIO:
         return
     ratio, known = abs(joint.motor.ratio), joint_inertia(robot, joint, posture)
     wrong = inertia / known if known > 0 else 1.0
-    if abs(inertia - known) < CERTAIN_STDS * std or wrong <= 0 or abs(math.log(wrong)) < math.log(ratio) / 2:
+    if abs(inertia - known) < CERTAIN_STDS * std or wrong <= 0:
+        return
+    power = round(math.log(wrong) / math.log(ratio))
+    if power == 0 or abs(math.log(wrong) - power * math.log(ratio)) > math.log(CLOSE_FACTOR):
         return
     unit = "kg" if joint.slides else "kg*m^2"
-    many = "torque and angle are" if abs(math.log(wrong)) > 1.5 * math.log(ratio) else "either torque or angle is"
+    many = "torque and angle are" if abs(power) > 1 else "either torque or angle is"
     advice = (
         f"{many} of the motor: give the channel side: motor"
         if wrong < 1

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
@@ -14,7 +15,6 @@ from elastid.friction_fit.detection import detect_passes, lone_plateaus
 from elastid.friction_fit.pass_levels import find_levels
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_record import FrictionRecord
-from tests.plants.friction_logs import COULOMB, RATE, RATIO, VISCOUS, sliding_torque, trapezoids
 
 SPEEDS = (0.02, 0.05, 0.2, 0.5, 1.0)
 

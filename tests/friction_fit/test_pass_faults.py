@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants.friction_logs import INERTIA, RATIO, ROBOT
 
 from elastid.base.errors import DataError
 from elastid.friction_fit.loop_counts import check_counts
@@ -17,7 +18,6 @@ from elastid.friction_fit.pass_levels import PassLevels, find_levels
 from elastid.friction_fit.pass_regression import Pass
 from elastid.friction_fit.plausibility import check_sides, joint_inertia
 from elastid.friction_record import FrictionRecord
-from tests.plants.friction_logs import INERTIA, RATIO, ROBOT
 
 RATE, N = 200.0, 400
 

@@ -7,12 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from elastid.base.errors import DataError
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec
-from elastid.friction_record import FrictionRecord
-from elastid.recorded.friction_logs import read_friction_logs
-from tests.plants.friction_logs import (
+from plants.friction_logs import (
     CHANNELS,
     RATE,
     ROBOT,
@@ -22,6 +17,11 @@ from tests.plants.friction_logs import (
     trapezoids,
     write_log,
 )
+
+from elastid.base.errors import DataError
+from elastid.experiment.specs.recorded import ChannelSpec, FileSpec
+from elastid.friction_record import FrictionRecord
+from elastid.recorded.friction_logs import read_friction_logs
 
 Q = trapezoids([0.2, 0.5])
 U = sliding_torque(Q)

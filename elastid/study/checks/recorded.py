@@ -97,7 +97,7 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
     seen: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
         here: KeyPath = (*path, "channels", i)
-        if channel.role != "y" and channel.at not in motors:
+        if channel.role in ("r", "u") and channel.at not in motors:
             yield unknown((*here, "at"), "motor" if study.robot else "input", channel.at, motors)
         else:
             yield from check_place((*here, "at"), channel.at, places)
