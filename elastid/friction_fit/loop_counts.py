@@ -19,7 +19,7 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
     """A note on loops of fewer than three counts; DataError where most are."""
     if record.resolution <= 0:
         return ()
-    amplitudes = _amplitudes(record.position, record.torque)
+    amplitudes = _amplitudes(record)
     counts = amplitudes / record.resolution
     small = int(np.sum(counts < MIN_COUNTS))
     if not small:
@@ -37,8 +37,14 @@ def check_counts(record: FrictionRecord) -> tuple[Note, ...]:
     return (Note("small-loops", f"{said}: they tell little of the stiffest elements", where, "information"),)
 
 
-def _amplitudes(position: FloatArray, torque: FloatArray) -> FloatArray:
-    """Travel between one change of the torque's sign and the next: from the middle of a loop to its end."""
-    changes = np.flatnonzero(np.diff(np.sign(torque - torque.mean())) != 0) + 1
-    halves = [part for part in np.split(position, changes) if len(part) > 1]
+def _amplitudes(record: FrictionRecord) -> FloatArray:
+    """Travel of each half loop: by its period where it has one, else from one change of the torque's sign to the next.
+
+    Noise changes the sign of a small torque too, which a period is free of.
+    """
+    if record.period_samples is not None:
+        ends = np.arange(0, len(record.position), record.period_samples / 2)[1:].astype(int)
+    else:
+        ends = np.flatnonzero(np.diff(np.sign(record.torque - record.torque.mean())) != 0) + 1
+    halves = [part for part in np.split(record.position, ends) if len(part) > 1]
     return np.array([np.ptp(part) for part in halves])
