@@ -10,13 +10,15 @@ from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
+from elastid.export.observer import Observer, write_observers
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
 from elastid.fit.fitted_model import FittedModel, models_by_group
 from elastid.store import read_fit, read_friction, read_responses, text_file
+from elastid.store.filter import read_filter
 from elastid.store.friction_study import read_friction_result
 
-# The target that is no other tool's but elastid's own.
-ROBOT = "robot"
+# The targets that are no other tool's: elastid's own, and the filter of a study of friction.
+ROBOT, OBSERVER = "robot", "observer"
 
 
 def export(run: Run, target: str) -> tuple[Path, ...]:
@@ -26,6 +28,8 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
     """
     if run.study.friction is not None:
         return _export_friction(run, target)
+    if target == OBSERVER:
+        raise StudyError(f"study {run.study.name} identifies no friction, and an observer follows friction")
     if run.study.robot is None or target not in (*TARGETS, ROBOT):
         return _export_responses(run, target)
     run.require("validate")  # reads what an export reads
@@ -50,16 +54,30 @@ def _write_robot(run: Run, folder: Path, model: FittedModel) -> tuple[Path, ...]
 
 def _export_friction(run: Run, target: str) -> tuple[Path, ...]:
     """The robot with the identified law; other tools take the fitted model of a study of elasticity."""
+    if target == OBSERVER:
+        return _export_observers(run)
     if target != ROBOT:
         raise StudyError(
             f"study {run.study.name} identifies friction, and {target} takes a fitted elastic model: export to robot, "
-            "and take that file as the robot of an elastic study"
+            "and take that file as the robot of an elastic study, or to observer, which follows friction"
         )
     run.require_result("friction")
     folder = run.folder / "export" / ROBOT
     shutil.rmtree(folder, ignore_errors=True)
     result = read_friction_result(run.path("friction"))
     return _said(run, (_written(folder, robot_of_friction(run.study, result)),))
+
+
+def _export_observers(run: Run) -> tuple[Path, ...]:
+    """The filter of each joint that was followed, as C."""
+    if "follow" not in run.stages:
+        run.require_stage("follow")
+    run.require_result("follow")
+    folder = run.folder / "export" / OBSERVER
+    shutil.rmtree(folder, ignore_errors=True)
+    found = read_filter(run.path("follow"))
+    observers = {each.joint: Observer(each.filtered, each.noise, each.rate_hz) for each in found}
+    return _said(run, write_observers(folder, observers))
 
 
 def _written(folder: Path, text: str) -> Path:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from elastid import __version__
-from elastid.app.stage_table import Stage, function_of, stages_of
+from elastid.app.stage_table import Stage, function_of, stages_of_study
 from elastid.store import Stamp
 from elastid.study import LoadedStudy
 
@@ -20,7 +20,7 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
     """For each stage the stamp that its result must carry to be the result that the study asks for."""
     study, code = loaded.study, code_hash()
     sections, inputs = asdict(study), dict[str, str]()
-    stages = stages_of(study.kind)
+    stages = stages_of_study(study)
     for name, stage in stages.items():
         document: list[Any] = [name, [_read(sections, key) for key in stage.sections]]
         document += [inputs[before] for before in upstream(stages, stage) if stage.of_reads]

@@ -15,7 +15,7 @@ from pathlib import Path
 from elastid import __version__
 from elastid.app.console import Console
 from elastid.app.provenance import file_hash, stamps, upstream
-from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of
+from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
 from elastid.store import Checkpoint, Stamp, read_stamp, remove_leftovers
@@ -44,7 +44,7 @@ class Run:
     @cached_property
     def stages(self) -> dict[str, Stage]:
         """The stages that this study has, in order."""
-        return stages_of(self.study.kind)
+        return stages_of_study(self.study)
 
     def path(self, stage: str) -> Path:
         """The file in which a stage leaves its result."""
@@ -94,6 +94,11 @@ class Run:
             raise StudyError(
                 f"{self.loaded.path}: the study identifies {kind}, which has no stage `{name}`; its stages are "
                 f"{', '.join(self.stages)}"
+            )
+        if needed := stages_of(of_kind)[name].needs:
+            raise StudyError(
+                f"{self.loaded.path}: `{name}` needs the section `{needed}` of the study; give {needed}: {{}}, all of "
+                "its keys have defaults"
             )
 
     def require(self, stage: str) -> None:

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from elastid.study import Study
 
 # Keys of `experiment` that say from where its data come: the kinds of study with a robot.
 SIMULATED, RECORDED, RESPONSES = "simulated", "recorded", "responses"
@@ -30,9 +33,10 @@ class Stage:
     help: one line for the command of its name.  sections: of the study, or single keys of one, that it reads; those
     that an earlier stage has read come with its result.  reads: the stages whose results it reads, where a study has
     them.  leaves: the first file carries the stamp, the second is what programs read.  function, further, conclude:
-    "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON: whatever else the result depends on,
-    with the hashes of the stages before.  of_reads: whether it depends on all that the stages depend on whose results
-    it reads.  conclude(run): shows the result at the end of a run, and raises FitError where it cannot be trusted.
+    "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON: whatever else the result depends on, with
+    the hashes of the stages before.  of_reads: whether it depends on all that the stages depend on whose results it
+    reads.  needs: a section without which a study has not this stage.  conclude(run): shows the result at the end of a
+    run, and raises FitError where it cannot be trusted.
     """
 
     name: str
@@ -44,6 +48,7 @@ class Stage:
     function: str
     further: str = ""
     of_reads: bool = True
+    needs: str = ""
     conclude: str = ""
 
 
@@ -185,11 +190,21 @@ STAGES = (
         conclude="friction_law:conclude",
     ),
     Stage(
+        name="follow",
+        help="Follow friction over the motions with a Kalman filter: filter.h5.",
+        kinds=(FRICTION, FRICTION_RECORDED),
+        sections=("robot", "filter"),
+        reads=("measure", "friction"),
+        leaves=("filter.h5",),
+        function="friction_follow:follow_friction",
+        needs="filter",
+    ),
+    Stage(
         name="report",
         help="Write the page and the figures: report.html and figures/.",
         kinds=(FRICTION, FRICTION_RECORDED),
         sections=("name", "report"),
-        reads=("friction",),
+        reads=("friction", "follow"),
         leaves=("report.html", "figures"),
         function="friction_report:report",
         further="report:study_text",
@@ -200,6 +215,12 @@ STAGES = (
 def stages_of(kind: str) -> dict[str, Stage]:
     """The stages of a kind of study by name, in order."""
     return {stage.name: stage for stage in STAGES if kind in stage.kinds}
+
+
+def stages_of_study(study: Study) -> dict[str, Stage]:
+    """The stages of a study by name, in order: those of its kind, without those that need a section it has not."""
+    found = stages_of(study.kind).items()
+    return {name: stage for name, stage in found if not stage.needs or getattr(study, stage.needs) is not None}
 
 
 def all_names() -> tuple[str, ...]:

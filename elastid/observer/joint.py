@@ -12,16 +12,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import casadi as ca
 
 from elastid.friction.dynamic import Bristle
 from elastid.friction.law import Curve
+from elastid.observer.spec import Followed
 from elastid.simulation.dynamics import runge_kutta_step
-
-# What may be followed: Coulomb friction, viscous friction, of each direction, and the slow error of the torque.
-Followed: TypeAlias = Literal["Fc", "f", "f+", "f-", "offset"]
 
 
 @dataclass(frozen=True)

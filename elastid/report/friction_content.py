@@ -9,6 +9,7 @@ from elastid.base.note import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_fit.law_choice import Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
+from elastid.observer.follow import FollowedFriction
 from elastid.report.numbers import digits, number
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
@@ -40,7 +41,7 @@ class Refusal:
 class FrictionContent:
     """What a friction study found, its text and its provenance; the page has no date and is reproducible.
 
-    plan: of the passes, where they were planned here.
+    plan: of the passes, where they were planned here.  filters: of the joints that were followed.
     """
 
     title: str
@@ -48,12 +49,14 @@ class FrictionContent:
     study_text: str
     provenance: Mapping[str, str]
     plan: FrictionPlan | None = None
+    filters: tuple[FollowedFriction, ...] = ()
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:
         """Of the study and of every joint; the same from many places once, with a count."""
         of_joints = (note for joint in self.result.joints for note in joint.notes)
-        return grouped((*self.result.notes, *of_joints))
+        of_filters = (note for found in self.filters for note in found.notes)
+        return grouped((*self.result.notes, *of_joints, *of_filters))
 
     @property
     def answers(self) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from elastid.fit.spec import FitSpec
 from elastid.frf.spec import EstimatorSpec
 from elastid.friction_fit.spec import FrictionSpec
 from elastid.model.spec import ModelSpec
+from elastid.observer.spec import FilterSpec
 from elastid.report.spec import ReportSpec
 from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
@@ -38,6 +39,7 @@ class Study:
     estimator: from records to frequency responses.  model: the equations that the fit uses.  fit: parameters, weights
     and search.  validation: data that judge the model.  compare: models of `elastid compare`.  report: its figures.
     friction: of joints is identified, from passes and loops, in the place of elasticity from responses.
+    filter: follows friction over the motions of a study of friction.
     """
 
     name: str
@@ -53,6 +55,7 @@ class Study:
     compare: CompareSpec = CompareSpec()
     report: ReportSpec = ReportSpec()
     friction: FrictionSpec | None = None
+    filter: FilterSpec | None = None
 
     def __post_init__(self) -> None:
         """Refuse what random generators and folders refuse."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from elastid.app.run import Run
 from elastid.report.friction_content import FrictionContent
 from elastid.report.page.page_of_friction import write_page_of_friction
+from elastid.store.filter import read_filter
 from elastid.store.friction_study import read_friction_plan, read_friction_result
 
 
@@ -17,6 +18,7 @@ def report(run: Run) -> None:
         study_text=run.loaded.text,
         provenance=stamp.shown,
         plan=read_friction_plan(run.path("design")) if "design" in run.stages else None,
+        filters=read_filter(run.path("follow")) if "follow" in run.stages else (),
     )
     page = write_page_of_friction(content, run.folder, run.study.report.formats)
     run.console.say(f"report: {page}")

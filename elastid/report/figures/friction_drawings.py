@@ -10,10 +10,12 @@ from matplotlib.figure import Figure
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.result import FrictionResult, JointFriction
 from elastid.friction_fit.warm_up import level_over_heat
+from elastid.observer.follow import FollowedFriction
 from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.friction_at_rest import friction_at_rest
 from elastid.report.figures.friction_conditions import friction_conditions
 from elastid.report.figures.friction_curve import friction_curve
+from elastid.report.figures.friction_filter import friction_filter
 from elastid.report.figures.friction_loops import friction_loops
 from elastid.report.figures.friction_motion import friction_motion
 from elastid.report.figures.friction_pass import friction_pass
@@ -23,10 +25,11 @@ from elastid.report.figures.friction_warm_up import friction_warm_up
 JOINT = "joint "
 
 
-def friction_study_drawings(result: FrictionResult) -> Iterator[Drawing]:
+def friction_study_drawings(result: FrictionResult, filters: Sequence[FollowedFriction] = ()) -> Iterator[Drawing]:
     """The figures of all joints, drawn one by one so that only one is in memory."""
     for file, joint in zip(_file_names([joint.joint for joint in result.joints]), result.joints, strict=True):
-        for name, caption, figure in _of_joint(joint):
+        followed = [each for each in filters if each.joint == joint.joint]
+        for name, caption, figure in (*_of_joint(joint), *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", figure)
 
 
@@ -52,6 +55,16 @@ def _of_joint(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
         level_of = level_over_heat(law, joint.warm_up.load)
         figure = friction_warm_up(place, joint.warm_up, joint.thermal, level_of, joint.slides)
         yield "warm-up", caption, figure
+
+
+def _of_filter(found: FollowedFriction) -> tuple[str, str, Figure]:
+    """The filter of a joint."""
+    caption = (
+        "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
+        "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
+        f"Weakest: {found.weakest.words}, known to {found.weakest.ratio:.0%} of what it was before."
+    )
+    return "filter", caption, friction_filter(found)
 
 
 def _of_records(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:

@@ -30,7 +30,8 @@ def write_page_of_friction(content: FrictionContent, folder: Path, formats: Coll
     """folder/report.html and folder/figures/* anew, with pdf among the formats folder/report.pdf; the page's path."""
     shutil.rmtree(folder / "figures", ignore_errors=True)
     front = text_pages(list(_text(content)))
-    figures = write_figures(friction_study_drawings(content.result), front, folder, formats)
+    drawings = friction_study_drawings(content.result, content.filters)
+    figures = write_figures(drawings, front, folder, formats)
     page = folder / "report.html"
     write_whole(page, html_of_friction(content, figures).encode("utf-8"))
     return page

@@ -32,6 +32,8 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     if study.friction is not None:
         yield from check_friction(study, base)
         return
+    if study.filter is not None:
+        yield Problem(("filter",), "a filter follows friction; give friction (the joints), or drop it", at_key=True)
     if study.robot is None:
         yield from check_structure(study)
         if experiment.simulated is None:

@@ -1,0 +1,190 @@
+r"""A joint's friction followed over its motions, one after the other, and the judgement of the filter.
+
+Between two motions the joint stands somewhere: angle, velocity and bristle begin anew, while what is followed goes on,
+its covariance grown by the drift of the time between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.errors import DataError
+from elastid.base.note import Note
+from elastid.observer.consistency import NIS_BAND, Consistency, Direction, consistency, unknown, weakest_direction
+from elastid.observer.joint import FollowedJoint
+from elastid.observer.kalman import Estimate, JointSamples, KalmanFilter, Track, first_estimate
+from elastid.observer.noise import FilterNoise
+from elastid.observer.noise_estimate import estimate_noise
+
+# Points of a followed number that a result keeps.
+SHOWN = 2000
+# s of the first motion from which noise is found.
+NOISE_STRETCH_S = 60.0
+# Lags of the autocorrelation.
+LAGS = 50
+
+
+@frozen_value
+class Motion:
+    """Samples of one motion that begins start_s after the first one."""
+
+    samples: JointSamples
+    start_s: float
+
+
+@frozen_value
+class FollowedFriction:
+    """What a filter knows of a joint over time_s (m,): values, low, high (m, p) of what is followed, 95 % bands.
+
+    unknown (m, p): where the motion has told nothing of a number, so that it is held.  nis (m,): mean up to each time
+    since the one before.  torque_std: of white noise, found or given.
+    """
+
+    joint: str
+    slides: bool
+    names: tuple[str, ...]
+    time_s: FloatArray
+    values: FloatArray
+    low: FloatArray
+    high: FloatArray
+    unknown: BoolArray
+    nis: FloatArray
+    consistency: Consistency
+    weakest: Direction
+    noise: FilterNoise
+    filtered: FollowedJoint
+    rate_hz: float
+    notes: tuple[Note, ...] = ()
+
+
+def follow(
+    name: str,
+    slides: bool,
+    joint: FollowedJoint,
+    motions: Sequence[Motion],
+    rate_hz: float,
+    guess: FilterNoise,
+    settle_s: float,
+    find_noise: bool,
+) -> FollowedFriction:
+    """The followed friction of a joint; find_noise: from the innovations of the first motion, else as guessed.
+
+    Raises DataError where the motions are shorter than the filter takes to settle.
+    """
+    kalman = KalmanFilter(joint, rate_hz)
+    start = first_estimate(joint, float(motions[0].samples.angle[0]), float(motions[0].samples.load[0]))
+    noise = guess
+    if find_noise:
+        noise = estimate_noise(kalman, _beginning(motions, rate_hz), guess, start, min(settle_s, 1.0))
+    tracks = _tracks(kalman, motions, noise, start)
+    whole = _joined(tracks)
+    if len(whole.innovation) / rate_hz <= settle_s + LAGS / rate_hz:
+        raise DataError(
+            f"joint {name}: its motions last {len(whole.innovation) / rate_hz:.3g} s and the filter settles in "
+            f"{settle_s:g} s; record longer, or give filter.settle"
+        )
+    judged = consistency(whole, settle_s, LAGS)
+    prior = np.sqrt(np.diag(start.P))[-len(joint.followed) :]
+    weakest = weakest_direction(whole, prior)
+    values, low, high, mean_nis, at = _shown(whole, [len(track.innovation) for track in tracks])
+    times = np.concatenate([m.start_s + np.arange(1, len(m.samples.angle) + 1) / rate_hz for m in motions])[at]
+    return FollowedFriction(
+        name, slides, joint.followed, times, values, low, high, unknown(whole, prior)[at], mean_nis, judged, weakest,
+        noise, joint, rate_hz, _notes(name, whole, judged, weakest, prior),
+    )  # fmt: skip
+
+
+def _beginning(motions: Sequence[Motion], rate_hz: float) -> JointSamples:
+    """At most NOISE_STRETCH_S of the longest motion."""
+    longest = max((motion.samples for motion in motions), key=lambda samples: len(samples.angle))
+    cut = slice(0, round(NOISE_STRETCH_S * rate_hz))
+    return JointSamples(longest.torque[cut], longest.load[cut], longest.angle[cut])
+
+
+def _tracks(kalman: KalmanFilter, motions: Sequence[Motion], noise: FilterNoise, start: Estimate) -> list[Track]:
+    """One of each motion, what is followed carried on."""
+    tracks: list[Track] = []
+    estimate, ended_s = start, motions[0].start_s
+    for motion in motions:
+        if tracks:
+            pause = max(0.0, motion.start_s - ended_s)
+            estimate = _resumed(kalman.joint, tracks[-1].last, motion, noise, pause)
+        tracks.append(kalman.run(motion.samples, noise, estimate))
+        ended_s = motion.start_s + len(motion.samples.angle) / kalman.rate_hz
+    return tracks
+
+
+def _resumed(joint: FollowedJoint, last: Estimate, motion: Motion, noise: FilterNoise, pause_s: float) -> Estimate:
+    """At rest where the motion begins, friction as it was, less certain by the drift of the pause."""
+    p = len(joint.followed)
+    begun = first_estimate(joint, float(motion.samples.angle[0]), float(motion.samples.load[0]))
+    x, P = begun.x.copy(), begun.P.copy()
+    x[-p:] = last.x[-p:]
+    drift = [noise.drift.get(name, 0.0) ** 2 * pause_s for name in joint.followed]
+    P[-p:, -p:] = last.P[-p:, -p:] + np.diag(drift)
+    return Estimate(x, P)
+
+
+def _joined(tracks: Sequence[Track]) -> Track:
+    """The tracks of all motions as one, the time between them left out."""
+    last = tracks[-1]
+    parts = {
+        name: np.concatenate([getattr(track, name) for track in tracks])
+        for name in ("x", "std", "followed_covariance", "innovation", "variance")
+    }
+    return Track(last.joint, last.rate_hz, last=last.last, **parts)
+
+
+def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, np.ndarray]:
+    """Values, low, high (m, p) at the ends of blocks, mean NIS of each block (m,), and those ends."""
+    n = len(track.innovation)
+    step = max(1, n // SHOWN)
+    ends = np.cumsum(lengths)
+    last = np.unique(np.concatenate([np.arange(step - 1, n, step), ends - 1]))
+    sums = np.concatenate([[0.0], np.cumsum(track.nis)])
+    first = np.concatenate([[0], last[:-1] + 1])
+    nis = (sums[last + 1] - sums[first]) / (last + 1 - first)
+    columns = [(track.values(name)[last], *(end[last] for end in track.band(name))) for name in track.joint.followed]
+    values, low, high = (np.stack(each, axis=1) for each in zip(*columns, strict=True))
+    return values, low, high, nis, last
+
+
+def _notes(name: str, track: Track, judged: Consistency, weakest: Direction, prior: FloatArray) -> tuple[Note, ...]:
+    """What an engineer must hear of a filter before its bands are believed."""
+    place, notes = f"joint {name}", []
+    held = [
+        of
+        for of, never in zip(track.joint.followed, np.all(unknown(track, prior), axis=0).tolist(), strict=True)
+        if never
+    ]
+    if held:
+        text = f"the motion tells nothing of {', '.join(held)}, held where it began: move both ways, at several speeds"
+        notes.append(Note("not-excited", text, place))
+    elif weakest.ratio > 0.5:
+        text = (
+            f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: reversals tell Coulomb friction "
+            "from an offset, several speeds tell it from viscous friction"
+        )
+        notes.append(Note("weakly-excited", text, place))
+    if not judged.is_white:
+        text = (
+            f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample: the torque noise is "
+            f"not white, {judged.n_eff:.3g} of {len(track.innovation)} samples are independent and the bands are too "
+            "narrow; give filter.correlation_time"
+        )
+        notes.append(Note("coloured-innovations", text, place, severity="warning"))
+    outside = [
+        f"{words} {mean:.2f}"
+        for words, mean in (("", judged.nis), ("at stops", judged.nis_at_stops))
+        if not np.isnan(mean) and not NIS_BAND[0] <= mean <= NIS_BAND[1]
+    ]
+    if outside and judged.is_white:
+        text = (
+            f"mean NIS{' and '.join(outside)}, outside {NIS_BAND[0]} to {NIS_BAND[1]}: inertia, spring or bristles of "
+            "the joint, or the noise, are other than the filter takes them for; its bands are not to be relied on"
+        )
+        notes.append(Note("inconsistent-filter", text, place, severity="warning"))
+    return tuple(notes)

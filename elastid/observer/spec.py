@@ -1,0 +1,53 @@
+"""The section `filter` of a study of friction."""
+
+from __future__ import annotations
+
+from typing import Literal, TypeAlias
+
+from elastid.base.section import section
+from elastid.base.units import JointTorque, Ratio, Time
+
+# What may be followed: Coulomb friction, viscous friction, of each direction, and the slow error of the torque.
+Followed: TypeAlias = Literal["Fc", "f", "f+", "f-", "offset"]
+
+
+@section
+class FilterSpec:
+    """A Kalman filter that follows friction over the motions of a joint, from motor angle and torque alone.
+
+    states: what is followed: Fc (Coulomb friction), f (viscous friction) or f+ and f- (of each direction), offset (slow
+    error of the torque, as of gravity).  drift: by how much a number is expected to change within drift_time, relative.
+    drift_time: that time.  correlation_time: of the torque noise that is no white noise, 0 for none; ripple and cables
+    need it.  torque_std: of the torque noise of a sample (default: from the innovations of the first minute).
+    settle: time that a filter takes before it is judged.
+    """
+
+    states: tuple[Followed, ...] = ("Fc", "f", "offset")
+    drift: Ratio = 0.2
+    drift_time: Time = 1200.0
+    correlation_time: Time = 0.0
+    torque_std: JointTorque | None = None
+    settle: Time = 10.0
+
+    def __post_init__(self) -> None:
+        """Refuse nothing to follow, a number followed twice, and times that run backwards."""
+        if not self.states:
+            raise ValueError("states is empty; follow at least one of Fc, f, f+, f-, offset")
+        twice = sorted({name for name in self.states if self.states.count(name) > 1})
+        if twice:
+            raise ValueError(f"states: {twice[0]} is given twice; leave one out")
+        if "f" in self.states and {"f+", "f-"} & set(self.states):
+            raise ValueError("states: f is viscous friction of both directions; give f, or f+ and f-, not both")
+        if not (self.drift > 0 and self.drift_time > 0) or min(self.correlation_time, self.settle) < 0:
+            raise ValueError(
+                f"drift is {self.drift:g}, drift_time {self.drift_time:g} s, correlation_time "
+                f"{self.correlation_time:g} s and settle {self.settle:g} s; the first two must be positive, the others "
+                "not negative"
+            )
+        if self.torque_std is not None and not self.torque_std > 0:
+            raise ValueError(f"torque_std is {self.torque_std:g}; it must be positive (default: from the innovations)")
+
+    @property
+    def drift_rates(self) -> dict[str, float]:
+        """Of each followed logarithm, in a root second; of the offset in parts of F_c."""
+        return dict.fromkeys(self.states, self.drift / self.drift_time**0.5)
