@@ -23,6 +23,8 @@ from elastid.simulation.held_joint import held_joint
 
 # Deflection at which bristles slip where no loop has told it: counts of the encoder, or a part of the path.
 BEND_COUNTS, BEND_PART = 20, 1e-4
+# Of the path: steps of a position below are rounding.
+LEAST_COUNT = 1e-7
 # Torque noise of a sample where levels or motion have told none, a part of F_c.
 NOISE_PART = 0.05
 
@@ -50,8 +52,7 @@ def followable(robot: Robot, found: JointFriction, records: Sequence[FrictionRec
     ratio = 1.0 if of_motor is None else of_motor.ratio
     joint = _joint(robot, found, records, spec, law, found.viscous * ratio**2)
     motions = tuple(_motion(record, _gravity(found), records[0].start_s) for record in records)
-    counts = [record.resolution for record in records if record.resolution > 0]
-    angle = (max(counts) if counts else joint.coulomb / joint.bristle_stiffness / BEND_COUNTS) / np.sqrt(12)
+    angle = max(_count(record) for record in records) / np.sqrt(12)
     drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}
     torque = spec.torque_std or NOISE_PART * joint.coulomb
     correlated = torque if spec.correlation_time > 0 else 0.0
@@ -89,6 +90,15 @@ def _joint(
         elastic.motor_inertia, link_inertia=elastic.link_inertia, stiffness=elastic.stiffness, damping=elastic.damping,
         followed=spec.states, **known,
     )  # fmt: skip
+
+
+def _count(record: FrictionRecord) -> float:
+    """The step of the position, or the smallest difference of two of its values; of a log without steps a tiny part."""
+    if record.resolution > 0:
+        return record.resolution
+    gaps = np.diff(np.unique(record.position))
+    least = LEAST_COUNT * float(np.ptp(record.position))
+    return max(least, float(np.min(gaps, initial=np.inf, where=gaps > least)) if np.any(gaps > least) else least)
 
 
 def _bend(records: Sequence[FrictionRecord]) -> float:

@@ -27,7 +27,7 @@ def friction_filter(found: FollowedFriction) -> Figure:
     rows = len(found.names) + 2
     ratios = (*(1.3 for _ in found.names), 0.9, 1.0)
     figure, panels = style.panels(
-        rows, 1, (style.WIDE, 1.5 * rows), (0.8, 0.25, 0.85, 0.55), (0.0, 0.32), height_ratios=ratios
+        rows, 1, (style.WIDE, 1.6 * rows), (0.8, 0.25, 0.85, 0.55), (0.0, 0.42), height_ratios=ratios
     )
     is_short = float(found.time_s[-1]) <= SHORT
     time, unit = (found.time_s, "s") if is_short else (found.time_s / MINUTE, "min")
