@@ -49,7 +49,7 @@ class WarmRun:
     velocity: FloatArray
 
 
-def simulate(reference: FloatArray, seed: int, offset: float = 0.1, joint: ElasticJoint = JOINT) -> WarmRun:
+def simulate(reference: FloatArray, seed: int, offset: float = 0.1, stiction_ratio: float = STICTION_RATIO) -> WarmRun:
     """A motor that follows a velocity (n,), rad/s; friction falls while it warms up, gravity is off by `offset`."""
     n = len(reference)
     rng = np.random.default_rng(seed)
@@ -57,7 +57,7 @@ def simulate(reference: FloatArray, seed: int, offset: float = 0.1, joint: Elast
     warmth = 1 - np.exp(-time / 20)
     coulomb, viscous = COULOMB * (1 - 0.15 * warmth), VISCOUS * (1 - 0.5 * warmth)
     noise = TORQUE_STD * rng.standard_normal(n)
-    run = _loop(joint, n)(
+    run = _loop(stiction_ratio, n)(
         np.zeros(6), reference[None, :], np.cumsum(reference)[None, :] / RATE_HZ, coulomb[None, :], viscous[None, :],
         noise[None, :], np.full((1, n), offset),
     )  # fmt: skip
@@ -79,9 +79,9 @@ def rich(seconds: float) -> FloatArray:
     return 30 * np.sin(2 * np.pi * 0.7 * t) + 20 * np.sin(2 * np.pi * 0.23 * t + 1) + 8 * np.sin(2 * np.pi * 2.1 * t)
 
 
-def _loop(joint: ElasticJoint, n: int) -> ca.Function:
+def _loop(stiction_ratio: float, n: int) -> ca.Function:
     """(x (5 + integral,), velocity, position, F_c, f, noise, offset) -> states, logged torque, friction."""
-    step = _step(joint)
+    step = _step(stiction_ratio)
     x = ca.SX.sym("x", 6)
     v_r, q_r, F_c, f, noise, offset = (ca.SX.sym(name) for name in ("v_r", "q_r", "F_c", "f", "noise", "offset"))
     error = v_r + K_P * (q_r - x[0]) - x[1]
@@ -92,15 +92,15 @@ def _loop(joint: ElasticJoint, n: int) -> ca.Function:
     return one.mapaccum("loop", n, 1)
 
 
-def _step(joint: ElasticJoint) -> ca.Function:
+def _step(stiction_ratio: float) -> ca.Function:
     """One sample with a load torque at the link, in four Runge-Kutta steps; the friction torque at its end."""
     x, u, F_c, f, offset = ca.SX.sym("x", 5), ca.SX.sym("u"), ca.SX.sym("F_c"), ca.SX.sym("f"), ca.SX.sym("offset")
-    law, curve = Bristle(SIGMA_0, SIGMA_1), Curve(F_c, STICTION_RATIO * F_c, 1 / STRIBECK_VELOCITY)
+    law, curve = Bristle(SIGMA_0, SIGMA_1), Curve(F_c, stiction_ratio * F_c, 1 / STRIBECK_VELOCITY)
 
     def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
-        spring = joint.stiffness * (q[0] - q[1]) + joint.damping * (v[0] - v[1])
+        spring = JOINT.stiffness * (q[0] - q[1]) + JOINT.damping * (v[0] - v[1])
         motor = torque - law.torque(v[0], z, curve) - f * v[0] - spring
-        return ca.vertcat(motor / joint.motor_inertia, (spring - offset) / joint.link_inertia)
+        return ca.vertcat(motor / JOINT.motor_inertia, (spring - offset) / JOINT.link_inertia)
 
     def advanced(z: ca.SX, v: ca.SX, dt: float) -> ca.SX:
         return law.advanced(v[0], z, curve, dt)
