@@ -6,6 +6,7 @@ from typing import Any
 
 from elastid.app.json_values import all_finite, finite, note_entries
 from elastid.base.note import grouped
+from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.study import Study
 
@@ -20,6 +21,7 @@ def friction_study_summary(study: Study, result: FrictionResult) -> dict[str, An
             for joint in result.joints
             for held in joint.held
         ],
+        "motions": {joint.joint: _motion(joint.motion) for joint in result.joints if joint.motion is not None},
         "measured": {joint.joint: _ranges(joint) for joint in result.joints},
         "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
         "notes": note_entries(every),
@@ -28,7 +30,14 @@ def friction_study_summary(study: Study, result: FrictionResult) -> dict[str, An
 
 def failed_friction(study: Study, message: str) -> dict[str, Any]:
     """summary.json of a study that found nothing: the same keys, no numbers."""
-    nothing: dict[str, Any] = {"parameters": {}, "not_identified": [], "measured": {}, "warnings": [], "notes": []}
+    nothing: dict[str, Any] = {
+        "parameters": {},
+        "not_identified": [],
+        "motions": {},
+        "measured": {},
+        "warnings": [],
+        "notes": [],
+    }
     return _head(study, "failed", message) | nothing
 
 
@@ -46,6 +55,19 @@ def _row(number: FrictionNumber) -> dict[str, Any]:
         "learnt_from": number.learnt_from,
     }
     return found if number.truth is None else found | {"truth": number.truth}
+
+
+def _motion(motion: MotionFriction) -> dict[str, Any]:
+    """The regression of a motion with directions apart and alike: which of them counts, and what each leaves."""
+    return {
+        "directions_apart": motion.are_apart,
+        "relative_error": finite(motion.apart.relative_error),
+        "relative_error_alike": finite(motion.alike.relative_error),
+        "alike": {
+            name: {"value": value, "std": finite(motion.alike.std(name)), "unit": motion.unit(name)}
+            for name, value in zip(motion.alike.names, motion.alike.values.tolist(), strict=True)
+        },
+    }
 
 
 def _ranges(joint: JointFriction) -> dict[str, list[float] | None]:

@@ -16,6 +16,10 @@ from elastid.study import Study
 
 def overview(study: Study) -> str:
     """A page of plain text."""
+    if study.friction is not None:
+        from elastid.app.friction_overview import friction_lines  # brings CasADi, which other overviews do not need
+
+        return "\n".join([*_robot(study), "", *friction_lines(study)])
     if study.robot is None:
         return "\n".join([*_structure(study), "", *_experiments(study), "", *_plan_of_work(study)])
     return "\n".join([*_robot(study), "", *_unknowns(study), "", *_experiments(study), "", *_plan_of_work(study)])

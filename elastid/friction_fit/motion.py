@@ -133,7 +133,7 @@ def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
         return held
     dwelt = ", ".join(f"{speed:.3g}" for speed in speeds) or "none"
     text = (
-        f"stiction and Stribeck velocity: the motion dwells at {len(speeds)} speeds ({dwelt} {unit}); it takes "
+        f"the motion dwells at {len(speeds)} speeds ({dwelt} {unit}); it takes "
         f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
     )
     return (Held("stribeck", text), *held)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from elastid.base.note import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_fit.law_choice import Held
+from elastid.friction_fit.law_choice import NOT_ASKED, Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.observer.follow import FollowedFriction
 from elastid.report.numbers import digits, number
@@ -24,8 +24,6 @@ PARTS = {
     "load": "dependence on load",
     "temperature": "dependence on temperature",
 }
-# Reason of a part that nobody looked for.
-NOT_ASKED = "not asked for"
 
 
 @dataclass(frozen=True)

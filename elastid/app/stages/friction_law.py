@@ -10,6 +10,7 @@ from elastid.app.tables import friction_table
 from elastid.base.errors import FitError
 from elastid.friction_fit.identify import identify_friction
 from elastid.friction_fit.law_choice import NOT_ASKED
+from elastid.report.friction_content import part_words, refusals
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.store import text_file
 from elastid.store.friction_study import (
@@ -43,18 +44,22 @@ def conclude(run: Run) -> None:
     """Show the numbers, where the results are, and in the last line what was not identified and why."""
     result = read_friction_result(run.path("friction"))
     run.console.table(friction_table(result.numbers))
-    for joint in result.joints:
-        for held in joint.held:
-            if held.reason != NOT_ASKED:
-                run.console.say(f"joint {joint.joint}, no {held.part}: {held.reason}")
+    for refusal in refusals(result):
+        if refusal.reason != NOT_ASKED:
+            run.console.say(f"{_joints(refusal.joints)}: no {refusal.part}: {refusal.reason}")
     leaves = (*run.stages["report"].leaves, *run.stages["friction"].leaves[1:])
     for path in (run.folder / name for name in leaves):
         if path.exists():
             run.console.say(str(path))
-    missing = [f"joint {each.joint}, {held.part}: {held.reason}" for each in result.joints for held in each.missing]
+    missing = [f"joint {each.joint}: {part_words(held)}" for each in result.joints for held in each.missing]
     if result.status == "failed":
-        raise FitError(f"no friction was identified: {'; '.join(missing)}")
-    run.console.say(f"{result.status}: {'; '.join(missing) or 'every number that was looked for is in the table'}")
+        raise FitError(f"no friction was identified: {result.message}; the notes above say why")
+    meaning = f"these data do not tell {', '.join(missing)}" if missing else "each joint has its curve of friction"
+    run.console.say(f"{result.status}: {meaning}")
+
+
+def _joints(names: tuple[str, ...]) -> str:
+    return f"joint{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
 def true_numbers(study: Study) -> dict[str, float] | None:

@@ -1,0 +1,192 @@
+"""A friction study is run, resumed, refused and exported as every other one."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plants.friction_records import TEMPLATE
+
+from elastid.app import cli
+from elastid.app.console import Console
+from elastid.app.export import export
+from elastid.app.overview import overview
+from elastid.app.run import Run, run_all, run_stage
+from elastid.app.stage_table import FRICTION, stages_of
+from elastid.base.errors import StudyError
+from elastid.friction_fit.identify import identify_friction
+from elastid.robot.friction_numbers import friction_numbers
+from elastid.store.friction_study import read_friction_records, read_friction_result, read_levels
+from elastid.study import load, load_robot
+
+# Few and short passes: the least that tells Coulomb and viscous friction.
+SMALL = (
+    "friction.rate_hz=500",
+    "friction.passes={count: 5, repeat: 1, speeds: [10 deg/s, 60 deg/s], window: [-30 deg, 30 deg]}",
+    "friction.law={stribeck: no, directions: no, load: no, temperature: no}",
+    "report.formats=[]",
+)
+NUMBERS = ("Fc_m1", "Fs_m1", "vs_m1", "f_m1")
+
+
+def run_of(folder: Path, *overrides: str, jobs: int = 1) -> Run:
+    return Run(load(folder / "study.yml", overrides), folder / "run", jobs, Console(-1))
+
+
+def copied(folder: Path) -> Path:
+    shutil.copytree(TEMPLATE, folder, dirs_exist_ok=True)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small study that was run."""
+    folder = copied(tmp_path_factory.mktemp("friction"))
+    run_all(run_of(folder, *SMALL))
+    return folder
+
+
+def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """plan, references, records, levels, law, summary, robot and page; nothing is done twice."""
+    names = {path.name for path in (finished / "run").iterdir()}
+    assert {"plan.h5", "references", "records.h5", "levels.h5", "friction.h5", "summary.json"} <= names
+    assert {"robot.yml", "report.html", "run.log"} <= names
+    run = run_of(finished, *SMALL)
+    assert list(run.stages) == ["design", "measure", "levels", "friction", "report"]
+    assert all(run.is_current(name) for name in run.stages)
+    records = read_friction_records(finished / "run" / "records.h5").records
+    assert len(list((finished / "run" / "references").iterdir())) == len(records)
+    summary = json.loads((finished / "run" / "summary.json").read_text())
+    assert summary["status"] == "identified"
+    assert {"value", "std", "interval95", "unit", "learnt_from", "truth"} <= set(summary["parameters"]["Fc_m1"])
+
+
+def test_another_law_measures_nothing_again(finished: Path) -> None:
+    """The law is read by the stage friction and those after it; loads by all."""
+    other = run_of(finished, *SMALL, "friction.law.quadratic=yes")
+    assert [name for name in other.stages if not other.is_current(name)] == ["friction", "report"]
+    other = run_of(finished, *SMALL, "friction.passes.repeat=2")
+    assert not any(other.is_current(name) for name in other.stages)
+
+
+def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
+    """Its friction is that of the table; other tools take an elastic fit."""
+    run = run_of(finished, *SMALL)
+    (path,) = export(run, "robot")
+    numbers = friction_numbers(load_robot(path))
+    for number in read_friction_result(run.path("friction")).numbers:
+        if number.name in numbers:
+            assert numbers[number.name][0] == pytest.approx(number.value, rel=1e-9)
+    assert path.read_text() == (finished / "run" / "robot.yml").read_text()
+    with pytest.raises(StudyError, match="identifies friction, and matlab takes a fitted elastic model"):
+        export(run, "matlab")
+
+
+def test_stages_of_elasticity_are_refused(finished: Path, tiny: Path) -> None:
+    """And those of friction in a study of elasticity, each with the stages that there are."""
+    with pytest.raises(StudyError, match="identifies friction, which has no stage `fit`; its stages are design, meas"):
+        run_stage(run_of(finished, *SMALL), "fit")
+    elastic = Run(load(tiny), tiny.parent / "run", 1, Console(-1))
+    with pytest.raises(StudyError, match="identifies elasticity, which has no stage `levels`"):
+        run_stage(elastic, "levels")
+
+
+def test_a_stage_says_what_to_run_first(tmp_path: Path) -> None:
+    """As in every study."""
+    with pytest.raises(StudyError, match=r"records.h5 is missing: run `elastid measure .*study.yml` first"):
+        run_stage(run_of(copied(tmp_path / "new")), "levels")
+
+
+def test_a_part_that_cannot_be_told_leaves_a_summary_and_exit_code_1(
+    finished: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`yes` for a part without data fails with its reason."""
+    folder = Path(shutil.copytree(finished, tmp_path / "failed"))
+    sets = [word for each in (*SMALL, "friction.law.temperature=yes") for word in ("--set", each)]
+    code = cli.run_command(["run", str(folder / "study.yml"), "--run", str(folder / "run"), "-q", *sets])
+    assert code == 1
+    assert "law.temperature cannot be identified: one temperature" in capsys.readouterr().err
+    summary = json.loads((folder / "run" / "summary.json").read_text())
+    assert (summary["status"], summary["parameters"]) == ("failed", {})
+
+
+def test_the_overview_says_what_will_be_known() -> None:
+    """Speeds, motions, robot time, and what is missing."""
+    text = overview(load(TEMPLATE / "study.yml").study)
+    assert "friction of joint 1" in text
+    assert "window -1.047 to 1.047 rad, speeds in rad/s: 0.00873" in text
+    assert "min of the robot's time" in text
+    assert "change with temperature: one temperature; give warm_up" in text
+
+
+def test_every_row_of_friction_has_a_command() -> None:
+    """`elastid levels` and `elastid friction` beside the commands that both kinds share."""
+    assert set(stages_of(FRICTION)) <= set(cli.cli.commands)
+
+
+@pytest.mark.slow
+def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_path: Path) -> None:
+    """Every number within 3.3 std; the same bytes from one process and from two."""
+    folders = [copied(tmp_path / name) for name in ("one", "two")]
+    for folder, jobs in zip(folders, (1, 2), strict=True):
+        run_all(run_of(folder, "report.formats=[]", jobs=jobs))
+    for name in ("plan.h5", "records.h5", "levels.h5", "friction.h5", "summary.json", "robot.yml", "report.html"):
+        assert (folders[0] / "run" / name).read_bytes() == (folders[1] / "run" / name).read_bytes(), name
+    found = {each.name: each for each in read_friction_result(folders[0] / "run" / "friction.h5").numbers}
+    for name in NUMBERS:
+        truth = found[name].truth
+        assert truth is not None
+        assert abs(found[name].value - truth) < 3.3 * found[name].std, name
+        assert found[name].std < 0.02 * truth
+
+
+@pytest.mark.slow
+def test_an_interrupted_measurement_is_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Motions that were measured are kept, and the records are those of an undisturbed run."""
+    from elastid.app.stages import friction_measure
+
+    folder = copied(tmp_path / "study")
+    run_stage(run_of(folder, *SMALL), "design")
+    whole, done = friction_measure._measure_one, []
+
+    def stopped(rig, path, stamp, motion):  # type: ignore[no-untyped-def]
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(motion.name)
+        whole(rig, path, stamp, motion)
+
+    monkeypatch.setattr(friction_measure, "_measure_one", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        run_stage(run_of(folder, *SMALL), "measure")
+    assert len(list((folder / "run" / "records.partial").glob("*.h5"))) == 3
+    monkeypatch.setattr(friction_measure, "_measure_one", whole)
+    run_stage(run_of(folder, *SMALL), "measure")
+    resumed = (folder / "run" / "records.h5").read_bytes()
+    run_stage(run_of(folder, *SMALL), "measure")
+    assert (folder / "run" / "records.h5").read_bytes() == resumed
+
+
+@pytest.mark.slow
+def test_a_robot_that_was_identified_is_the_start_of_the_next_study(tmp_path: Path) -> None:
+    """The circle: found on the rig, put into its robot's file, and found again from that file as the truth."""
+    first, second = copied(tmp_path / "first"), copied(tmp_path / "second")
+    run_all(run_of(first, "report.formats=[]"))
+    shutil.copy(first / "run" / "robot.yml", second / "robot.yml")
+    run_all(run_of(second, "report.formats=[]", "experiment.simulated.truth={}", "seed=2"))
+    before, after = (
+        {each.name: each for each in read_friction_result(folder / "run" / "friction.h5").numbers}
+        for folder in (first, second)
+    )
+    for name in NUMBERS:
+        assert after[name].truth == pytest.approx(before[name].value, rel=1e-9)
+        assert abs(after[name].value - before[name].value) < 3.3 * after[name].std, name
+
+
+def test_levels_and_law_are_those_of_the_library(finished: Path) -> None:
+    """Stages only read and write: the functions that a notebook calls give the same."""
+    run = run_of(finished, *SMALL)
+    measured, levels = read_friction_records(run.path("measure")), read_levels(run.path("levels"))
+    result = identify_friction(run.study.as_robot(), levels, measured, run.study.as_friction())
+    kept = read_friction_result(run.path("friction"))
+    np.testing.assert_array_equal([n.value for n in result.numbers], [n.value for n in kept.numbers])
