@@ -32,13 +32,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from elastid.design.friction import design_friction
     from elastid.experiment.plan.plan import Plan, make_plan
     from elastid.experiment.simulated.closed_loop import closed_loop_of
+    from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
     from elastid.experiment.simulated.rig import SimulatedRig
     from elastid.fit.fitted_model import FittedModel
     from elastid.fit.identify import identify
     from elastid.fit.result import FitResult
     from elastid.frf.estimate import estimate
+    from elastid.friction_fit.identify import identify_friction
+    from elastid.friction_fit.joint_levels import find_joint_levels
+    from elastid.friction_fit.result import FrictionResult
+    from elastid.friction_record import FrictionRecord, FrictionRecords
     from elastid.linear.linearise import linearise
     from elastid.linear.response.transfer import frequency_response
     from elastid.model.formulation import formulate
@@ -57,16 +63,23 @@ _HOME = {
     "FitResult": "elastid.fit.result",
     "FittedModel": "elastid.fit.fitted_model",
     "FrequencyResponse": "elastid.response",
+    "FrictionRecord": "elastid.friction_record",
+    "FrictionRecords": "elastid.friction_record",
+    "FrictionResult": "elastid.friction_fit.result",
     "Plan": "elastid.experiment.plan.plan",
     "Record": "elastid.record",
     "RecordedRig": "elastid.recorded.rig",
     "Robot": "elastid.robot",
+    "SimulatedFrictionRig": "elastid.experiment.simulated.friction_rig",
     "SimulatedRig": "elastid.experiment.simulated.rig",
     "closed_loop_of": "elastid.experiment.simulated.closed_loop",
+    "design_friction": "elastid.design.friction",
     "estimate": "elastid.frf.estimate",
+    "find_joint_levels": "elastid.friction_fit.joint_levels",
     "formulate": "elastid.model.formulation",
     "frequency_response": "elastid.linear.response.transfer",
     "identify": "elastid.fit.identify",
+    "identify_friction": "elastid.friction_fit.identify",
     "linearise": "elastid.linear.linearise",
     "load_study": "elastid.study",
     "make_plan": "elastid.experiment.plan.plan",
@@ -94,6 +107,13 @@ __all__ = [  # noqa: RUF022  (in the order of the work)
     "FitResult",
     "FittedModel",
     "validate",
+    "design_friction",
+    "SimulatedFrictionRig",
+    "FrictionRecord",
+    "FrictionRecords",
+    "find_joint_levels",
+    "identify_friction",
+    "FrictionResult",
 ]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from elastid.base.errors import DataError, StudyError
 from elastid.base.value_range import shown_values
 from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.friction_fit.law_choice import NOT_ASKED
 from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.signal_summary import SignalSummary, signal_summary, text_summaries
@@ -19,9 +20,11 @@ from elastid.recorded.files.text import TextLog, described_format, guess_format
 from elastid.recorded.responses.arrays import HOW_TO_SAVE
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
+from elastid.report.friction_content import refusals
 from elastid.report.friction_rows import friction_rows
 from elastid.store import described as described_artefact
 from elastid.store import kind_of, read_fit, read_friction
+from elastid.store.friction_study import FRICTION, read_friction_result
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
 _OBJECTS = (
@@ -39,7 +42,9 @@ def described(path: Path) -> str:
     if path.is_dir():
         return "\n".join(_log_lines(path))
     if kind_of(path) is not None:
-        numbers = {"fit": _parameters, "frf": _friction}.get(kind_of(path) or "", lambda _: iter(()))
+        numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}.get(
+            kind_of(path) or "", lambda _: iter(())
+        )
         return "\n".join([described_artefact(path), *numbers(path)])
     if path.suffix.lower() == ".json":
         return "\n".join([f"{path}:", *_json_lines(path)])
@@ -115,6 +120,18 @@ def _friction(path: Path) -> Iterator[str]:
             low, high = row.interval
             yield f"    {row.place}: F_c = {row.level:.6g} {row.unit} ({row.std:.2g}; {low:.6g} to {high:.6g})"
     yield from (f"  {note}" for note in friction.notes if note.code != "friction-taken-out")
+
+
+def _friction_numbers(path: Path) -> Iterator[str]:
+    """The numbers of friction that were identified, with standard deviation and 95 % interval; and what was not."""
+    result = read_friction_result(path)
+    yield f"  {result.status}; friction, link side (standard deviation; 95 % interval):"
+    for each in result.numbers:
+        value = f"    {each.name} = {each.value:.6g} {each.unit}".rstrip()
+        yield f"{value} ({each.std:.2g}; {each.low:.6g} to {each.high:.6g})"
+    for refusal in refusals(result):
+        if refusal.reason != NOT_ASKED:
+            yield f"  no {refusal.part} (joint {', '.join(refusal.joints)}): {refusal.reason}"
 
 
 def _json_lines(path: Path) -> Iterator[str]:

@@ -4,6 +4,8 @@
 - design:     plan.h5, with references, rehearsal and forecast, and CSV files for a robot controller
 - measured:   records.h5 and frf.h5
 - friction:   what of frf.h5 is friction that was taken out
+- friction_study: plan.h5, records.h5, levels.h5 and friction.h5 of a friction study
+- values:     any frozen dataclass, field by field
 - results:    fit.h5 and validation.h5
 - comparison: compare.json
 - description: the content of any of them as text

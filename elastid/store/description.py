@@ -39,12 +39,12 @@ def _lines(group: Any, depth: int) -> Iterator[str]:
 def _axes(dataset: Any) -> str:
     if dataset.is_scale:
         return f"({dataset.size})"
-    return "(" + ", ".join(f"{d.label} {n}" for d, n in zip(dataset.dims, dataset.shape, strict=True)) + ")"
+    return "(" + ", ".join(f"{d.label} {n}".strip() for d, n in zip(dataset.dims, dataset.shape, strict=True)) + ")"
 
 
 def _words(dataset: Any) -> str:
     units, long_name = dataset.attrs.get("units"), dataset.attrs.get("long_name", "")
-    return f": {long_name}" + (f" [{units}]" if units else "")
+    return (f": {long_name}" if long_name else "") + (f" [{units}]" if units else "")
 
 
 def _values(dataset: Any) -> str:

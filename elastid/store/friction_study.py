@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
@@ -11,6 +12,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import PassReference
 from elastid.friction_fit.result import FrictionResult, JointLevels
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
+from elastid.record import drive_unit
 from elastid.store.files import NO_STAMP, Stamp, created, opened, read_notes, scale, text_file, variable, write_notes
 from elastid.store.values import read_dataclass, write_value
 
@@ -59,12 +61,26 @@ def write_friction_records(
         count = 0
         for record in records:
             write_value(file, f"record-{count:05d}", record)
+            _label_signals(file[f"record-{count:05d}"], record)
             count += 1
         file.attrs["records"] = count
         file.attrs["warm_ups"] = len(warm_ups)
         for i, log in enumerate(warm_ups):
             write_value(file, f"warm-up-{i:05d}", log)
         write_notes(file, notes)
+
+
+def _label_signals(group: Any, record: FrictionRecord) -> None:
+    """Axis, unit and meaning of each signal of a record."""
+    for name, unit, what in (
+        ("position", record.unit, "position of the joint"),
+        ("velocity", f"{record.unit}/s", "velocity of the joint"),
+        ("torque", drive_unit(record.slides), "torque of the motor, link side"),
+        ("temperature", "degC", "temperature of the joint"),
+    ):
+        if name in group:
+            group[name].dims[0].label = "sample"
+            group[name].attrs["units"], group[name].attrs["long_name"] = unit, what
 
 
 def read_friction_records(path: Path) -> FrictionRecords:

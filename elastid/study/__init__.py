@@ -9,6 +9,7 @@ The only room that knows YAML and pydantic.
 - quantities:   numbers of parameters into SI
 - checks:       contradictions between sections, one file a section
 - robots:       a robot's file in any of its forms -> Robot
+- robot_text:   a Robot -> the text of its file
 - loading:      file -> Study, overrides of the command line included
 - schema:       JSON Schema for editors
 """
