@@ -75,7 +75,7 @@ def agreement(
     """The errors of one configuration; ValueError where the two responses are not of the same elements and lines.
 
     shifts (n_x, F, n_y, n_u): changes of a model that was not fitted to it by a standard deviation of its parameters,
-    in independent directions; tests allow for them.
+    in independent directions; tests allow for them, as for the systematic errors of the measured one.
     """
     _check_pair(measured, modelled)
     Ghat, G = measured.G, modelled.G
@@ -114,8 +114,11 @@ def _tests(measured: FrequencyResponse, E: ComplexArray, shifts: ComplexArray | 
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)
     z, beside = np.asarray((whiten @ vec(E)[:, :, None])[:, :, 0]), 0.0
-    if shifts is not None:
-        z, beside = without_shifts(z, np.asarray((whiten @ vec(shifts)[..., None])[..., 0]))
+    known = [] if shifts is None else [shifts]
+    if measured.bias is not None:
+        known.append(measured.bias.reshape(-1, *E.shape))
+    if known:
+        z, beside = without_shifts(z, np.asarray((whiten @ vec(np.concatenate(known))[..., None])[..., 0]))
     return *power_over_noise(z, whiten, noise, beside), white_by_chance(z)
 
 

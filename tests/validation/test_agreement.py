@@ -1,6 +1,7 @@
 """Validation reports the truth about constructed pairs of responses, and no false alarm on white residuals."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from elastid.base.errors import StudyError
 from elastid.validation.agreement import agreement, validate
 from elastid.validation.residual_tests import above_2sigma
 from elastid.validation.resonances import antiresonances
-from elastid.validation.results import are_white
+from elastid.validation.results import are_white, noise_p
 
 
 def random_matrix(seed, shape=(200, 2, 3)):
@@ -55,6 +56,20 @@ def test_lines_below_two_sigma_do_not_count_in_magnitude_and_phase():
     assert judged.lines[0, 0] == 180
     assert judged.rms_log_db[0, 0] == 0
     assert judged.phase_rms_deg[0, 0] == 0
+
+
+def test_systematic_errors_of_known_size_are_no_misfit():
+    """Of 3 sigma at every line, times a factor of unit variance: by chance with its size known, by none without."""
+    rng = np.random.default_rng(3)
+    G = np.full((240, 1, 1), 10.0 + 0j)
+    error = 0.3 * np.exp(2j * np.pi * np.arange(240) / 60)[:, None, None]
+    measured = response(G + 1.5 * error + 0.1 * circular(rng, G.shape), std=0.1)
+    bias = np.stack([error, np.zeros_like(error)])[:, None]
+    known, unknown = (agreement(one, response(G)) for one in (replace(measured, bias=bias), measured))
+    assert noise_p([known]) > 0.05
+    assert are_white([known])
+    assert noise_p([unknown]) < 1e-6
+    assert not are_white([unknown])
 
 
 def test_the_share_inside_two_sigma_is_counted_over_all_lines():
