@@ -45,10 +45,9 @@ from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, Simulated
 from elastid.fit.identify import fit_parameters
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
-from elastid.frf.estimate import estimate
 from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.net_torque import net_record
 from elastid.frf.spec import EstimatorSpec, Friction
+from elastid.frf.without_friction import estimate_without_friction
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.study import load
 
@@ -151,10 +150,8 @@ class Case:
         records = rig.measure(plan, number)
         spec = EstimatorSpec(friction=self.friction)
         groups = [[one for one in records if one.configuration.name == name] for name in rig.postures]
-        if self.friction != "none":
-            taken = find_friction(groups, spec, plan.lines)
-            groups = [[net_record(one, taken) for one in group] for group in groups]
-        found = [estimate(group, spec, plan.lines) for group in groups]
+        taken = None if self.friction == "none" else find_friction(groups, spec, plan.lines)
+        found = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
         return found, fit_parameters(found, rig.robot, FIT)
 
     def __call__(self, number: int) -> FloatArray:

@@ -36,10 +36,9 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters
-from elastid.frf.estimate import estimate
 from elastid.frf.friction.find import find_friction
-from elastid.frf.friction.net_torque import net_record
 from elastid.frf.spec import EstimatorSpec, Friction
+from elastid.frf.without_friction import estimate_without_friction
 from elastid.study import load
 
 # Predicted over fitted standard deviation, geometric mean over the parameters of a robot.
@@ -123,10 +122,9 @@ def fitted(problem: DesignProblem, rig: FastRig, friction: Friction, seed: int) 
     records = rig.measure(plan, seed)
     spec = EstimatorSpec(friction=friction)
     groups = [[one for one in records if one.configuration.name == c.name] for c in plan.configurations]
-    if friction != "none":
-        taken = find_friction(groups, spec, plan.lines)
-        groups = [[net_record(one, taken) for one in group] for group in groups]
-    return fit_parameters([estimate(group, spec, plan.lines) for group in groups], problem.robot, problem.fit)
+    taken = None if friction == "none" else find_friction(groups, spec, plan.lines)
+    responses = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
+    return fit_parameters(responses, problem.robot, problem.fit)
 
 
 def table(row: dict[str, Any]) -> str:
