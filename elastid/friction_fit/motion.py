@@ -128,7 +128,10 @@ def refuse_driving(place: str, friction: Regression) -> None:
 def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
     """What a motion with these plateaus cannot tell."""
     speeds, unit = distinct_speeds(plateaus), "m/s" if slides else "rad/s"
-    held = (Held("temperature", "the log has no temperature"), Held("load", "one load"))
+    held = (
+        Held("temperature", "a regression of motions has none; measure passes cold and warm, and log the temperature"),
+        Held("load", "a regression of motions has none; measure passes in other postures, or with payloads"),
+    )
     if len(speeds) >= MIN_SPEEDS:
         return held
     dwelt = ", ".join(f"{speed:.3g}" for speed in speeds) or "none"
