@@ -17,7 +17,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.fit.diagnosis.diagnosis import diagnose, with_status
+from elastid.fit.diagnosis.diagnosis import diagnose, judge
 from elastid.fit.diagnosis.findings import at_bound
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
@@ -62,7 +62,8 @@ def identify(
     assembly, starts, hits = _search(responses, robot, spec, model, execution)
     try:
         optimum, uncertainty, result = _estimate(assembly, starts, hits)
-        result = diagnose(result, assembly, optimum, uncertainty, _notes(assembly, optimum))
+        judged = judge(result, assembly, optimum, uncertainty)
+        result = diagnose(judged, assembly, optimum, uncertainty, _notes(assembly, optimum))
         return add_intervals(result, optimum, spec, execution)
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
@@ -71,12 +72,13 @@ def identify(
 def fit_parameters(
     responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, *, model: ModelSpec = EXACT
 ) -> FitResult:
-    """The same estimate and status without diagnosis and further intervals, for many fits that are compared.
+    """The same estimate and status without notes and further intervals, for many fits that are compared.
 
     Arguments and errors as `identify`.
     """
-    optimum, uncertainty, result = _estimate(*_search(responses, robot, spec, model, Execution()))
-    return with_status(result, optimum, uncertainty)
+    assembly, starts, hits = _search(responses, robot, spec, model, Execution())
+    optimum, uncertainty, result = _estimate(assembly, starts, hits)
+    return judge(result, assembly, optimum, uncertainty)
 
 
 def _search(

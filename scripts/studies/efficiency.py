@@ -23,12 +23,17 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
+from plants.elastic_arm import arm
 from study_plants import Plant, demo, responses
 
 from elastid.base.arrays import ComplexArray, FloatArray
@@ -43,7 +48,6 @@ from elastid.linear.linearise import Linearisation
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
-from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 from elastid.validation.agreement import agreement
 from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance
 from elastid.validation.results import are_white, noise_p
@@ -58,26 +62,10 @@ COLUMNS = ("V / expected", "false alarms: noise", "colour", "noise, left out", "
 
 def two_axes() -> Plant:
     """An arm of two driven elastic joints with two further elastic rotations, in four configurations."""
-    upper = Body(
-        "upper",
-        joints=(Joint("1", "y", Spring(3e5, 500), Motor(2.5e-3, 120, 1.5e-3)), Joint("1x", "x", Spring(4e5, 300))),
-        mass=60,
-        center_of_mass=(0.05, 0, 0.4),
-        inertia=(6.0, 6.2, 0.8),
-    )
-    fore = Body(
-        "fore",
-        "upper",
-        Placement((0, 0, 0.85)),
-        (Joint("2", "y", Spring(1.8e5, 250), Motor(1.6e-3, 110, 1.2e-3)), Joint("2z", "z", Spring(1e5, 100))),
-        mass=75,
-        center_of_mass=(0.45, 0.05, 0.1),
-        inertia=(1.5, 11, 11.0),
-    )
     angles = {"a": (0.0, 0.2), "b": (0.6, -0.7), "c": (-0.4, 0.9), "d": (1.0, 1.4)}
     spec = FitSpec(parameters={"k_*": ParameterSpec(), "d_*": ParameterSpec(), "fm_*": ParameterSpec()})
     configurations = tuple(Configuration(name, one) for name, one in angles.items())
-    return Plant("two-axes", Robot("arm", (upper, fore)), configurations, np.linspace(2, 50, 97), spec)
+    return Plant("two-axes", arm(), configurations, np.linspace(2, 50, 97), spec)
 
 
 PLANTS: dict[str, Callable[[], Plant]] = {"two-axes": two_axes, "demo": demo}

@@ -5,12 +5,12 @@
 
 The arm, its fifteen faults and the distortion of friction are those of tests/plants/faults.py. True models: noise, and
 friction whose distortion the covariance knows, both estimated with 3 and with 8 degrees of freedom, without a floor and
-with one of 1 %, --sets data sets each; and --rig simulations each of a rig of two axes with dry friction of 0.05 and
-0.16 of the torque that nothing takes out (tests/plants/dry_friction.py). Faults: --faulty data sets at each level of
-noise, with either floor. Counted is how the fits end, and by how many of its stated standard deviations the worst
-stiffness is off where a wrong model ends as converged or at a bound. It is asserted that 99 % of true models converge,
-and that no wrong model whose stiffness is 5 standard deviations off ends as converged but for a torsion that the robot
-lacks, which no number that was held stands for, in 5 % of noise. The last line is one JSON object.
+with floors of 1.5 and 4.5 %, --sets data sets each; and --rig simulations each of a rig of two axes with dry friction
+of 0.05 and 0.16 of the torque that nothing takes out (tests/plants/dry_friction.py). Faults: --faulty data sets at each
+level of noise, with each floor. Counted is how the fits end, and by how many of its stated standard deviations the
+worst stiffness is off where a wrong model ends as converged or at a bound. It is asserted that 99 % of true models
+converge, and that no wrong model whose stiffness is 5 standard deviations off ends as converged. The last line is one
+JSON object.
 
 380 true models (--sets 40 --rig 15): all converge. One data set of each fault with either floor in 0.5, 2 and 5 % of
 noise: exchanged postures and a mirrored motor end as model errors, everything else as misfits, but for the missing
@@ -47,13 +47,11 @@ from elastid.fit.spec import WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 
-FLOORS = (0.0, 0.01)
+FLOORS = (0.0, 0.015, 0.045)
 TRUE_KINDS = ("noise, 3 degrees of freedom", "noise, 8", "friction, 3", "friction, 8")
 RIGS = {"rig, Coulomb 0.05 of the torque": 0.05, "rig, Coulomb 0.16 of the torque": 0.16}
 SILENT = ("converged", "at_bound")
 MIN_CONVERGED, MAX_DEVIATIONS = 0.99, 5.0
-# Nothing that was held stands for the torsion that the robot lacks, and in so much noise V does not show it.
-UNSEEN = ("missing torsion", 0.05)
 
 
 @dataclass(frozen=True)
@@ -137,7 +135,7 @@ def wrong_models(sets: int, noises: list[float], floors: tuple[float, ...], seed
             silent = max((off for status, off in found if status in SILENT), default=0.0)
             print(f"{kind:<34}{noise:>6g}{len(fits):>6}{silent:>20.1f}  {_said(ends)}")
             rows[f"{kind}, noise {noise:g}"] = {"ends": dict(ends), "worst_silent": silent}
-            if silent > MAX_DEVIATIONS and not (kind == UNSEEN[0] and noise >= UNSEEN[1]):
+            if silent > MAX_DEVIATIONS:
                 far.append((kind, noise, silent))
     assert not far, far
     return rows

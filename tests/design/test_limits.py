@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from plants.limited_arm import CARRIERS, EXCITATION, LIMITS, arm, experiment
 from plants.notes import said
+from plants.studies import study
 
 from elastid.app.cli import run_command
 from elastid.base.errors import StudyError
@@ -187,14 +188,7 @@ def test_design_leaves_references_for_a_robot_controller(tiny: Path, tmp_path: P
 @pytest.mark.slow
 def test_no_simulated_peak_is_above_any_limit_in_random_studies() -> None:
     """scripts/studies/limits.py draws them; here twenty."""
-    from importlib.util import module_from_spec, spec_from_file_location
-
-    path = Path(__file__).parents[2] / "scripts" / "studies" / "limits.py"
-    found = spec_from_file_location("limits_study", path)
-    assert found is not None
-    module = module_from_spec(found)
-    assert found.loader is not None
-    found.loader.exec_module(module)
+    module = study("limits")
     outcomes = [module.studied(0.1, seed) for seed in range(20)]
     assert sum(not o.refused for o in outcomes) > 10
     assert max(o.measured.max() for o in outcomes) < 1

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from plants.elastic_arm import arm
 from plants.three_mass import FREQ, circular
 
 from elastid.fit.setup.assembly import Assembly
@@ -14,30 +15,10 @@ from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration, HeldTorque
 from elastid.response import Covariance
-from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
+from elastid.robot import Chain, Frame, Placement
 
 NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
 TOOL = Frame("tool", "fore", Placement((0.9, 0.0, 0.1), (0.0, 0.3, 0.0)))
-
-
-def arm() -> Robot:
-    upper = Body(
-        "upper",
-        joints=(Joint("1", "y", Spring(3e5, 500), Motor(2.5e-3, 120, 1.5e-3)), Joint("1x", "x", Spring(4e5, 300))),
-        mass=60,
-        center_of_mass=(0.05, 0, 0.4),
-        inertia=(6.0, 6.2, 0.8),
-    )
-    fore = Body(
-        "fore",
-        "upper",
-        Placement((0, 0, 0.85)),
-        (Joint("2", "y", Spring(1.8e5, 250), Motor(1.6e-3, 110, 1.2e-3)), Joint("2z", "z", Spring(1e5, 100))),
-        mass=75,
-        center_of_mass=(0.45, 0.05, 0.1),
-        inertia=(1.5, 11, 11.0),
-    )
-    return Robot("arm", (upper, fore))
 
 
 @pytest.mark.parametrize("rate_hz", [0.0, 200.0])

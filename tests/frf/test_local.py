@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plants import studies
 from scipy.stats import kstest
 
 from elastid.app.console import Console
@@ -37,20 +35,7 @@ LINES = np.arange(10, 131)
 FREQ = LINES * RATE / N
 
 
-def _study() -> ModuleType:
-    """scripts/studies/local_methods.py, whose plants are used here."""
-    path = Path(__file__).parents[2] / "scripts" / "studies" / "local_methods.py"
-    found = importlib.util.spec_from_file_location("local_methods", path)
-    assert found is not None
-    assert found.loader is not None
-    module = importlib.util.module_from_spec(found)
-    # Its dataclasses look their module up.
-    sys.modules[found.name] = module
-    found.loader.exec_module(module)
-    return module
-
-
-study = _study()
+study = studies.study("local_methods")
 
 
 def _record(

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import replace
-from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
+from plants import studies
 from plants.notes import said
 
 from elastid.frf.local.repeats import independent_excitations, merge_repeats
@@ -17,21 +14,7 @@ from elastid.frf.local.response import local_response
 from elastid.frf.local.transient import settled_spectra
 from elastid.frf.spec import EstimatorSpec
 
-
-def _study() -> ModuleType:
-    """scripts/studies/local_methods.py, whose plant is used here."""
-    path = Path(__file__).parents[2] / "scripts" / "studies" / "local_methods.py"
-    found = importlib.util.spec_from_file_location("local_methods", path)
-    assert found is not None
-    assert found.loader is not None
-    module = importlib.util.module_from_spec(found)
-    # Its dataclasses look their module up.
-    sys.modules[found.name] = module
-    found.loader.exec_module(module)
-    return module
-
-
-study = _study()
+study = studies.study("local_methods")
 SPEC = EstimatorSpec(method="local_rational", quantity="velocity", lines="full", band_hz=(2.0, 35.0))
 
 

@@ -15,6 +15,7 @@ from elastid.fit.diagnosis.modification.indices import held_indices, modificatio
 from elastid.fit.diagnosis.modification.sentences import MISREAD, explanations
 from elastid.fit.diagnosis.two_robots import find_two_groups
 from elastid.fit.diagnosis.unlike_configurations import find_foreign_configurations, find_unlike_configurations
+from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import find_border_inertias
 from elastid.fit.problem.residuals import error_gain
@@ -42,15 +43,27 @@ def explained_share(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
 
 
-def with_status(
-    result: FitResult, optimum: RelinearisedOptimum, uncertainty: Uncertainty, misread: bool = False
-) -> FitResult:
-    """The result with how it ended; misread: whether another reading of the responses fits far better."""
-    known = _noise_is_known(optimum)
-    share = _share(result, optimum)
+def judge(result: FitResult, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty) -> FitResult:
+    """The result with how it ended, and with modification indices where they bear on it."""
+    known, share = _noise_is_known(optimum), _share(result, optimum)
+    result = replace(result, indices=_indices(result, assembly, optimum, uncertainty))
+    misread = _is_suspect(result, optimum) and any(one.place and one.group in MISREAD for one in result.indices)
     misfit = describe_misfit(result, uncertainty)
     status, message = status_and_message(result, optimum.end, uncertainty.unreached, share, known, misread, misfit)
     return replace(result, status=status, message=message)
+
+
+def _indices(
+    result: FitResult, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty
+) -> tuple[ModificationIndex, ...]:
+    """What the fit held or read wrongly; where V is that of the noise, only what shows the model to be wrong."""
+    noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
+    if result.exceeds_noise or _is_suspect(result, optimum):
+        return modification_indices(assembly, optimum, result, noise_cost)
+    if noise_cost == 0:
+        return ()
+    found = held_indices(assembly, optimum, result, noise_cost)
+    return found if telling_index(result, uncertainty, found) is not None else ()
 
 
 def diagnose(
@@ -60,30 +73,21 @@ def diagnose(
     uncertainty: Uncertainty,
     notes: tuple[Note, ...],
 ) -> FitResult:
-    """The same with notes and indices: what the fit held or read wrongly, foreign configurations.
+    """A judged result with notes: why it ended so, and foreign configurations.
 
     notes: of the data and the search.
     """
     fit, end = optimum.fit, optimum.end
     suspect = _is_suspect(result, optimum)
-    in_error = result.exceeds_noise
-    noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
-    if in_error or suspect:
-        result = replace(result, indices=modification_indices(assembly, optimum, result, noise_cost))
-    elif noise_cost > 0:
-        numbers = held_indices(assembly, optimum, result, noise_cost)
-        result = replace(result, indices=numbers if telling_index(result, uncertainty, numbers) is not None else ())
     explained = next((one.share for one in result.indices), 0.0)
-    misread = suspect and any(one.place and one.group in MISREAD for one in result.indices)
     apart = find_unlike_configurations(fit, end.x) if result.model_error > 1 else ()
-    if in_error and not apart and explained < MAX_EXPLAINED_SHARE:
+    if result.exceeds_noise and not apart and explained < MAX_EXPLAINED_SHARE:
         apart = find_two_groups(fit, end.x, end.cost, result.cost_expected, assembly.spec.robots)
     if suspect and not apart and explained < MAX_EXPLAINED_SHARE:
         apart = find_foreign_configurations(fit, end.x)
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
     why = explanations(result) if explained > MAX_EXPLAINED_SHARE or not apart else ()
-    words = (*find_wrong_frequency_unit(result), *why, *apart, *notes, *found)
-    return replace(with_status(result, optimum, uncertainty, misread), notes=words)
+    return replace(result, notes=(*find_wrong_frequency_unit(result), *why, *apart, *notes, *found))
 
 
 def _is_suspect(result: FitResult, optimum: RelinearisedOptimum) -> bool:

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from elastid.fit.diagnosis.modification.sentences import phrase
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult
 from elastid.fit.uncertainty.covariance import Uncertainty
@@ -85,7 +86,6 @@ def _by_held_number(result: FitResult, uncertainty: Uncertainty) -> str:
     worst = int(np.argmax(moved))
     others = f", or {' or '.join(one.alike)}, which the data cannot tell from it," if one.alike else ""
     return (
-        f"the model is wrong by more than the intervals say: {one.name}{others} is not what the robot or the study "
-        f"says; free, it would lower V by {one.drop:.0f}, and move "
-        f"{result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
+        f"the model is wrong by more than the intervals say: {phrase(one)}{others} would lower V by {one.drop:.0f}, "
+        f"and move {result.parameters.free_names[worst]} by {moved[worst]:.1f} of its standard deviations"
     )

@@ -227,17 +227,22 @@ def linear_model(linearisation: Linearisation, response: FrequencyResponse, thet
     return at_measured_places(model, response)
 
 
-def _part(
-    response: FrequencyResponse, model: LinearModel, weights: Weights, parameters: ParameterSet, criterion: ResidualKind
-) -> Part:
+def kernel_of(model: LinearModel, parameters: ParameterSet, freq_hz: FloatArray) -> Kernel:
+    """The response of a model on some lines, with derivatives to what x moves there."""
     if model.parameters != parameters.names:
         raise ValueError(f"the model's parameters {model.parameters} are not those of the set {parameters.names}")
     held = _with_the_rest_held(model, parameters)
-    kernel = Kernel(held, response.freq_hz, parameters.moved(model.configuration.name))
+    return Kernel(held, freq_hz, parameters.moved(model.configuration.name))
+
+
+def _part(
+    response: FrequencyResponse, model: LinearModel, weights: Weights, parameters: ParameterSet, criterion: ResidualKind
+) -> Part:
+    kernel = kernel_of(model, parameters, response.freq_hz)
     used = weights.used
     if criterion == "log":
         # The logarithm of noise is no more than noise, and biased: 6 dB are asked for.
-        G = kernel.response(held.theta_ref)
+        G = kernel.response(kernel.model.theta_ref)
         used = (
             used
             & (np.abs(G) > 1e-12 * np.abs(G).max())

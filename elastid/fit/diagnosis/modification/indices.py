@@ -14,6 +14,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.fit.diagnosis.modification.lateness import Late, best_hold, late_name, latest
 from elastid.fit.diagnosis.modification.misreadings import misreadings
+from elastid.fit.diagnosis.modification.missing_springs import missing_springs
 from elastid.fit.diagnosis.modification.reading import evaluated_at, thinned
 from elastid.fit.diagnosis.modification.score_test import ScoreTest
 from elastid.fit.diagnosis.modification.scores import Scores, score
@@ -43,6 +44,8 @@ MIN_FORM_DROP = 10.0
 MIN_FORM_SHARE = 0.01
 # Of ln p of a parameter that the data constrain.
 MAX_STD = 1.0
+# Springs that the robot lacks are looked for where nothing else explains so much.
+MAX_EXPLAINED_SHARE = 0.9
 
 
 def modification_indices(
@@ -54,15 +57,36 @@ def modification_indices(
     """
     scores = score(assembly, optimum, result, noise_cost)
     numbers = _with_forms(_ranked(scores.test, scores), optimum, result, scores)
-    return _in_sequence([*numbers, *misreadings(optimum, result, noise_cost)], scores)
+    found = [*numbers, *misreadings(optimum, result, noise_cost)]
+    return _in_sequence(_with_springs(found, assembly, optimum, result, scores), scores)
 
 
 def held_indices(
     assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, noise_cost: float
 ) -> tuple[ModificationIndex, ...]:
-    """The same of numbers alone, for fits whose V is that of the noise; a share may then be of hardly any excess."""
+    """The same of numbers and springs, for fits whose V is that of the noise.
+
+    A share may then be of hardly any excess.
+    """
     scores = score(assembly, optimum, result, noise_cost)
-    return _in_sequence(_ranked(scores.test, scores), scores)
+    numbers = _ranked(scores.test, scores)
+    return _in_sequence(_with_springs(numbers, assembly, optimum, result, scores), scores)
+
+
+def _with_springs(
+    found: list[ModificationIndex],
+    assembly: Assembly,
+    optimum: RelinearisedOptimum,
+    result: FitResult,
+    scores: Scores,
+) -> list[ModificationIndex]:
+    """The same with springs that the robot lacks, each in place of its linear step, where nothing explains V."""
+    explained = max((one.share for one in found), default=0.0)
+    if result.exceeds_noise and explained > MAX_EXPLAINED_SHARE:
+        return found
+    springs = missing_springs(scores.held, assembly, optimum, result, scores.noise, scores.level)
+    known = {one.name: one for one in springs if one.drop > scores.least[1]}
+    return [*(one for one in found if one.name not in known), *known.values()]
 
 
 def _in_sequence(found: list[ModificationIndex], scores: Scores) -> tuple[ModificationIndex, ...]:
@@ -97,7 +121,7 @@ def _beside(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]
     test = scores.test
     for place in range(2, MAX_SEQUENCE + 1):
         linear = _as_delay(before.name)
-        if linear not in by_name:
+        if linear not in by_name or before.group == "compliance":  # a further resonance is no linear change
             break
         test = test.freed(by_name[linear])
         best = [one for one in _ranked(test, scores, place, 1)[:1] if one.share >= MIN_FURTHER_SHARE]

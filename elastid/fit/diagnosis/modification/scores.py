@@ -28,9 +28,10 @@ class Scores:
     """The test of all candidates on the lines looked at.
 
     excess: of V over the noise.  level: of the residuals' variance by the noise.  lines: share of all residuals.
-    noise: V by the noise alone, of all residuals.
+    noise: V by the noise alone, of all residuals.  held: what is freed.
     """
 
+    held: HeldNumbers
     test: ScoreTest
     candidates: tuple[Candidate, ...]
     excess: float
@@ -58,6 +59,7 @@ def score(assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, n
     share = thin.n_residuals / max(fit.n_residuals, 1)
     noise = noise_cost * share
     return Scores(
+        held,
         ScoreTest.of(numbers, A, b, ~result.at_bound),
         tuple(candidates(numbers, held.linearisation.model.robot)),
         V - noise,
