@@ -18,6 +18,8 @@ first order: a response is nearly linear in a damping that hardly acts, whose st
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.linalg import eigh
 
@@ -40,6 +42,9 @@ AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
 SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
 # Predictions below this share of V drown in rounding; so do those of steps shorter than this.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
+# Far from any noise, V over its degrees of freedom, a valley is left whose V falls by less than this share in so many
+# iterations: where the model is that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
+FAR_FROM_NOISE, CREEPING_ITERATIONS, MIN_PROGRESS = 100.0, 12, 1e-4
 
 
 def trust_region(
@@ -56,13 +61,15 @@ def trust_region(
     """
     parameters = problem.parameters
     unit, fixed = _units(parameters, x0, beginning), np.zeros(len(x0), dtype=bool) if fixed is None else fixed
-    x, here, radius = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0))
+    x, here, radius, costs = x0, beginning, FIRST_RADIUS * np.sqrt(len(x0)), [beginning.cost]
     for used in range(max_iterations + 1):
         held = fixed | held_by_bounds(problem, x, here)
         if distance_to_optimum(here, problem.dof, held) < tolerance:
             return Ending(x, here, "", used)
         if used == max_iterations:
             break
+        if _creeps(costs, problem.dof):
+            return Ending(x, here, "V hardly falls any more", used)
         gradient, hessian = unit * here.gradient, np.outer(unit, unit) * here.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
@@ -82,7 +89,15 @@ def trust_region(
         radius = _next_radius(radius, length, share, predicted, float(gradient @ step))
         if share > MIN_SHARE:
             x, here = x_new, new
+        costs.append(here.cost)
     return Ending(x, here, "stopped", max_iterations)
+
+
+def _creeps(costs: Sequence[float], dof: int) -> bool:
+    """Whether V of the iterations so far is far from any noise and has stopped to fall."""
+    if len(costs) <= CREEPING_ITERATIONS or costs[-1] < FAR_FROM_NOISE * max(dof, 1):
+        return False
+    return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
 
 
 def _weight_of(border: FloatArray, radius: float) -> float:

@@ -38,9 +38,9 @@ DEFAULT_DAMPING_RATIO = 1e-3
 # A minimum of V is so deep, in variances of the noise, and V there at most so many times that of the fit, with the
 # derivatives of the fit and with those at the spring. So many springs are followed, for so many evaluations each.
 MIN_DIP = 10.0
-MAX_SCREENED_RATIO, MAX_PREDICTED_RATIO = 4.0, 1.5
+MAX_SCREENED_RATIO, MAX_PREDICTED_RATIO = 4.0, 1.2
 MAX_FOLLOWED = 2
-MAX_ITERATIONS = 20
+MAX_ITERATIONS = 12
 
 
 @dataclass(frozen=True, eq=False)
