@@ -64,7 +64,7 @@ def _planned(
     loads = spec.loads or (LoadSpec(""),)
     postures = {load.name: _posture(experiment, robot, load.configuration) for load in loads}
     axes = [
-        axis_of(with_point_mass(robot, load.payload), joint, postures[load.name], spec.passes, controller)
+        axis_of(with_point_mass(robot, load.payload), joint, postures[load.name], spec.designed_passes, controller)
         for load in loads
     ]
     # The load that takes most of the torque decides ramps and speeds of all.
@@ -77,7 +77,7 @@ def _planned(
     draws = np.random.SeedSequence(seed).spawn(2)
     motions, end_s = timed(
         (
-            *passes_of(spec.passes, loads, postures, joint.name, design, int(draws[0].generate_state(1)[0])),
+            *passes_of(spec.designed_passes, loads, postures, joint.name, design, int(draws[0].generate_state(1)[0])),
             *standstill_of(spec, axis, postures[loads[0].name], np.random.default_rng(draws[1])),
         ),
         axis.limits,
@@ -101,7 +101,7 @@ def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Conf
 
 def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
     """The speeds of the passes and how many at each; StudyError for a range without room."""
-    passes, unit = spec.passes, axis.limits.unit
+    passes, unit = spec.designed_passes, axis.limits.unit
     lowest, highest = passes.speeds or (axis.slowest, axis.fastest)
     try:
         if passes.spacing == "optimal":

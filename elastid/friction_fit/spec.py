@@ -163,14 +163,15 @@ class FrictionSpec:
     """Friction of one joint after the other: the experiments that find it, and the law.
 
     joints: by name or number, the first is 1 (default: every driven joint).  rate_hz: of the controller and the logs of
-    a design.  passes: at constant speeds.  loads: under which passes are repeated (default: the robot as it is).
-    presliding: loops before the joint slides (default: none).  at_rest: small multisine at standstill (default: none).
-    warm_up: hours of motion, for friction that falls with temperature (default: none).  law: parts that are looked for.
+    a design.  passes: at constant speeds; of logs `detect`, by default: plateaus are found in any motion.
+    loads: under which passes are repeated (default: the robot as it is).  presliding: loops before the joint slides
+    (default: none).  at_rest: small multisine at standstill (default: none).  warm_up: hours of motion, for friction
+    that falls with temperature (default: none).  law: parts that are looked for.
     """
 
     joints: tuple[str, ...] = ()
     rate_hz: Frequency = 1000.0
-    passes: PassesSpec = PassesSpec()
+    passes: PassesSpec | Literal["detect"] | None = None
     loads: tuple[LoadSpec, ...] = ()
     presliding: PreslidingSpec | None = None
     at_rest: AtRestSpec | None = None
@@ -185,3 +186,8 @@ class FrictionSpec:
                 raise ValueError(f"{kind}: {twice[0]} is given twice; leave one out")
         if not self.rate_hz > 0:
             raise ValueError(f"rate_hz is {self.rate_hz:g}; it must be positive")
+
+    @property
+    def designed_passes(self) -> PassesSpec:
+        """Those of a design, all by default where none are given."""
+        return self.passes if isinstance(self.passes, PassesSpec) else PassesSpec()

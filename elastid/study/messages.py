@@ -118,7 +118,12 @@ def _union_problems(
     union: KeyPath, members: list[tuple[KeyPath, PydanticError]], root: type, data: Any
 ) -> list[Problem]:
     """The errors of the branches that got into the data; where none did, the types that the union takes."""
-    deeper = [_problem(error, path, root, data) for path, error in members if len(path) > len(union)]
+    is_mapping = isinstance(value_at(data, union), dict)
+    deeper = [
+        _problem(error, path, root, data)
+        for path, error in members
+        if len(path) > len(union) or (is_mapping and error["type"] == "value_error")
+    ]
     if deeper:
         return deeper
     annotation = type_at(root, union)

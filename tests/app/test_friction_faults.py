@@ -30,7 +30,7 @@ bodies:
 STUDY = """
 name: axis
 robot: robot.yml
-friction: {{law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
+friction: {{passes: {passes}, law: {{temperature: {temperature}}}, loads: [{{name: empty}}]}}
 experiment:
   recorded:
     rate_hz: 500
@@ -49,6 +49,7 @@ SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)
 def write_study(folder: Path, logs: Sequence[str] = ("{path: log.csv}",), **keys: str) -> Path:
     defaults = {
         "temperature": "auto",
+        "passes": "detect",
         "constant": "torque_constant: 0.5 N*m/A, ",
         "torque_side": "motor",
         "angle_side": "motor",
@@ -131,6 +132,7 @@ def test_a_temperature_in_kelvin_is_refused_with_its_unit(tmp_path: Path) -> Non
     [
         ({"temperature": "yes"}, "friction.law.temperature: no log has a temperature; add a channel of role t"),
         ({"constant": ""}, "experiment.recorded.channels[0].quantity: a current needs torque_constant (N*m/A)"),
+        ({"passes": "{count: 9}"}, "friction.passes: speeds, count and window are of passes that are still to be made"),
         ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
         ({"files": "      - {path: log.csv, load: full}"}, "files[0].load: no load is called 'full'; there are empty"),
         ({"files": "      - {path: log.csv, speed: -1}"}, "speed is -1; it must be positive: passes go there and back"),

@@ -48,9 +48,9 @@ def test_every_key_is_read_in_si(study: Path) -> None:
     loaded = load(study).study
     spec = loaded.as_friction()
     assert loaded.kind == "friction"
-    assert spec.passes.window == (pytest.approx(-math.pi / 6), pytest.approx(math.pi / 6))
+    assert spec.designed_passes.window == (pytest.approx(-math.pi / 6), pytest.approx(math.pi / 6))
     assert spec.warm_up is not None
-    assert (spec.warm_up.time, spec.passes.reference_every) == (7200.0, 600.0)
+    assert (spec.warm_up.time, spec.designed_passes.reference_every) == (7200.0, 600.0)
     assert [load.payload for load in spec.loads] == [0.0, 12.0]
     assert [joint.name for joint in loaded.friction_joints] == ["1"]
     assert loaded.experiment.as_simulated().truth["Fc_m1"] == 22.0
@@ -61,6 +61,7 @@ def test_every_key_is_read_in_si(study: Path) -> None:
     [
         ("friction.joints=[arm]", "joints[0]: no driven joint is called 'arm'; there are 1, or give its number from 1"),
         ("friction.joints=[1, 1]", "joints: 1 is given twice; leave one out"),
+        ("friction.passes=detect", "passes: detect is for logs (experiment.recorded), whose passes are there"),
         ("friction.passes.speeds=[1, 0.5]", "speeds is [1, 0.5]; give [lowest, highest], both above 0"),
         ("friction.passes.speeds=[0.1, 9]", "joint 1 may move at 2.094 rad/s; lower the highest speed"),
         ("friction.passes.speeds=[1 mm/s, 1 m/s]", "is given in units of m/s, but joint 1 is a rotation"),

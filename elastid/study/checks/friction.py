@@ -34,6 +34,9 @@ def check_friction(study: Study, base: Path) -> Iterator[Problem]:
         yield from check_friction_logs(study, experiment.recorded, base)
         return
     yield from check_experiment(study)
+    if spec.passes == "detect":
+        message = "detect is for logs (experiment.recorded), whose passes are there; give speeds, count, window ..."
+        yield Problem(_PASSES, message)
     if experiment.simulated is not None:
         yield from check_simulated(study, experiment.simulated)
     for joint in study.friction_joints:
@@ -68,7 +71,7 @@ def _check_joints(study: Study, spec: FrictionSpec) -> Iterator[Problem]:
 
 def _check_passes(spec: FrictionSpec, joint: Joint) -> Iterator[Problem]:
     """Windows and speeds in the joint's unit and within its limits."""
-    limits, passes = joint.limits, spec.passes
+    limits, passes = joint.limits, spec.designed_passes
     for name, pair in (("window", passes.window), ("speeds", passes.speeds)):
         for i, value in enumerate(pair or ()):
             if refused := joint.refusal_of(value):

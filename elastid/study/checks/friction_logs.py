@@ -7,6 +7,7 @@ from pathlib import Path
 
 from elastid.base.errors import did_you_mean
 from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.friction_fit.spec import PassesSpec
 from elastid.study.checks.names import unknown
 from elastid.study.checks.recorded import check_channels, check_files
 from elastid.study.messages import Problem
@@ -24,6 +25,9 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         message = "friction depends on velocities, which need the sampling rate; give it in Hz"
         yield Problem((*_RECORDED, "rate_hz"), message)
     yield from _check_joints(study, recorded)
+    if isinstance(study.as_friction().passes, PassesSpec):
+        message = "speeds, count and window are of passes that are still to be made; logs have passes: detect"
+        yield Problem(("friction", "passes"), message, at_key=True)
     for i, file in enumerate(recorded.files):
         yield from _check_file(study, file, (*_RECORDED, "files", i))
     if study.as_friction().law.temperature == "yes" and not _has_temperature(recorded):
