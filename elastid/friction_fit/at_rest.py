@@ -170,6 +170,11 @@ class _Model:
 
     def fit(self, start: FloatArray, place: str) -> _Fit:
         """The optimum from a start; the covariance is that of the residuals where they exceed the noise."""
+        if len(self._residual(start)) < len(start):
+            raise FitError(
+                f"{place} at rest: fewer lines than unknowns stand out of the noise; raise the torque, or excite more "
+                "lines"
+            )
         end = least_squares(self._residual, start, x_scale="jac", method="lm", xtol=1e-10, ftol=1e-12)
         dof = len(end.fun) - len(start)
         cost = 2 * float(end.cost)

@@ -34,6 +34,8 @@ LevelOf = Callable[[FloatArray, FloatArray], FloatArray]
 Scale = Literal["kelvin", "relative"]
 # Time constants are looked for between these parts of the time that was measured.
 SHORTEST, LONGEST = 1 / 200, 5.0
+# Std of a thermometer that is said to have none, K.
+MIN_READING_STD = 0.05
 
 
 @frozen_value
@@ -150,7 +152,7 @@ def _fit_kelvin(warm_up: WarmUp, level_of: LevelOf | None, nodes: int) -> Therma
     def residual(x: FloatArray) -> FloatArray:
         constants, shares = _nodes(x, nodes)
         T = _kelvin(warm_up, constants, shares, float(np.exp(x[0])))
-        parts = [(warm_up.readings - T)[read] / warm_up.reading_std] if read.any() else []
+        parts = [(warm_up.readings - T)[read] / max(warm_up.reading_std, MIN_READING_STD)] if read.any() else []
         if level_of is not None:
             parts.append((warm_up.level - level_of(warm_up.test_speed, T[warm_up.tests])) / warm_up.level_std)
         return np.concatenate(parts)
