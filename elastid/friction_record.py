@@ -25,6 +25,7 @@ class FrictionRecord:
     temperature (n,): degC, NaN where it is not known, or None.
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
     load: name of the load.  load_torque: |torque| of the model that the joint carries, 0 where none is known.
+    torque_delay_s: by which the torque acts later than its position was read: half a sample of a command that is held.
     resolution: of the position, one count; 0 where it is not known.  start_s: time of the first sample from the start
     of the study.  period_samples: of a periodic torque.  hold: of the torque between its samples.
     configuration: posture in which the other joints are held.
@@ -48,6 +49,7 @@ class FrictionRecord:
     load: str = ""
     load_torque: float = 0.0
     resolution: float = 0.0
+    torque_delay_s: float = 0.0
     start_s: float = 0.0
     period_samples: int | None = None
     hold: Hold = "band-limited"

@@ -29,8 +29,10 @@ def design_friction(
 ) -> FrictionPlan:
     """The plan of a study of `joints`, one after the other.
 
-    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass.
+    Raises StudyError that names joint, speed and numbers where limits, window or loop do not allow a pass, and for a
+    part of the law that is asked for and that these experiments cannot tell.
     """
+    _check_law(spec)
     found = list[_Planned]()
     for number, joint in enumerate(joints):
         start_s = found[-1].end_s if found else 0.0
@@ -88,6 +90,20 @@ def _planned(
         return _Planned(axis, design, motions, (), end_s)
     warm_up, tests, end_s = warm_up_of(spec.warm_up, axis, design, postures[loads[0].name], end_s)
     return _Planned(axis, design, (*motions, *tests), (warm_up,), end_s)
+
+
+def _check_law(spec: FrictionSpec) -> None:
+    """StudyError for `yes` to a part of the law without the conditions that it needs."""
+    if spec.law.temperature == "yes" and spec.warm_up is None:
+        raise StudyError(
+            "friction.law.temperature: yes, and all passes have one temperature; two give a slope, three or more, over "
+            "20 K and up, the decay of viscous friction: give friction.warm_up, or auto"
+        )
+    if spec.law.load == "yes" and len(spec.loads) < 2:
+        raise StudyError(
+            "friction.law.load: yes, and there is one load; two give a slope, three a "
+            "Stribeck velocity of the load's own: give friction.loads (postures or payloads), or auto"
+        )
 
 
 def _posture(experiment: ExperimentSpec, robot: Robot, name: str | None) -> Configuration:

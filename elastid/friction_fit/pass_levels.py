@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from elastid.base.arrays import BoolArray, FloatArray
@@ -113,7 +114,7 @@ def _condition(members: Sequence[Pass]) -> _Condition:
 
 
 def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Condition]) -> float:
-    """By what the variance of the levels is larger than stated: pairs of one condition, at least 1."""
+    """By what the variance of the levels is larger than stated: 1 where pairs of one condition scatter no more."""
     keys = np.array([
         (round(np.log(c.speed) / SAME_SPEED), round(c.load, 6), round(np.nan_to_num(c.temperature) / SAME_KELVIN))
         for c in conditions
@@ -127,7 +128,7 @@ def _scatter_scale(g: FloatArray, std: FloatArray, conditions: Sequence[_Conditi
         mean = np.sum(w * g[own]) / w.sum()
         squares += float(np.sum(w * (g[own] - mean) ** 2))
         dof += int(own.sum()) - 1
-    return max(1.0, squares / dof) if dof else 1.0
+    return squares / dof if dof and chi2.sf(squares, dof) < FALSE_ALARM else 1.0
 
 
 def _uneven(

@@ -3,33 +3,36 @@ r"""One regression over all passes of a joint: what all share, and the level of 
 .. math:: u = s\, g_k + o_k + f s (|\dot q| - v_k) + J \ddot q + G \cos q + H \sin q
               + \sum_h (a_h \cos h N q + b_h \sin h N q)
 
-for the passes of pair k, with s the direction of the motion: gravity, ripple of the motor's turns (N a turn of the
-joint) and inertia are the same in all pairs; the level g_k and what is alike in both directions, o_k, are each pair's
-own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the torque where it does not
-change with speed; what changes is friction that differs between the directions. Levels stand at the speed that was
-measured, not at the one that was commanded.
+for the passes of pair k, with s the direction of the motion: ripple of the motor's turns (N a turn of the joint) and
+inertia are the same in all pairs, gravity in all of one load; the level g_k and what is alike in both directions, o_k,
+are each pair's own; f is the slope of friction about the mean speed v_k of a pass.  o_k is an offset of the torque
+where it does not change with speed; what changes is friction that differs between the directions. Levels stand at the
+speed that was measured, not at the one that was commanded.
 
 A level's variance comes from how pairs of the same speed scatter, and within a pair from the autocovariance of the
-residuals of all passes: ripple that the regression has not is no white noise.
+residuals of all passes. Ripple that the regression has not would be taken for such noise, so harmonics that stand out
+of the residuals are taken into it. Rows are means of a few samples: noise that is white loses nothing by it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 
-# Harmonics of one motor turn that the regression has, where passes cover a turn.
-RIPPLE_HARMONICS = 2
-# Samples over which residuals may be correlated.
+# Harmonics of one motor turn: always in the regression where passes cover a turn, and looked for in its residuals.
+RIPPLE_HARMONICS, MAX_HARMONIC = 2, 24
+# Power over the median of all harmonics, in parts of its mean, above which one is no noise (chance 6e-6 each).
+CLEAR_RIPPLE = 12.0
+# Rows over which residuals may be correlated.
 MAX_LAG = 200
 # Of the mean speed, below which a change of it is rounding.
 ROUNDING = 1e-9
-# Samples of a pass in the regression: more of a slow one say nothing new.
-MAX_SAMPLES = 2000
+# Rows of all passes together, and of the shortest at least.
+MAX_ROWS, MIN_ROWS = 15_000, 40
 
 
 @frozen_value
@@ -37,7 +40,8 @@ class Pass:
     """A part of a log in which one joint slides steadily, on one side, SI.
 
     pair: passes of one pair belong together, there and back.  position, velocity, acceleration, torque (n,).  load:
-    |torque| that the joint carries.  temperature: mean, degC, NaN where it is not known.
+    |torque| that the joint carries.  temperature: mean, degC, NaN where it is not known.  load_name: passes of one have
+    the same gravity.
     """
 
     place: str
@@ -50,6 +54,7 @@ class Pass:
     load: float = 0.0
     temperature: float = float("nan")
     slides: bool = False
+    load_name: str = ""
 
     @property
     def direction(self) -> float:
@@ -64,96 +69,128 @@ class Pass:
 
 @dataclass(frozen=True)
 class PassRegression:
-    """Columns A (n, n_x) and torque y (n,): every steps-th sample of the passes of_pass (n,); shared: their names."""
+    """Columns A (n, n_x) and torque y (n,), rows of the passes of_pass (n,); shared: names of the columns behind g, o.
+
+    waves (n, MAX_HARMONIC): exp(j h N q) of all harmonics that ripple may have; (n, 0) where no pass covers a turn.
+    """
 
     A: FloatArray
     y: FloatArray
     of_pass: IntArray
-    steps: IntArray
+    waves: ComplexArray
     shared: tuple[str, ...]
 
     @classmethod
     def of(cls, passes: Sequence[Pass], pairs: dict[str, list[Pass]], has_gravity: bool, turn: float) -> PassRegression:
         """The columns of all passes; turn: angle of the joint for a turn of the motor, 0 without ripple."""
-        order, names = list(pairs), ["inertia", "slope"]
-        rows, torques, numbers, steps = [], [], [], []
+        lengths = [len(each.position) for each in passes]
+        step = max(1, min(sum(lengths) // MAX_ROWS, min(lengths) // MIN_ROWS))
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
+        order = list(pairs)
+        loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
+        harmonics = np.arange(1, MAX_HARMONIC + 1 if has_ripple else 1)
+        rows, torques, waves, numbers = [], [], [], []
         for number, each in enumerate(passes):
-            step = max(1, len(each.position) // MAX_SAMPLES)
-            q, a, s = each.position[::step], each.acceleration[::step], each.direction
-            speed = np.abs(each.velocity)
-            own = np.zeros((len(q), 2 * len(order)))
-            own[:, order.index(each.pair)] = s
+            own = np.zeros((len(each.position), 2 * len(order)))
+            own[:, order.index(each.pair)] = each.direction
             own[:, len(order) + order.index(each.pair)] = 1.0
-            columns = [a, s * _about_mean(speed)[::step]]
-            if has_gravity:
-                columns += [np.cos(q), np.sin(q)]
-            if has_ripple:
-                angles = [2 * np.pi * h / turn * q for h in range(1, RIPPLE_HARMONICS + 1)]
-                columns += [wave for x in angles for wave in (np.cos(x), np.sin(x))]
-            rows.append(np.hstack([own, np.stack(columns, axis=1)]))
-            torques.append(each.torque[::step])
-            numbers.append(np.full(len(q), number))
-            steps.append(np.full(len(q), step))
-        names += ["gravity.cos", "gravity.sin"] if has_gravity else []
-        names += [f"ripple.{h}{w}" for h in range(1, RIPPLE_HARMONICS + 1) for w in "cs"] if has_ripple else []
-        return cls(
-            np.vstack(rows), np.concatenate(torques), np.concatenate(numbers), np.concatenate(steps), tuple(names)
+            columns = [each.acceleration, each.direction * _about_mean(np.abs(each.velocity))]
+            for load in loads:
+                carried = float(load == each.load_name)
+                columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
+            rows.append(_means(np.hstack([own, np.stack(columns, axis=1)]), step))
+            torques.append(_means(each.torque, step))
+            turns = 2j * np.pi / turn * each.position if has_ripple else each.position
+            waves.append(_means(np.exp(np.outer(turns, harmonics)), step))
+            numbers.append(np.full(len(torques[-1]), number))
+        names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
+        found = cls(
+            np.vstack(rows),
+            np.concatenate(torques),
+            np.concatenate(numbers),
+            np.vstack(waves),
+            tuple(names),
         )
+        return found._with_ripple() if has_ripple else found
 
     def solve(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Numbers (n_x,), covariance (n_x, n_x) and residual (n,)."""
         size = np.linalg.norm(self.A, axis=0)
         size[size == 0] = 1.0
         B = self.A / size
-        U, s, Vt = np.linalg.svd(B, full_matrices=False)
+        Q, R = np.linalg.qr(B)
+        U, s, Vt = np.linalg.svd(R, full_matrices=False)
         good = s > 1e-10 * s[0]
-        inverse = (Vt[good].T / s[good]) @ U[:, good].T
-        values = inverse @ self.y
+        values = (Vt[good].T / s[good]) @ (U[:, good].T @ (Q.T @ self.y))
         left = self.y - B @ values
         bread = (Vt[good].T / s[good] ** 2) @ Vt[good]
-        spare = len(self.y) / max(1, len(self.y) - B.shape[1])
         autocovariance = self._autocovariance(left)
         covariance = bread @ self._meat(B, autocovariance) @ bread
         if np.any(np.diag(covariance) < 0):
             # Cut off where it is still large, an autocovariance is none; tapered to zero it is.
             tapered = autocovariance * (1 - np.arange(len(autocovariance)) / len(autocovariance))
             covariance = bread @ self._meat(B, tapered) @ bread
+        # Every number takes its share of the long-run variance from each autocovariance of the residuals.
+        spare = 1 + (2 * len(autocovariance) - 1) * B.shape[1] / len(self.y)
         return values / size, spare * covariance / np.outer(size, size), left
 
     def _meat(self, B: FloatArray, autocovariance: FloatArray) -> FloatArray:
         """B^T Gamma B of all passes: each has columns of its own pair and the shared ones alone."""
         meat = np.zeros((B.shape[1], B.shape[1]))
-        for own, step in self._passes():
+        for own in self._passes:
             used = np.flatnonzero(np.any(B[own], axis=0))
-            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance[::step])
+            meat[np.ix_(used, used)] += _long_run(B[own][:, used], autocovariance)
         return meat
 
-    def _passes(self) -> list[tuple[slice, int]]:
-        """Samples of each pass, and which part of the log's samples they are."""
-        ends = np.flatnonzero(np.diff(self.of_pass)) + 1
-        starts = [0, *ends.tolist()]
-        stops = [*ends.tolist(), len(self.of_pass)]
-        return [(slice(a, b), int(self.steps[a])) for a, b in zip(starts, stops, strict=True)]
+    def _with_ripple(self) -> PassRegression:
+        """With the first harmonics, and the further ones that stand out of the residuals."""
+        first = self._with_harmonics(np.arange(1, RIPPLE_HARMONICS + 1))
+        harmonics = np.arange(RIPPLE_HARMONICS + 1, MAX_HARMONIC + 1)
+        Q = np.linalg.qr(first.A / np.maximum(np.linalg.norm(first.A, axis=0), 1e-300))[0]
+        left = first.y - Q @ (Q.T @ first.y)
+        waves = self.waves[:, harmonics - 1]
+        power = np.abs(left @ waves) ** 2 / np.maximum(np.sum(np.abs(waves) ** 2, axis=0), 1e-300)
+        # Of noise the power is exponential, its median ln 2 of its mean.
+        return first._with_harmonics(harmonics[power > CLEAR_RIPPLE / np.log(2) * np.median(power)])
+
+    def _with_harmonics(self, harmonics: IntArray) -> PassRegression:
+        columns = [column for h in harmonics for column in (self.waves[:, h - 1].real, self.waves[:, h - 1].imag)]
+        names = [name for h in harmonics.tolist() for name in ripple_names(h)]
+        return replace(self, A=np.column_stack([self.A, *columns]), shared=(*self.shared, *names))
+
+    @property
+    def _passes(self) -> list[slice]:
+        """Rows of each pass."""
+        ends = (np.flatnonzero(np.diff(self.of_pass)) + 1).tolist()
+        return [slice(a, b) for a, b in zip([0, *ends], [*ends, len(self.of_pass)], strict=True)]
 
     def _autocovariance(self, left: FloatArray) -> FloatArray:
-        """Of the residuals of all passes, by lag in samples of the log, up to the first that is not above chance."""
+        """Of the residuals of all passes, by lag in rows, up to the first that is not above chance."""
         found = [float(left @ left / len(left))]
         for lag in range(1, MAX_LAG + 1):
-            products = [
-                left[own][lag // step :] @ left[own][: -(lag // step)]
-                for own, step in self._passes()
-                if lag % step == 0 and own.stop - own.start > lag // step
-            ]
-            counts = [
-                own.stop - own.start - lag // step
-                for own, step in self._passes()
-                if lag % step == 0 and own.stop - own.start > lag // step
-            ]
-            if not counts or sum(products) / sum(counts) < 2 * found[0] / np.sqrt(sum(counts)):
+            long = [own for own in self._passes if own.stop - own.start > lag]
+            count = sum(own.stop - own.start - lag for own in long)
+            total = sum(float(left[own][lag:] @ left[own][:-lag]) for own in long)
+            if not count or total / count < 2 * found[0] / np.sqrt(count):
                 break
-            found.append(float(sum(products) / sum(counts)))
+            found.append(total / count)
         return np.array(found)
+
+
+def gravity_names(load: str) -> tuple[str, str]:
+    """Names of the numbers of gravity under a load."""
+    return (f"gravity.cos.{load}", f"gravity.sin.{load}") if load else ("gravity.cos", "gravity.sin")
+
+
+def ripple_names(harmonic: int) -> tuple[str, str]:
+    """Names of the cosine and sine of a harmonic of the motor's turns."""
+    return f"ripple.{harmonic}c", f"ripple.{harmonic}s"
+
+
+def _means(x: FloatArray, step: int) -> FloatArray:
+    """Means of every `step` rows of x (n,) or (n, m); what is left at the end is dropped."""
+    n = len(x) // step
+    return np.asarray(x[: n * step].reshape(n, step, *x.shape[1:]).mean(axis=1))
 
 
 def _about_mean(speed: FloatArray) -> FloatArray:

@@ -16,20 +16,23 @@ SMOOTHED_HZ = 60.0
 def passes_of(record: FrictionRecord) -> tuple[Pass, ...]:
     """There and back of one record of passes, as one pair; whichever of both it has."""
     velocity, acceleration = motion_of(record)
+    # Gravity is that of the angle at which the torque acts; half a sample's travel turns it with the direction.
+    position = record.position + record.torque_delay_s * velocity
     return tuple(
         Pass(
             f"joint {record.joint}",
             record.name,
             record.rate_hz,
-            record.position[part],
+            position[part],
             velocity[part],
             acceleration[part],
             record.torque[part],
             record.load_torque,
             _mean_temperature(record, part),
             record.slides,
+            record.load,
         )
-        for part in (slice(*window) for window in (record.there, record.back) if window is not None)
+        for part in (_inner(*window, record.rate_hz) for window in (record.there, record.back) if window is not None)
     )
 
 
@@ -41,6 +44,12 @@ def motion_of(record: FrictionRecord) -> tuple[FloatArray, FloatArray]:
     else:
         velocity = np.gradient(sosfiltfilt(smooth, record.position), 1 / record.rate_hz)
     return velocity, np.gradient(sosfiltfilt(smooth, velocity), 1 / record.rate_hz)
+
+
+def _inner(start: int, stop: int, rate_hz: float) -> slice:
+    """A plateau without its ends, into which the filter brings the ramps; of a short one at most a tenth each."""
+    margin = min(int(rate_hz / SMOOTHED_HZ) + 1, (stop - start) // 10)
+    return slice(start + margin, stop - margin)
 
 
 def _mean_temperature(record: FrictionRecord, part: slice) -> float:

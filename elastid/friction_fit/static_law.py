@@ -110,9 +110,11 @@ class StaticLaw:
         value, eta = self.values, self.fit.values
         coulomb = value["coulomb"]
         load, temperature, directions = None, None, None
-        if "load.coulomb" in value:
+        if "load.coulomb" in value or "load.stiction" in value:
             load = LoadDependence(
-                max(0.0, value["load.coulomb"]), value.get("load.stiction"), value.get("load.stribeck_velocity")
+                max(0.0, value.get("load.coulomb", 0.0)),
+                value.get("load.stiction"),
+                value.get("load.stribeck_velocity"),
             )
         if "temperature.viscous" in value or "temperature.stiction" in value:
             temperature = TemperatureDependence(
@@ -146,7 +148,7 @@ class StaticLaw:
         names = self.fit.names
         T = np.eye(len(names))
         for i, name in enumerate(names):
-            if name.endswith("excess"):
+            if name.endswith("excess") and name.replace("excess", "coulomb") in names:
                 T[i, names.index(name.replace("excess", "coulomb"))] = 1.0
         return T
 

@@ -13,7 +13,15 @@ from elastid.base.errors import StudyError
 from elastid.design.friction_axis import axis_of
 from elastid.experiment.plan.passes import pass_reference
 from elastid.experiment.specs.simulated import ControllerSpec
-from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.friction_fit.spec import (
+    AtRestSpec,
+    FrictionSpec,
+    LawSpec,
+    LoadSpec,
+    PassesSpec,
+    PreslidingSpec,
+    WarmUpSpec,
+)
 from elastid.record import Configuration
 from elastid.robot import Limits
 
@@ -85,6 +93,21 @@ def test_what_cannot_be_done_is_refused_by_name(
 ) -> None:
     with pytest.raises(StudyError, match=word):
         planned(FrictionSpec(passes=PassesSpec(**passes)), axis(limits), bandwidth_hz)
+
+
+@pytest.mark.parametrize(
+    ("law", "word"),
+    [
+        (
+            LawSpec(temperature="yes"),
+            "law.temperature: yes, and all passes have one temperature; .* give friction.warm_up",
+        ),
+        (LawSpec(load="yes"), "law.load: yes, and there is one load; .* give friction.loads"),
+    ],
+)
+def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, word: str) -> None:
+    with pytest.raises(StudyError, match=word):
+        planned(FrictionSpec(law=law))
 
 
 def test_default_speeds_slide_with_a_loop_of_any_bandwidth() -> None:

@@ -59,9 +59,9 @@ def passes(
 
 
 def test_levels_are_right_under_gravity_of_four_times_the_friction() -> None:
-    """Without noise within 0.1 %, with 5 % of noise within 0.4 % at the median speed and as stated elsewhere."""
+    """Without noise within 0.2 %, with 5 % of noise within 0.4 % at the median speed and as stated elsewhere."""
     quiet = find_levels(passes(0, noise=0.0), True, 2 * np.pi / RATIO).levels
-    np.testing.assert_allclose(quiet.torque, level(quiet.speed), rtol=1e-3)
+    np.testing.assert_allclose(quiet.torque, level(quiet.speed), rtol=2e-3)
     found = find_levels(passes(1), True, 2 * np.pi / RATIO)
     error = found.levels.torque / level(found.levels.speed) - 1
     assert np.median(np.abs(error)) < 0.004

@@ -118,6 +118,7 @@ class SimulatedFrictionRig:
             speed=None if planned is None else planned.speed,
             load=motion.load,
             load_torque=self._load_torque(run),
+            torque_delay_s=0.5 / self.plan.rate_hz,
             resolution=float(run.plant.loop.drives.resolution[i]),
             start_s=motion.start_s + first / self.plan.rate_hz,
             period_samples=motion.period_samples,

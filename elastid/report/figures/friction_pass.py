@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.friction_fit.pass_levels import PassLevels
-from elastid.friction_fit.pass_regression import RIPPLE_HARMONICS, Pass
+from elastid.friction_fit.pass_regression import MAX_HARMONIC, Pass, gravity_names, ripple_names
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import units
 
@@ -62,7 +62,8 @@ def parts_of(pair: Sequence[Pass], found: PassLevels) -> list[dict[str, FloatArr
     for each in pair:
         q, speed = each.position, np.abs(each.velocity)
         sliding = _level(pair, found, each.direction) + shared.get("slope", 0.0) * (speed - speed.mean())
-        gravity = shared.get("gravity.cos", 0.0) * np.cos(q) + shared.get("gravity.sin", 0.0) * np.sin(q)
+        cosine, sine = (shared.get(name, 0.0) for name in gravity_names(each.load_name))
+        gravity = cosine * np.cos(q) + sine * np.sin(q)
         parts = {"friction": each.direction * sliding, OFFSET: gravity}
         if "ripple.1c" in shared:
             parts["ripple"] = _ripple(q, shared, found.turn)
@@ -86,7 +87,8 @@ def _level(pair: Sequence[Pass], found: PassLevels, direction: float) -> float:
 def _ripple(q: FloatArray, shared: Mapping[str, float], turn: float) -> FloatArray:
     """sum_h a_h cos h N q + b_h sin h N q."""
     total = np.zeros_like(q)
-    for h in range(1, RIPPLE_HARMONICS + 1):
+    for h in range(1, MAX_HARMONIC + 1):
+        cosine, sine = (shared.get(name, 0.0) for name in ripple_names(h))
         x = 2 * np.pi * h / turn * q
-        total += shared[f"ripple.{h}c"] * np.cos(x) + shared[f"ripple.{h}s"] * np.sin(x)
+        total += cosine * np.cos(x) + sine * np.sin(x)
     return total

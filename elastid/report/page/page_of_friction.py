@@ -63,10 +63,17 @@ def shared_numbers(joint: JointFriction) -> tuple[tuple[str, str, str, str], ...
     torque = "N" if joint.slides else "N*m"
     units = {"inertia": "kg" if joint.slides else "kg*m^2", "slope": "N*s/m" if joint.slides else "N*m*s/rad"}
     return tuple(
-        (SHARED[name], number(value), number(std, 2), units.get(name, torque))
+        (SHARED[kind] + (f" ({load})" if load else ""), number(value), number(std, 2), units.get(name, torque))
         for name, (value, std) in joint.levels.shared.items()
-        if name in SHARED
+        for kind, load in (_of_load(name),)
+        if kind in SHARED
     )
+
+
+def _of_load(name: str) -> tuple[str, str]:
+    """gravity.cos.full -> gravity.cos, full."""
+    kind = ".".join(name.split(".")[:2])
+    return kind, name[len(kind) + 1 :]
 
 
 def _text(content: FrictionContent) -> Iterator[str]:
