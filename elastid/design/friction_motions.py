@@ -16,7 +16,7 @@ from elastid.friction_fit.spec import FrictionSpec, LoadSpec, PassesSpec, WarmUp
 from elastid.record import Configuration
 
 # At rest: period, its repetitions (the first is the transient), and draws of the random phases.
-REST_PERIOD_S, REST_PERIODS, REST_REALISATIONS = 2.0, 5, 2
+REST_PERIOD_S, REST_PERIODS, REST_REALISATIONS = 1.0, 33, 2
 # Speeds of the test passes of a warm-up, as places in the sorted speeds of the passes.
 TEST_PLACES = (0.3, 0.65, 1.0)
 

@@ -17,8 +17,10 @@ from elastid.record import Configuration, Record
 MOTION_BAND = 1.5
 # Half of the swing of the position, in counts of its encoder, below which a response says nothing of bristles.
 MIN_COUNTS = 3.0
-# Amplitudes nearer than this ratio are one.
-SAME_AMPLITUDE = 1.15
+# Amplitudes nearer than this ratio are one: of one peak, random phases make different ones.
+SAME_AMPLITUDE = 1.4
+# Lines of the torque that must stand out of noise.
+MIN_LINES = 8
 
 
 @frozen_value
@@ -52,6 +54,11 @@ class RestResponse:
             )
         found = estimate(periodic, EstimatorSpec(quantity="position", friction="none"))
         assert found.noise is not None
+        if found.n_lines < MIN_LINES:
+            raise DataError(
+                f"joint {first.joint} at rest ({first.name}): {found.n_lines} lines of its torque stand out of the "
+                f"noise, {MIN_LINES} are needed: raise the torque at rest, or repeat its period more often"
+            )
         position, velocity = _motion(periodic, MOTION_BAND * float(found.freq_hz[-1]), first.resolution)
         peak = max(float(np.ptp(_mean_period(record, record.u))) / 2 for record in periodic)
         return cls(found.freq_hz, found.G[:, 0, 0], found.noise.variance[:, 0, 0], peak, position, velocity)
@@ -59,7 +66,7 @@ class RestResponse:
 
 def rest_responses(records: Sequence[FrictionRecord]) -> tuple[RestResponse, ...]:
     """One response for each amplitude of the torque, the smallest first."""
-    sizes = sorted(((float(np.std(record.torque)), record) for record in records), key=lambda each: each[0])
+    sizes = sorted(((_size(record), record) for record in records), key=lambda each: each[0])
     groups: list[list[FrictionRecord]] = []
     last = 0.0
     for size, record in sizes:
@@ -83,6 +90,16 @@ def _periodic(record: FrictionRecord, realisation: int) -> Record:
         record.period_samples, place, place, ("position",), record.torque[:, None], record.position[:, None],
         hold=record.hold, sliding=place if record.slides else (),
     )  # fmt: skip
+
+
+def _size(record: FrictionRecord) -> float:
+    """Rms of the periodic part of the torque, free of noise: by the first and the second half of its periods."""
+    n = record.period_samples or len(record.torque)
+    periods = record.torque[: len(record.torque) // n * n].reshape(-1, n)
+    if len(periods) < 2:
+        return float(np.std(record.torque))
+    first, second = (part.mean(axis=0) - part.mean() for part in np.array_split(periods, 2))
+    return float(np.sqrt(max(np.mean(first * second), 0.0)))
 
 
 def _mean_period(record: Record, signal: FloatArray) -> FloatArray:

@@ -64,8 +64,8 @@ def test_loops_stay_stuck_and_the_joint_at_rest_is_a_spring() -> None:
     assert secant == pytest.approx(friction_numbers(axis())["s0_m1"][0], rel=0.05)
     assert np.ptp(loops.position) < 1e-3
     rest = simulated.measure(next(m for m in simulated.motions if m.purpose == "at_rest"))
-    assert rest.period_samples == 1000
-    assert len(rest.torque) == 4000
+    assert rest.period_samples == 500
+    assert len(rest.torque) == 16000
     np.testing.assert_allclose(rest.position[1000:2000], rest.position[2000:3000], atol=2e-3 * np.ptp(rest.position))
 
 

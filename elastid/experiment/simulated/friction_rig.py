@@ -122,6 +122,7 @@ class SimulatedFrictionRig:
             resolution=float(run.plant.loop.drives.resolution[i]),
             start_s=motion.start_s + first / self.plan.rate_hz,
             period_samples=motion.period_samples,
+            hold="zero-order",
             configuration=run.point.configuration,
             is_reference=planned is not None and planned.is_reference,
             is_warm_up=motion.is_warm_up,
