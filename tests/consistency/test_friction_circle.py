@@ -1,0 +1,115 @@
+"""Friction from passes, from multisine records and from an elastic fit is one friction, on the same simulated robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.dry_friction import COULOMB, RATIO, measured, measured_robot, robot
+from plants.friction_axis import axis, rig
+
+from elastid.design.friction import design_friction
+from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.fit.identify import identify
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.frf.estimate import estimate
+from elastid.frf.friction.find import find_friction
+from elastid.frf.friction.net_torque import net_record
+from elastid.frf.spec import EstimatorSpec
+from elastid.friction_fit.at_rest import fit_at_rest
+from elastid.friction_fit.identify import identify_friction
+from elastid.friction_fit.joint_levels import find_joint_levels
+from elastid.friction_fit.rest_response import rest_responses
+from elastid.friction_fit.result import FrictionResult
+from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LawSpec, PassesSpec
+from elastid.friction_record import FrictionRecords
+from elastid.robot import Limits, Robot
+from elastid.robot.friction_numbers import friction_numbers
+from elastid.simulation.held_joint import held_joint
+
+AUTO = EstimatorSpec(friction="auto")
+LIMITS = Limits((-1.5, 1.5), velocity=2.0, torque=2000.0, acceleration=10.0)
+PASSES = PassesSpec((0.05, 1.2), count=6, spacing="logarithmic", repeat=1, window=(-0.8, 0.8))
+# Standard deviations of a difference that one in a hundred exceeds.
+FAR = 2.6
+
+
+def limited(machine: Robot) -> Robot:
+    """With limits, within which passes are designed."""
+    bodies = tuple(
+        replace(body, joints=tuple(replace(joint, limits=LIMITS) if joint.motor else joint for joint in body.joints))
+        for body in machine.bodies
+    )
+    return replace(machine, bodies=bodies)
+
+
+@pytest.fixture(scope="module")
+def passes() -> FrictionResult:
+    """Of the robot of `dry_friction`, both axes, 3 min of the robot."""
+    machine, spec = limited(robot()), FrictionSpec(rate_hz=500.0, passes=PASSES, law=LawSpec(directions="no"))
+    noise = NoiseSpec(torque_std=0.3, angle_std=1e-7)
+    simulated = SimulatedSpec(noise=noise, controller=ControllerSpec(3.0), substeps=4)
+    experiment = ExperimentSpec({"a": (0.0, 0.2)}, simulated=simulated)
+    plan = design_friction(spec, machine.driven, experiment, machine, 3)
+    bench = SimulatedFrictionRig(machine, experiment, plan, 1)
+    records = FrictionRecords(tuple(bench.measure(motion) for motion in plan.motions))
+    return identify_friction(machine, find_joint_levels(machine, machine.driven, records), records, spec)
+
+
+def told(result: FrictionResult, name: str) -> tuple[float, float]:
+    """A number of the friction study and its standard deviation."""
+    found = next(number for number in result.numbers if number.name == name)
+    return found.value, found.std
+
+
+@pytest.mark.slow
+def test_multisines_and_passes_tell_the_same_coulomb_friction(passes: FrictionResult) -> None:
+    """At both motors, each within its interval of the truth, and of each other."""
+    configurations, lines = measured()
+    taken = find_friction(configurations, AUTO, lines)
+    for joint, truth in zip("12", COULOMB, strict=True):
+        level, std = taken.sliding_level(f"motor {joint}")
+        of_passes, std_of_passes = told(passes, f"Fc_m{joint}")
+        assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
+        assert abs(of_passes - truth) < FAR * std_of_passes
+        slow = np.array([0.05, 0.2])
+        curve, curve_std = taken.sliding(f"motor {joint}", slow)
+        np.testing.assert_allclose(curve, of_passes, atol=FAR * np.hypot(curve_std, std_of_passes).max())
+
+
+@pytest.mark.slow
+def test_identified_friction_put_back_is_found_by_an_elastic_study(passes: FrictionResult) -> None:
+    """Its records show the F_c of passes, and its fit finds their viscous friction beside the springs."""
+    machine = robot((0.0, 0.0))
+    put = {f"fm_{joint}": told(passes, f"f_m{joint}")[0] / n**2 for joint, n in zip("12", RATIO, strict=True)}
+    levels = tuple(told(passes, f"Fc_m{joint}")[0] for joint in "12")
+    configurations, lines = measured_robot(robot(levels).with_parameters(put))
+    taken = find_friction(configurations, AUTO, lines)
+    responses = [estimate([net_record(one, taken) for one in records], AUTO, lines) for records in configurations]
+    chosen = dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec())
+    fit = identify(responses, machine, FitSpec(starts=1, start_factor=1.0, profile=(), parameters=chosen))
+    for joint, n in zip("12", RATIO, strict=True):
+        level, std = taken.sliding_level(f"motor {joint}")
+        of_passes, std_of_passes = told(passes, f"Fc_m{joint}")
+        assert abs(level - of_passes) < FAR * np.hypot(std, std_of_passes)
+        viscous, viscous_std = (n**2 * each[f"fm_{joint}"] for each in (fit.values, fit.std))
+        of_passes, std_of_passes = told(passes, f"f_m{joint}")
+        assert abs(viscous - of_passes) < FAR * np.hypot(viscous_std, std_of_passes)
+
+
+@pytest.mark.slow
+def test_bristles_at_rest_need_the_spring_that_an_elastic_study_finds() -> None:
+    """On the rig: sigma_0 to 0.5 % and sigma_1 to 2 % with the joint's spring; as a rigid joint sigma_0 is 5 % off."""
+    passes = PassesSpec((0.02, 1.2), count=6, spacing="logarithmic", repeat=1)
+    bench = rig(FrictionSpec(passes=passes, at_rest=AtRestSpec((0.05, 0.1), (5, 80))), substeps=2)
+    records = [bench.measure(motion) for motion in bench.motions if motion.purpose == "at_rest"]
+    truth = {name: value for name, (value, _) in friction_numbers(axis()).items()}
+    joint = held_joint(axis(), "1", np.zeros(1))
+    found = fit_at_rest("joint 1", rest_responses(records), joint, (truth["f_m1"], 0.0))
+    assert found.sigma_0 == pytest.approx(truth["s0_m1"], rel=5e-3)
+    assert found.sigma_1 == pytest.approx(truth["s1_m1"], rel=0.02)
+    rigid = fit_at_rest("joint 1", rest_responses(records), None, (truth["f_m1"], 0.0))
+    assert abs(rigid.sigma_0 / truth["s0_m1"] - 1) > 0.05
