@@ -8,10 +8,9 @@ import numpy as np
 
 from elastid.base.errors import DataError
 from elastid.friction_fit.joint_motions import JointMotion, evaluate_motions
+from elastid.friction_fit.load_levels import levels_of_records
 from elastid.friction_fit.loop_counts import check_counts
-from elastid.friction_fit.pass_levels import find_levels
 from elastid.friction_fit.plausibility import turns_against_gravity
-from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.result import JointLevels
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
@@ -43,8 +42,8 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     if not records:
         return JointLevels(joint.name, joint.slides, motion=friction, notes=tuple(notes))
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
-    passes = [each for record in records for each in passes_of(record)]
-    found = find_levels(passes, against or (motion is not None and motion.has_gravity), motor_turn(joint))
+    has_gravity = against or (motion is not None and motion.has_gravity)
+    found = levels_of_records(records, has_gravity, motor_turn(joint))
     return JointLevels(joint.name, joint.slides, found, friction, _example(records), (*notes, *found.notes))
 
 

@@ -18,6 +18,7 @@ import pytest
 from elastid.app import cli, provenance
 from elastid.app import run as running
 from elastid.app.console import Console
+from elastid.app.export import export
 from elastid.app.run import Run, run_all, run_stage
 from elastid.app.stage_table import SIMULATED, STAGES, Stage, function_of, stages_of
 from elastid.app.stages import fit as fitting
@@ -29,7 +30,7 @@ from elastid.fit.result import FitResult
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store import read_fit, read_plan, read_records, read_responses, read_stamp
-from elastid.study import load
+from elastid.study import load, load_robot
 
 ALL = ["design", "measure", "estimate", "fit", "validate", "report"]
 
@@ -93,6 +94,18 @@ def test_only_stages_that_depend_on_a_change_run_again(
     """A key of the study reaches the stages that read it, and those after them."""
     run_all(run_of(finished / "study.yml", finished / "run", *overrides))
     assert worked_on == expected
+
+
+def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
+    """robot.yml is read as a robot with every fitted number; export writes the same file."""
+    run = run_of(finished / "study.yml", finished / "run")
+    values = read_fit(run.path("fit")).values
+    numbers = {name: value for name, (value, _) in load_robot(finished / "run" / "robot.yml").parameters().items()}
+    assert {name: numbers[name] for name in ("k_1", "d_1", "fm_1")} == pytest.approx(
+        {name: values[name] for name in ("k_1", "d_1", "fm_1")}, rel=1e-9
+    )
+    (path,) = export(run, "robot")
+    assert path.read_text() == (finished / "run" / "robot.yml").read_text()
 
 
 def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, worked_on: list[str]) -> None:
