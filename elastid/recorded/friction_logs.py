@@ -50,9 +50,9 @@ def read_friction_logs(
     postures = {each.name: each for each in checked_configurations(spec, robot)}
     records: list[FrictionRecord] = []
     start_s = 0.0
-    for file in recorded.files:
+    for name, file in zip(_names(recorded.files), recorded.files, strict=True):
         angles = postures[file.configuration].angles if file.configuration else np.zeros(len(robot.driven))
-        found = _LogReader(robot, recorded, file, base, angles, start_s, payloads.get(file.load, 0.0)).records()
+        found = _LogReader(name, robot, recorded, file, base, angles, start_s, payloads.get(file.load, 0.0)).records()
         if not any(record.joint in joints for record in found):
             raise DataError(
                 f"{base / file.path}: none of the joints {', '.join(joints)} moves in it; correct friction.joints, or "
@@ -65,8 +65,9 @@ def read_friction_logs(
 
 @dataclass(frozen=True)
 class _LogReader:
-    """One log; angles: of the driven joints that it does not hold, payload: that the robot carries in it."""
+    """One log; name: of its records.  angles: of the driven joints that it does not hold.  payload: in kg."""
 
+    name: str
     robot: Robot
     recorded: RecordedSpec
     file: FileSpec
@@ -95,16 +96,10 @@ class _LogReader:
         )
         values = repaired.signals.copy()
         values[:, torques] = clean.signals
-        notes = [replace(note, place=f"record {self._name}") for note in gathered.notes]
+        notes = [replace(note, place=f"record {self.name}") for note in gathered.notes]
         findings = (*gathered.findings, *repaired.findings, *clean.findings)
-        notes += [finding.note(f"record {self._name}") for finding in findings]
+        notes += [finding.note(f"record {self.name}") for finding in findings]
         return self._of_joints(_by_place(gathered.channels, values), gathered.rate_hz, tuple(notes))
-
-    @property
-    def _name(self) -> str:
-        """Of the records; parts of one file have their own."""
-        part = "" if self.file.samples is None else f"-{self.file.samples[0]}"
-        return f"{Path(self.file.path).stem}{part}"
 
     def _channels(self) -> tuple[ChannelSpec, ...]:
         """Those of the joint that the file is of, or all."""
@@ -132,11 +127,11 @@ class _LogReader:
             )
         at_rest = zip(self.robot.driven, self.angles, strict=True)
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
-        posture = Configuration(self.file.configuration or self._name, np.array(angles))
+        posture = Configuration(self.file.configuration or self.name, np.array(angles))
         carried = load_torques(self.robot, posture, self.payload) if self.file.load else {}
         return tuple(
             FrictionRecord(
-                name=self._name,
+                name=self.name,
                 joint=joint.name,
                 purpose=self.file.purpose,
                 rate_hz=rate_hz,
@@ -194,6 +189,12 @@ class _LogReader:
                 "bears; if the thermometer is in degrees Fahrenheit, give that channel unit: degF"
             )
         return found
+
+
+def _names(files: Sequence[FileSpec]) -> list[str]:
+    """Of the records of each file: what it is called, with its number where others are called so too."""
+    stems = [Path(file.path).stem for file in files]
+    return [f"{stem}-{i}" if stems.count(stem) > 1 else stem for i, stem in enumerate(stems, start=1)]
 
 
 def _joint_of(channel: ChannelSpec) -> str:

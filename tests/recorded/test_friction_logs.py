@@ -99,3 +99,13 @@ def test_a_log_in_which_nothing_moves_is_refused(tmp_path: Path) -> None:
 def test_rate_is_that_of_the_section(tmp_path: Path) -> None:
     write_log(tmp_path / "log.csv", Q, U)
     assert read(tmp_path, FileSpec("log.csv", samples=(100, 1100)))[0].duration_s == 1000 / RATE
+
+
+def test_logs_of_one_name_are_told_apart(tmp_path: Path) -> None:
+    """In two folders, or parts of one file; their times follow each other."""
+    for folder in ("cold", "warm"):
+        (tmp_path / folder).mkdir()
+        write_log(tmp_path / folder / "log.csv", Q, U)
+    found = read(tmp_path, FileSpec("cold/log.csv"), FileSpec("warm/log.csv", temperature=50.0))
+    assert [record.name for record in found] == ["log-1", "log-2"]
+    assert found[1].start_s == found[0].duration_s
