@@ -18,8 +18,8 @@ from elastid.friction_fit.law_choice import MIN_SPEEDS, TEMPERATURE_STEP_K
 from elastid.friction_fit.motion import MotionFriction, regress_motion
 from elastid.friction_fit.motion_signals import Motion
 from elastid.friction_fit.plateaus import SAME_SPEED
-from elastid.friction_fit.plausibility import check_sides, turns_against_gravity
-from elastid.friction_fit.robot_motion import RobotLog, regress_robot_motion
+from elastid.friction_fit.plausibility import check_sides, check_torques, turns_against_gravity
+from elastid.friction_fit.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
 
@@ -87,7 +87,11 @@ def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dic
         groups.setdefault(tuple(log), []).append(log)
     found: dict[str, JointMotion] = {}
     for joints, members in groups.items():
-        result = regress_robot_motion(robot, [_robot_log(robot, log) for log in members])
+        robot_logs = [_robot_log(robot, log) for log in members]
+        for log, one in zip(members, robot_logs, strict=True):
+            measured = {joint: record.torque for joint, record in log.items()}
+            check_torques(robot, measured, torques_in_file(robot, one), next(iter(log.values())).place)
+        result = regress_robot_motion(robot, robot_logs)
         for joint in joints:
             records = [
                 replace(log[joint], torque=alone[joint].torque)

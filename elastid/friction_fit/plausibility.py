@@ -9,9 +9,11 @@ the gear, both by n^2.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
+from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.record import Configuration
@@ -23,6 +25,8 @@ SMALLEST_RATIO = 10.0
 CERTAIN_STDS = 3.0
 # By so much an inertia may miss a power of the ratio.
 CLOSE_FACTOR = 4.0
+# Of a torque with that of the robot's file: below, friction or errors of the file make most of it.
+MIN_CORRELATION = 0.5
 # Of the largest torque of gravity at a joint, below which a change with its angle is rounding.
 ROUNDING = 1e-9
 # Angles at which gravity is compared: no two of them alike, whatever its phase.
@@ -55,6 +59,30 @@ def check_sides(
     raise DataError(
         f"{place}: the motion gives joint {joint.name} an inertia of {inertia:.4g} {unit}, the robot's file "
         f"{known:.4g}: {wrong:.3g} times as much, and the gear's ratio is {ratio:.4g}; {advice}, or correct its unit"
+    )
+
+
+def check_torques(
+    robot: Robot, measured: Mapping[str, FloatArray], expected: Mapping[str, FloatArray], place: str
+) -> None:
+    """DataError where torques (n,) by joint are as small or large as those of the other side of the gears.
+
+    expected: by the robot's file.  Joints count whose torque follows it, and the middle one of them decides.
+    """
+    powers = []
+    for joint, torque in measured.items():
+        known, ratio = expected[joint], abs(robot.ratio(joint))
+        size = float(np.linalg.norm(known))
+        follows = float(torque @ known) / max(size * float(np.linalg.norm(torque)), 1e-300)
+        if ratio >= SMALLEST_RATIO and follows > MIN_CORRELATION:
+            powers.append(math.log(float(torque @ known) / size**2) / math.log(ratio))
+    power = float(np.median(powers)) if powers else 0.0
+    if round(power) == 0:
+        return
+    advice = "of the motors: give their channels side: motor" if power < 0 else "of the joints: leave side: motor out"
+    raise DataError(
+        f"{place}: torques are {'smaller' if power < 0 else 'larger'} than those of the robot's file by about the "
+        f"ratios of the gears (in the middle, by their power {power:.2f}): they are {advice}, or correct their unit"
     )
 
 

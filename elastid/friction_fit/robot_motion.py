@@ -24,7 +24,7 @@ from elastid.friction_fit.equations import RANK_TOLERANCE, Equations, Regression
 from elastid.friction_fit.law_choice import FALSE_ALARM, Held
 from elastid.friction_fit.motion import MotionFriction, parts_held, refuse_driving
 from elastid.friction_fit.motion_signals import Motion, MotionSignals
-from elastid.model.rigid_body import regressor
+from elastid.model.rigid_body import inverse_dynamics, regressor
 from elastid.robot import Robot
 
 # Below the first resonance of a robot, so that it is rigid, and above what its motions contain.
@@ -83,6 +83,17 @@ def regress_robot_motion(robot: Robot, logs: Sequence[RobotLog], passband_hz: fl
         for i, joint in enumerate(joints)
     }
     return RobotMotion(friction, alone)
+
+
+def torques_in_file(robot: Robot, log: RobotLog, passband_hz: float = ROBOT_PASSBAND_HZ) -> dict[str, FloatArray]:
+    """The torque (n,) of rigid body and rotor by joint, with the masses of the robot's file."""
+    names = [joint.name for joint in robot.joints]
+    signals = {joint: MotionSignals.of(motion, passband_hz) for joint, motion in log.motions.items()}
+    state = _states(names, log, signals)
+    theta = np.array([[value] for value, _ in robot.parameters().values()])
+    tau = np.asarray(inverse_dynamics(robot)(*state, np.tile(theta, state.shape[2])).full())
+    rotors = {j.name: j.motor.inertia * j.motor.ratio**2 for j in robot.driven if j.motor is not None}
+    return {joint: tau[names.index(joint)] + rotors[joint] * each.acceleration for joint, each in signals.items()}
 
 
 def _rigid_columns(

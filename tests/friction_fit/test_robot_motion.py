@@ -10,7 +10,8 @@ import pytest
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
 from elastid.friction_fit.motion_signals import Motion
-from elastid.friction_fit.robot_motion import RobotLog, regress_robot_motion
+from elastid.friction_fit.plausibility import check_torques
+from elastid.friction_fit.robot_motion import RobotLog, regress_robot_motion, torques_in_file
 from elastid.model.rigid_body import inverse_dynamics
 from elastid.robot import Body, Joint, Motor, Placement, Robot
 
@@ -87,3 +88,15 @@ def test_torque_of_the_wrong_sign_is_refused() -> None:
     turned = {name: replace(each, torque=-each.torque) for name, each in motion(4).items()}
     with pytest.raises(DataError, match=r"friction drives .* turn one channel"):
         regress_robot_motion(two_axes(), [RobotLog(turned, {})])
+
+
+def test_torques_of_the_motors_are_not_taken_for_those_of_the_joints() -> None:
+    """Whatever friction takes beside the rigid body, right torques are not refused."""
+    robot, log = two_axes(), motion(5)
+    expected = torques_in_file(robot, RobotLog(log, {}))
+    torques = {name: each.torque for name, each in log.items()}
+    check_torques(robot, torques, expected, "log.csv")
+    check_torques(robot, {name: 0.3 * torque for name, torque in torques.items()}, expected, "log.csv")
+    for factor, word in ((1 / 100, "of the motors: give their channels side: motor"), (100.0, "leave side: motor out")):
+        with pytest.raises(DataError, match=word):
+            check_torques(robot, {name: factor * torque for name, torque in torques.items()}, expected, "log.csv")
