@@ -246,6 +246,29 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 
 
 @cli.command()
+@click.argument("fleet", type=click.Path(path_type=Path))
+@_options("run", "jobs", "dask", "verbose", "quiet")
+def fleet(fleet: Path, **options: Any) -> None:
+    """Run one study over many robots and dates: fleet.parquet, and a page of what differs and what drifts.
+
+    FLEET names the study and its members: a list, a table (CSV with robot, date and keys of the study), or a pattern of
+    folders. Members that are finished are kept; on a cluster with --dask.
+    """
+    one_blas_thread()
+    from elastid.app.console import Console
+    from elastid.app.fleet import run_fleet
+    from elastid.app.run import all_cores
+    from elastid.base.execution import on_dask
+    from elastid.study.fleet import load_fleet
+
+    loaded = load_fleet(fleet)
+    folder = options["folder"] or Path("runs") / loaded.name
+    console = Console(options["verbose"] - options["quiet"])
+    with on_dask(options["dask"]):
+        run_fleet(loaded, folder, options["jobs"] or all_cores(), console)
+
+
+@cli.command()
 @click.argument("file", type=click.Path(path_type=Path))
 def inspect(file: Path) -> None:
     """Show the content of a log or a result: names, shapes, units, rates, values."""

@@ -18,7 +18,7 @@ _SECONDS_BETWEEN_LINES = 10.0
 
 
 class Console:
-    """verbosity: -1 only warnings, 0 a line a stage, 1 every detail."""
+    """verbosity: -2 nothing but the log, -1 only warnings, 0 a line a stage, 1 every detail."""
 
     def __init__(self, verbosity: int = 0) -> None:
         self.verbosity = verbosity
@@ -61,7 +61,8 @@ class Console:
     def warn(self, text: str) -> None:
         """What does not stop the work and must be read."""
         self._log.warning(text)
-        print(f"warning: {text}", file=sys.stderr, flush=True)
+        if self.verbosity >= -1:
+            print(f"warning: {text}", file=sys.stderr, flush=True)
 
     def notes(self, notes: Iterable[Note]) -> None:
         """Notes on data, plan or result, the same from many places as one line."""

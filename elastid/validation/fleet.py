@@ -1,0 +1,139 @@
+r"""Parameters over a fleet: which robots differ from the others, and which numbers drift, beyond their intervals.
+
+.. math:: z_r = \frac{\bar x_r - \mathrm{med}_{s \ne r}\, \bar x_s}{\sqrt{\sigma_r^2 + \tfrac{\pi}{2}
+          \overline{\sigma_s^2} / (R - 1)}}, \qquad z_{slope} = \hat b / \sigma_b
+
+of the logarithms of positive parameters, with the weighted mean over a robot's dates and a weighted line over them.
+The false discovery rate of all differences, and that of all trends, is held by Benjamini and Hochberg (Journal of the
+Royal Statistical Society B 57, 1995).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+from scipy.stats import norm
+
+from elastid.base.arrays import FloatArray
+
+Kind: TypeAlias = Literal["differs", "drifts"]
+
+# Robots below which none can be told from the others.
+MIN_ROBOTS = 3
+
+
+@dataclass(frozen=True)
+class FleetValue:
+    """A parameter of a robot on a day, counted from any first one."""
+
+    robot: str
+    day: float
+    parameter: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A robot whose parameter differs from the others', or drifts.
+
+    change: relative to the others', or from first to last date; where a parameter is not positive absolute.
+    z: over its std.  p: chance of as much without a difference.
+    """
+
+    kind: Kind
+    robot: str
+    parameter: str
+    change: float
+    is_relative: bool
+    z: float
+    p: float
+
+    @property
+    def words(self) -> str:
+        """The finding in a sentence."""
+        size = f"{self.change:+.2%}" if self.is_relative else f"{self.change:+.3g}"
+        if self.kind == "drifts":
+            return (
+                f"{self.parameter} of {self.robot} drifts: {size} from the first date to the last ({self.z:+.1f} std)"
+            )
+        return f"{self.parameter} of {self.robot} is {size} off those of the others ({self.z:+.1f} std)"
+
+
+def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
+    """Differences and trends, the surest first.  Numbers without a std are left out."""
+    known = [value for value in values if math.isfinite(value.std) and value.std > 0]
+    names = list(dict.fromkeys(value.parameter for value in known))
+    differences, trends = [], []
+    for name in names:
+        own = [value for value in known if value.parameter == name]
+        differences += _differences(name, own)
+        trends += _trends(name, own)
+    chosen = [*_discovered(differences, false_discovery_rate), *_discovered(trends, false_discovery_rate)]
+    return tuple(sorted(chosen, key=lambda finding: (finding.p, finding.parameter, finding.robot)))
+
+
+def _differences(name: str, values: Sequence[FleetValue]) -> list[Finding]:
+    """Every robot against the median of the others."""
+    robots = list(dict.fromkeys(value.robot for value in values))
+    if len(robots) < MIN_ROBOTS:
+        return []
+    is_relative = all(value.value > 0 for value in values)
+    means = np.array([_mean([v for v in values if v.robot == robot], is_relative) for robot in robots])
+    found = []
+    for i, robot in enumerate(robots):
+        others = np.delete(means, i, axis=0)
+        off = float(means[i, 0] - np.median(others[:, 0]))
+        std = math.sqrt(means[i, 1] + math.pi / 2 * float(others[:, 1].mean()) / len(others))
+        found.append(_finding("differs", robot, name, off, std, is_relative))
+    return found
+
+
+def _trends(name: str, values: Sequence[FleetValue]) -> list[Finding]:
+    """The line over its dates of every robot that has two."""
+    is_relative = all(value.value > 0 for value in values)
+    found = []
+    for robot in dict.fromkeys(value.robot for value in values):
+        own = [value for value in values if value.robot == robot]
+        x, variance = _numbers(own, is_relative)
+        day = np.array([value.day for value in own])
+        if np.ptp(day) == 0:
+            continue
+        w = 1 / variance
+        centred = day - float(w @ day) / w.sum()
+        information = float(w @ centred**2)
+        span = float(np.ptp(day))
+        slope = float((w * centred) @ x) / information
+        found.append(_finding("drifts", robot, name, slope * span, span / math.sqrt(information), is_relative))
+    return found
+
+
+def _mean(values: Sequence[FleetValue], is_relative: bool) -> tuple[float, float]:
+    """Weighted mean over dates and its variance."""
+    x, variance = _numbers(values, is_relative)
+    return float(np.sum(x / variance) / np.sum(1 / variance)), float(1 / np.sum(1 / variance))
+
+
+def _numbers(values: Sequence[FleetValue], is_relative: bool) -> tuple[FloatArray, FloatArray]:
+    """Numbers (n,) or their logarithms, and variances."""
+    x, std = np.array([value.value for value in values]), np.array([value.std for value in values])
+    return (np.log(x), (std / x) ** 2) if is_relative else (x, std**2)
+
+
+def _finding(kind: Kind, robot: str, name: str, off: float, std: float, is_relative: bool) -> Finding:
+    z = off / std
+    return Finding(
+        kind, robot, name, math.expm1(off) if is_relative else off, is_relative, z, float(2 * norm.sf(abs(z)))
+    )
+
+
+def _discovered(tests: Sequence[Finding], rate: float) -> list[Finding]:
+    """Those with a p up to the largest p_(i) <= rate i / n."""
+    ordered = sorted(tests, key=lambda test: test.p)
+    n = len(ordered)
+    last = max((i for i, test in enumerate(ordered, start=1) if test.p <= rate * i / n), default=0)
+    return ordered[:last]
