@@ -40,6 +40,12 @@ def find_plateaus(velocity: FloatArray, acceleration: FloatArray, rate_hz: float
     )
 
 
+def alike_speeds(speeds: FloatArray) -> FloatArray:
+    """Each speed (n,) as the mean of those that are alike."""
+    found = np.array(distinct_speeds([Plateau(0, 0, speed) for speed in speeds.tolist()]))
+    return found[np.argmin(np.abs(speeds[:, None] - found), axis=1)] if len(found) else speeds
+
+
 def distinct_speeds(plateaus: Sequence[Plateau]) -> tuple[float, ...]:
     """The speeds without sign, each once, lowest first: the mean of those that are alike."""
     groups: list[list[float]] = []

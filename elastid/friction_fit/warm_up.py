@@ -142,7 +142,7 @@ def fit_warm_up(warm_up: WarmUp, level_of: LevelOf | None = None) -> ThermalMode
     one, two = fit(warm_up, level_of, 1), fit(warm_up, level_of, 2)
     if two.dof < 1:
         return one
-    ratio = (one.cost - two.cost) / 2 / max(two.cost / two.dof, 1e-300)
+    ratio = (one.cost - two.cost) / 2 / max(two.cost / two.dof, 1.0)
     return two if f_distribution.sf(ratio, 2, two.dof) < FALSE_ALARM else one
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from elastid.friction_fit.plateaus import alike_speeds
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.warm_up import WarmUp
 from elastid.friction_record import FrictionRecord, WarmUpLog
@@ -20,6 +21,6 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     at = np.searchsorted(log.time_s, [record.start_s for record in tests], side="right") - 1
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
-        np.clip(at, 0, len(log.time_s) - 1), np.array(speeds), np.array(levels), np.array(stds),
+        np.clip(at, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), np.array(levels), np.array(stds),
         float(np.mean([record.load_torque for record in tests])) if tests else 0.0,
     )  # fmt: skip

@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
+from elastid.friction_fit.plateaus import alike_speeds
 from elastid.friction_fit.warm_up import WarmUp, fit_warm_up
 
 # 45 min and 8 W/K; the published law in Nm on the link side, speeds of the motor in rad/s.
@@ -130,3 +131,8 @@ def test_stated_std_is_the_scatter() -> None:
 def test_a_warm_up_that_tells_nothing_is_refused(wrong: Callable[[WarmUp], WarmUp], word: str) -> None:
     with pytest.raises(DataError, match=word):
         fit_warm_up(wrong(campaign(0)), level_of)
+
+
+def test_tests_at_nearly_one_speed_are_at_one() -> None:
+    """Measured speeds differ a little from pass to pass."""
+    np.testing.assert_allclose(alike_speeds(np.array([1.0, 0.2, 1.02, 0.2])), [1.01, 0.2, 1.01, 0.2])
