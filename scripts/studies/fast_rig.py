@@ -3,8 +3,9 @@ r"""A fast stand-in for the simulated rig: thousands of runs of a robot linearis
 .. math:: M \delta\ddot q + D \delta\dot q + K \delta q = B (u - u_0 + w) - P F_c \tanh(P^T \dot q / v_s)
 
 For the studies beside this file, which need more runs than the rig itself gives in a day; it does nothing by itself.
-All else is the rig's: the sampled controller with its encoders and its held torque, the Runge-Kutta steps in a sample,
-the smoothed sign, the reference, the plan and the noise drawn from the same seed. Left out are the robot's
+All else is the rig's: the sampled controller with its encoders and its held torque, the Runge-Kutta steps in a sample
+in which a motor reverses, the smoothed sign, the reference, the plan and the noise drawn from the same seed. A sample
+in which no motor reverses is one exact step. Left out are the robot's
 nonlinear mechanics alone: a run of the rig differs from one here by what the movement changes in M and in gravity.
 Serial robots with Coulomb and viscous friction at motors that no gear couples, logged at the motors.
 """
@@ -12,11 +13,11 @@ Serial robots with Coulomb and viscous friction at motors that no gear couples, 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
+from scipy.linalg import expm
 
 from elastid.base.arrays import FloatArray
 from elastid.experiment.plan.movement import movement
@@ -32,6 +33,10 @@ from elastid.record import Configuration, Record
 from elastid.robot import Robot
 from elastid.simulation.controller import rigid_motion, tune
 
+# |v| that a motor must keep for a sample to be one step: over the velocity of the smoothed sign, over the change of v.
+MIN_SLIDING, MIN_CHANGE = 4.0, 0.5
+# Of which tanh is one.
+MAX_TANH = 10.0
 # Runs that are advanced side by side: their states stay in the processor's cache.
 BLOCK_RUNS = 32
 
@@ -69,16 +74,20 @@ class Step:
 class Posture:
     """All that the runs in one configuration share; n samples, n_u motors, link side.
 
-    start (2 n_q,): the state.  angle (n_u,): of the motors at rest.  readout (n_u, 2 n_q): of the motors' angles.
+    whole (2 n_q, 2 n_q + 2 n_u): the state after a sample from [x, u, f], all held.
+    start (2 n_q,): the state.  angle (n_u,): of the motors at rest.  readout, speed (n_u, 2 n_q): of the motors' angles
+    and velocities.
     position, velocity, torque (n, n_u): reference and feed-forward.  scale (n,): of the injected torque.
     gains (3, n_u): k_p, k_d, k_i.
     """
 
     configuration: Configuration
     step: Step
+    whole: FloatArray
     start: FloatArray
     angle: FloatArray
     readout: FloatArray
+    speed: FloatArray
     position: FloatArray
     velocity: FloatArray
     torque: FloatArray
@@ -138,7 +147,8 @@ class FastRig:
         reading_noise = np.stack([one.reading[:end] for one in noise], axis=2)
         disturbance = np.stack([one.disturbance[:end] for one in noise], axis=2)
         read, u = _simulate(
-            posture.step.stage, posture.step.end, posture.start, posture.readout, posture.angle,
+            posture.whole, posture.step.stage, posture.step.end, posture.start, posture.readout, posture.speed,
+            posture.angle,
             posture.position[:end], posture.velocity[:end], commanded, disturbance, reading_noise,
             posture.gains, self.resolution, self.coulomb, posture.torque[0], self.simulated.substeps, plan.rate_hz,
         )  # fmt: skip
@@ -161,19 +171,6 @@ class FastRig:
             )
 
 
-def with_coulomb(robot: Robot, levels: Sequence[float]) -> Robot:
-    """The robot with Coulomb friction of so many Nm at its motors, link side."""
-    level = dict(zip((joint.name for joint in robot.driven), levels, strict=True))
-
-    def joint(one: Any) -> Any:
-        if one.motor is None:
-            return one
-        return replace(one, motor=replace(one.motor, coulomb=level[one.name] / abs(one.motor.ratio), friction=None))
-
-    bodies = tuple(replace(body, joints=tuple(joint(one) for one in body.joints)) for body in robot.bodies)
-    return replace(robot, bodies=bodies)
-
-
 def _posture(linearisation: Linearisation, spec: SimulatedSpec, plan: Plan, configuration: Configuration) -> Posture:
     model = linearisation.model
     linear = linearisation.at(configuration, model.theta, model.inputs, "position")
@@ -191,9 +188,11 @@ def _posture(linearisation: Linearisation, spec: SimulatedSpec, plan: Plan, conf
     return Posture(
         configuration=configuration,
         step=Step.of(A, B, B, V, 1 / (plan.rate_hz * spec.substeps)),
+        whole=np.ascontiguousarray(_held(A, np.hstack([B, -B]), 1 / plan.rate_hz)),
         start=np.concatenate([T @ path.position[0], np.zeros(n)]),
         angle=model.B.T @ point.q,
         readout=np.hstack([model.B.T, np.zeros(model.B.T.shape)]),
+        speed=V,
         position=configuration.angles + path.position,
         velocity=path.velocity,
         torque=torque,
@@ -202,18 +201,25 @@ def _posture(linearisation: Linearisation, spec: SimulatedSpec, plan: Plan, conf
     )
 
 
+def _held(A: FloatArray, B: FloatArray, T: float) -> FloatArray:
+    """[A_d, B_d] (n, n + m) of x' = A x + B u with u held over T."""
+    n, m = B.shape
+    return np.asarray(expm(T * np.vstack([np.hstack([A, B]), np.zeros((m, n + m))]))[:n])
+
+
 @njit(cache=True)  # type: ignore[untyped-decorator]
 def _simulate(
-    stage, end, start, readout, angle, position, velocity, torque, disturbance, noise,
+    whole, stage, end, start, readout, speed, angle, position, velocity, torque, disturbance, noise,
     gains, resolution, coulomb, holding, substeps, rate_hz,
 ):  # fmt: skip
     """Readings and held torques (n, n_u, runs); torque, disturbance, noise (n, n_u, runs)."""
     n, n_u, runs = torque.shape
     n_x = len(start)
-    size = stage.shape[2]
     read, u = np.zeros((n, n_u, runs)), np.zeros((n, n_u, runs))
-    z, after, slip = np.zeros((size, runs)), np.zeros((n_x, runs)), np.zeros(runs)
+    z, after = np.zeros((n_x + 2 * n_u, runs)), np.zeros((n_x, runs))
+    v, v_after = np.zeros((n_u, runs)), np.zeros((n_u, runs))
     integral, last = np.zeros((n_u, runs)), np.zeros((n_u, runs))
+    one, state = np.zeros(stage.shape[2]), np.zeros(n_x)
     for a in range(n_x):
         z[a] = start[a]
     for i in range(n_u):
@@ -237,24 +243,60 @@ def _simulate(
                 read[k, i, run] = q
                 u[k, i, run] = given
                 z[n_x + i, run] = given - holding[i] + disturbance[k, i, run]
-        for _ in range(substeps):
-            for part in range(4):
-                for i in range(n_u):
-                    known = n_x + n_u + part * n_u
-                    slip[:] = 0.0
-                    for a in range(known):
-                        weight = stage[part, i, a]
-                        if weight != 0.0:
-                            for run in range(runs):
-                                slip[run] += weight * z[a, run]
-                    for run in range(runs):
-                        z[known + i, run] = coulomb[i] * np.tanh(slip[run] / SLIDING_VELOCITY)
-            after[:] = 0.0
-            for b in range(n_x):
-                for a in range(size):
-                    weight = end[b, a]
-                    if weight != 0.0:
-                        for run in range(runs):
-                            after[b, run] += weight * z[a, run]
-            z[:n_x] = after
+        _apply(speed, z, v)
+        for i in range(n_u):
+            for run in range(runs):
+                z[n_x + n_u + i, run] = coulomb[i] * np.tanh(v[i, run] / SLIDING_VELOCITY)
+        _apply(whole, z, after)
+        _apply(speed, after, v_after)
+        for run in range(runs):
+            if _may_turn(v[:, run], v_after[:, run], coulomb):
+                one[: n_x + n_u] = z[: n_x + n_u, run]
+                for _ in range(substeps):
+                    _small_step(stage, end, coulomb, n_x, n_u, one, state)
+                after[:, run] = one[:n_x]
+        z[:n_x] = after
     return read, u
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _apply(matrix, z, found):  # type: ignore[no-untyped-def]
+    """matrix z into found, run by run beside each other."""
+    rows, size = matrix.shape
+    found[:] = 0.0
+    for b in range(rows):
+        for a in range(size):
+            weight = matrix[b, a]
+            if weight != 0.0:
+                for run in range(z.shape[1]):
+                    found[b, run] += weight * z[a, run]
+
+
+@njit(cache=True)  # type: ignore[untyped-decorator]
+def _may_turn(v, after, coulomb):  # type: ignore[no-untyped-def]
+    """Whether a motor with friction reverses, nearly rests, or may have been at rest in between."""
+    for i in range(len(v)):
+        near = max(MIN_SLIDING * SLIDING_VELOCITY, MIN_CHANGE * abs(after[i] - v[i]))
+        if coulomb[i] > 0 and (v[i] * after[i] <= 0 or min(abs(v[i]), abs(after[i])) < near):
+            return True
+    return False
+
+
+@njit(cache=True, fastmath=True)  # type: ignore[untyped-decorator]
+def _small_step(stage, end, coulomb, n_x, n_u, z, after):  # type: ignore[no-untyped-def]
+    """One Runge-Kutta step of the state at the head of z, in place; after (n_x,): room to work."""
+    for part in range(4):
+        known = n_x + n_u + part * n_u
+        for i in range(n_u):
+            slip = 0.0
+            for a in range(known):
+                slip += stage[part, i, a] * z[a]
+            slip /= SLIDING_VELOCITY
+            z[known + i] = coulomb[i] * (np.tanh(slip) if abs(slip) < MAX_TANH else np.sign(slip))
+    for b in range(n_x):
+        total = 0.0
+        for a in range(len(z)):
+            total += end[b, a] * z[a]
+        after[b] = total
+    for b in range(n_x):
+        z[b] = after[b]

@@ -5,9 +5,11 @@ For the studies beside this file; it does nothing by itself.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -137,3 +139,16 @@ def responses(plant: Plant, linearisation: Linearisation, robot: Robot) -> tuple
         linear: LinearModel = linearisation.at(configuration, theta, robot.motor_locations, plant.quantity)
         found.append(to_response(linear, np.append(theta, 0.0), plant.freq_hz))
     return tuple(found)
+
+
+def with_coulomb(robot: Robot, levels: Sequence[float]) -> Robot:
+    """The robot with Coulomb friction of so many Nm at its motors, link side."""
+    level = dict(zip((joint.name for joint in robot.driven), levels, strict=True))
+
+    def joint(one: Any) -> Any:
+        if one.motor is None:
+            return one
+        return replace(one, motor=replace(one.motor, coulomb=level[one.name] / abs(one.motor.ratio), friction=None))
+
+    bodies = tuple(replace(body, joints=tuple(joint(one) for one in body.joints)) for body in robot.bodies)
+    return replace(robot, bodies=bodies)
