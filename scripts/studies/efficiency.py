@@ -12,6 +12,11 @@ For each M and P, without a floor and with one: the scatter of the estimates ove
 the stated over the found standard deviation, the share of 95 % intervals that hold the truth, V over its expectation,
 and how often a true model is said to leave more than the noise or coloured residuals, in the fitted configurations and
 in the one left out, with a false alarm of 1 % each. The last line is one JSON object.
+
+Two axes without a floor, 1000 data sets each: for M, P = 1, 2; 1, 5; 2, 2 the scatter is 1.024, 1.004 and 1.022 of the
+bound, 95.1, 95.2 and 94.9 % of intervals hold the truth, and V is 1.000, 0.998 and 1.001 of its expectation. Of 1 %
+asked for, `more than the noise` is said in 0.1 to 0.7 % of fits and 0.8 to 1.3 % of responses left out, `coloured` in
+1.0 to 1.5 and 1.0 to 1.9 %.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

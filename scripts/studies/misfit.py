@@ -8,14 +8,15 @@ friction whose distortion the covariance knows, both estimated with 3 and with 8
 with floors of 1.5 and 4.5 %, --sets data sets each; and --rig simulations each of a rig of two axes with dry friction
 of 0.05 and 0.16 of the torque that nothing takes out (tests/plants/dry_friction.py). Faults: --faulty data sets at each
 level of noise, with each floor. Counted is how the fits end, and by how many of its stated standard deviations the
-worst stiffness is off where a wrong model ends as converged or at a bound. It is asserted that 99 % of true models
-converge, and that no wrong model whose stiffness is 5 standard deviations off ends as converged. The last line is one
-JSON object.
+worst stiffness is off where a wrong model ends as converged or at a bound; and the share of true stiffnesses that the
+95 % intervals of misfits hold. It is asserted that 99 % of true models converge, and that no wrong model whose
+stiffness is 5 standard deviations off ends as converged. The last line is one JSON object.
 
-380 true models (--sets 40 --rig 15): all converge. One data set of each fault with either floor in 0.5, 2 and 5 % of
-noise: exchanged postures and a mirrored motor end as model errors, everything else as misfits, but for the missing
-torsion in 5 %, which ends as converged with a stiffness 21 deviations off. A gear ratio 1 % wrong in 5 %, where V is
-that of a true model and k is 6 to 11 deviations off, ends as a misfit in 18 of 18 fits, by the ratio that was held.
+516 true models (--sets 40 --rig 6): all converge. One data set of each fault with each floor in 0.5, 2 and 5 % of
+noise, 135 fits: exchanged postures and a mirrored motor end as model errors, everything else as misfits, and none as
+converged. A torsion that the file lacks, in 5 % of noise, where V is 1.03 to 1.14 of its expectation and stiffnesses 16
+to 34 of their deviations off, is a misfit by its resonance, and is named. Intervals of misfits in 2 % of noise hold
+80 % of the true stiffnesses, 42 % under the worst fault, a payload that is forgotten.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -40,9 +41,10 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 from plants.dry_friction import TORQUE_RMS, measured, robot
 from plants.faults import FAULTS, SPEC, Case, drawn, rubbing, true_case
 
+from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
 from elastid.fit.identify import identify
-from elastid.fit.result import FitResult
+from elastid.fit.result import QUANTILE, FitResult
 from elastid.fit.spec import WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
@@ -52,6 +54,8 @@ TRUE_KINDS = ("noise, 3 degrees of freedom", "noise, 8", "friction, 3", "frictio
 RIGS = {"rig, Coulomb 0.05 of the torque": 0.05, "rig, Coulomb 0.16 of the torque": 0.16}
 SILENT = ("converged", "at_bound")
 MIN_CONVERGED, MAX_DEVIATIONS = 0.99, 5.0
+# Blocks see what differs between them: intervals of misfits hold less than the 95 % of true models, on average more.
+MIN_MISFITS_HOLD = 0.6
 
 
 @dataclass(frozen=True)
@@ -63,10 +67,10 @@ class Fit:
     noise: float
     seed: tuple[int, int]
 
-    def __call__(self) -> tuple[str, float]:
-        """The status, and the deviations by which the worst stiffness is off."""
+    def __call__(self) -> tuple[str, FloatArray]:
+        """The status, and the deviations by which each stiffness is off."""
         if self.kind in RIGS:
-            return rig_status(RIGS[self.kind], self.floor, self.seed[1]), 0.0
+            return rig_status(RIGS[self.kind], self.floor, self.seed[1]), np.zeros(1)
         rng, case = np.random.default_rng(self.seed), _case(self.kind)
         if self.kind in FAULTS:
             data = drawn(case, rng, self.noise)
@@ -76,7 +80,7 @@ class Fit:
                 drawn(case, rng, self.noise, dof) if "noise" in self.kind else rubbing(case, rng, 2 * self.noise, dof)
             )
         result = identify(data, case.robot, replace(SPEC, weights=WeightSpec(floor=self.floor)))
-        return result.status, worst_deviation(result, case)
+        return result.status, deviations(result, case)
 
 
 def rig_status(coulomb: float, floor: float, seed: int) -> str:
@@ -93,18 +97,18 @@ def _case(kind: str) -> Case:
     return FAULTS[kind](case) if kind in FAULTS else case
 
 
-def _fitted(fit: Fit) -> tuple[str, float]:
+def _fitted(fit: Fit) -> tuple[str, FloatArray]:
     return fit()
 
 
-def worst_deviation(result: FitResult, case: Case) -> float:
-    """The distance of the worst stiffness from the true one, in standard deviations of ln k as the fit states them."""
+def deviations(result: FitResult, case: Case) -> FloatArray:
+    """The distances of the stiffnesses from the true ones, in standard deviations of ln k as the fit states them."""
     free = result.parameters.free_names
     off = [
         abs(result.x[free.index(name)] - np.log(k)) / np.sqrt(result.covariance[free.index(name), free.index(name)])
         for name, k in case.stiffness.items()
     ]
-    return float(np.max(off))
+    return np.array(off)
 
 
 def true_models(sets: int, rigs: int, seed: int, jobs: int) -> dict[str, Any]:
@@ -125,19 +129,26 @@ def true_models(sets: int, rigs: int, seed: int, jobs: int) -> dict[str, Any]:
 
 def wrong_models(sets: int, noises: list[float], floors: tuple[float, ...], seed: int, jobs: int) -> dict[str, Any]:
     """The statuses of fits of wrong models, and how far off those are that end as if nothing were wrong."""
-    print(f"{'wrong model':<34}{'noise':>6}{'fits':>6}{'worst silent / std':>20}  ends")
+    print(f"{'wrong model':<34}{'noise':>6}{'fits':>6}{'worst silent / std':>20}{'misfits hold':>14}  ends")
     rows, far = {}, []
     for kind in FAULTS:
         for noise in noises:
             fits = [Fit(kind, floor, noise, (seed + 1, n)) for floor in floors for n in range(sets)]
             found = ordered(_fitted, fits, jobs)
             ends = Counter(status for status, _ in found)
-            silent = max((off for status, off in found if status in SILENT), default=0.0)
-            print(f"{kind:<34}{noise:>6g}{len(fits):>6}{silent:>20.1f}  {_said(ends)}")
-            rows[f"{kind}, noise {noise:g}"] = {"ends": dict(ends), "worst_silent": silent}
+            silent = max((float(off.max()) for status, off in found if status in SILENT), default=0.0)
+            off = np.concatenate([np.zeros(0), *(off for status, off in found if status == "misfit")])
+            held = float(np.mean(off < QUANTILE)) if off.size else None
+            share = "" if held is None else f"{100 * held:.0f} %"
+            print(f"{kind:<34}{noise:>6g}{len(fits):>6}{silent:>20.1f}{share:>14}  {_said(ends)}", flush=True)
+            rows[f"{kind}, noise {noise:g}"] = {"ends": dict(ends), "worst_silent": silent, "misfits_hold": held}
             if silent > MAX_DEVIATIONS:
                 far.append((kind, noise, silent))
     assert not far, far
+    held = [row["misfits_hold"] for row in rows.values() if row["misfits_hold"] is not None]
+    mean, least = 100 * float(np.mean(held)), 100 * min(held)
+    print(f"intervals of misfits hold {mean:.0f} % of the true stiffnesses, {least:.0f} % under the worst fault")
+    assert len(floors) < len(FLOORS) or np.mean(held) > MIN_MISFITS_HOLD, held
     return rows
 
 

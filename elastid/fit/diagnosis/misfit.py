@@ -6,9 +6,9 @@ parameters MIN_DISAGREEMENT times as much as noise lets them, and MIN_STRUCTURE 
 their size would; and they matter, since the interval of a parameter by the scatter over blocks is MIN_SHIFT times the
 one by measured noise and declared floor.
 
-By a number that the fit held, where all blocks may err alike: a single one, or a common factor of several, whose
-freeing lowers V, in which the declared floor counts as noise, by MIN_DROP, and moves a parameter by MIN_EFFECT of its
-standard deviations.
+By a number that the fit held, or a spring that the robot's file lacks, where all blocks may err alike or V is that of
+the noise: a single one, or a common factor of several, whose freeing lowers V, in which the declared floor counts as
+noise, by MIN_DROP, and moves a parameter by MIN_EFFECT of its standard deviations.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ MIN_DISAGREEMENT = 1.5
 MIN_STRUCTURE = 1.3
 MIN_SHIFT = 1.5
 # More than five standard deviations of one number. Of 330 true models, some with a variance of two degrees of freedom,
-# none reached 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations.
+# no number reached 20; friction in a simulated arm of three axes reached 61, with an effect of 2.1 deviations. A spring
+# that lacks lowers V by 44 to 87 where V shows nothing (scripts/studies/misfit.py, 5 % of noise).
 MIN_DROP = 30.0
 MIN_EFFECT = 3.0
 # A message names so many parameters, those that are moved most.
