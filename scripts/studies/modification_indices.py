@@ -11,9 +11,9 @@ sets.  Clean: the share of fits with any sentence, at most 1 %, which is the rat
 together.  The last line is one JSON object with the numbers of the
 table.
 
-300 clean fits: no sentence. Three data sets of each fault: 15 of 15 are named in all of them, and their steps are the
-true ones to 4 % (torque constants 20 % wrong: 8 %), from one linearisation; 0.27 to 0.42 CPU s beside 0.22 of a clean
-fit, but 1.9 for exchanged postures, of which the search for an optimum that is none takes all but 0.3.
+One data set of each fault: 15 of 15 are named, and their steps are the true ones to 4 % (torque constants 20 % wrong:
+8 %), from one linearisation; 0.36 to 0.60 CPU s beside 0.30 of a clean fit, but 0.74 for a reference recorded as
+current, exchanged postures and a mirrored motor, of which the search for an optimum that is none takes a half.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
