@@ -19,6 +19,7 @@ from elastid.friction_fit.numbers import (
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction, JointLevels, Status
 from elastid.friction_fit.spec import FrictionSpec
 from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_fit.truth import true_numbers
 from elastid.friction_fit.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat
 from elastid.friction_fit.warm_up_records import warm_up_of
 from elastid.friction_record import FrictionRecords
@@ -33,13 +34,13 @@ def identify_friction(
     levels: Sequence[JointLevels],
     measured: FrictionRecords,
     spec: FrictionSpec,
-    truth: Truth | None = None,
+    truth: Robot | None = None,
 ) -> FrictionResult:
-    """The friction of all joints; truth: of a simulated robot, by name, link side.
+    """The friction of all joints; truth: the robot that was simulated.
 
     Raises FitError where a part of the law that is asked for (`yes`) cannot be told.
     """
-    joints = tuple(_joint(robot, each, measured, spec, truth or {}) for each in levels)
+    joints = tuple(_joint(robot, each, measured, spec, truth) for each in levels)
     status: Status = "partly" if any(joint.missing for joint in joints) else "identified"
     if all(joint.friction is None for joint in joints):
         status = "failed"
@@ -47,7 +48,7 @@ def identify_friction(
 
 
 def _joint(
-    robot: Robot, found: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Truth
+    robot: Robot, found: JointLevels, measured: FrictionRecords, spec: FrictionSpec, truth: Robot | None
 ) -> JointFriction:
     """All parts of one joint."""
     name, passes = found.joint, found.levels
@@ -56,7 +57,8 @@ def _joint(
     before = find_before_sliding(robot, loops, rest, passes, static, spec)
     warm_up, thermal, notes = _heat(name, measured, static)
     friction, viscous = joint_law(static, found.motion, before, spec.law) or (None, None)
-    numbers = {each.name: each for each in _numbers(found, static, before, truth)}
+    true = {} if truth is None else true_numbers(truth, name, static)
+    numbers = {each.name: each for each in _numbers(found, static, before, true)}
     if warm_up is not None and thermal is not None:
         numbers |= {each.name: each for each in numbers_of_heat(name, thermal, warm_up)}
     held = static.held if static is not None else found.motion.held if found.motion is not None else ()

@@ -26,7 +26,8 @@ def find_joint_levels(robot: Robot, joints: Sequence[Joint], measured: FrictionR
 
 
 def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: JointMotion | None) -> JointLevels:
-    planned = [record for record in measured.of(joint.name, "passes") if not record.is_warm_up]
+    # Test passes of a warm-up tell what temperature does; without a thermometer they are at unlike conditions.
+    planned = [r for r in measured.of(joint.name, "passes") if not r.is_warm_up or np.isfinite(r.mean_temperature)]
     records = [*planned, *(motion.passes if motion is not None else ())]
     own = [record for record in measured.records if record.joint == joint.name]
     notes = [note for record in own for note in record.notes]

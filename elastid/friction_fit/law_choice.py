@@ -71,7 +71,9 @@ def choose_law(levels: Levels, spec: LawSpec) -> tuple[CurveFit, tuple[Held, ...
     for part in waiting:
         if part.key == "yes" and part.name not in taken:
             raise FitError(f"friction of {levels.place}: law.{part.name} cannot be identified: {held[part.name]}")
-    return fit, tuple(Held(name, reason) for name, reason in held.items())
+    # Of a part that is there, a further number that does not show is no refusal.
+    shown = {name: reason for name, reason in held.items() if name not in taken or not reason.startswith(ABSENT)}
+    return fit, tuple(Held(name, reason) for name, reason in shown.items())
 
 
 def _tried(levels: Levels, fit: CurveFit, part: _Part) -> tuple[CurveFit | None, str]:

@@ -3,11 +3,10 @@
 from pathlib import Path
 
 import pytest
-from plants.friction_records import records, template
+from plants.friction_records import records, simulated, template
 
 from elastid.app.friction_summaries import friction_study_summary
 from elastid.app.identified_robot import robot_of_friction
-from elastid.app.stages.friction_law import true_numbers
 from elastid.friction_fit.identify import identify_friction
 from elastid.friction_fit.joint_levels import find_joint_levels, turns_against_gravity
 from elastid.friction_fit.result import FrictionResult
@@ -30,7 +29,7 @@ def found() -> FrictionResult:
     loaded = template()
     study, (_, measured) = loaded.study, records(loaded)
     levels = find_joint_levels(study.as_robot(), study.friction_joints, measured)
-    return identify_friction(study.as_robot(), levels, measured, study.as_friction(), true_numbers(study))
+    return identify_friction(study.as_robot(), levels, measured, study.as_friction(), simulated(loaded))
 
 
 def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from elastid.app.stages.friction_design import friction_plan
-from elastid.app.stages.friction_law import true_numbers
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.experiment.plan.passes import pass_reference
+from elastid.experiment.simulated.plant import true_robot
+from elastid.friction_fit.truth import true_numbers
 from elastid.friction_record import FrictionRecord, FrictionRecords
+from elastid.robot import Robot
 from elastid.study import LoadedStudy, load
 
 TEMPLATE = Path(__file__).parents[2] / "elastid" / "app" / "templates" / "friction"
@@ -23,10 +25,14 @@ def template(*overrides: str) -> LoadedStudy:
     return load(TEMPLATE / "study.yml", overrides)
 
 
+def simulated(loaded: LoadedStudy) -> Robot:
+    """The true robot of a study."""
+    return true_robot(loaded.study.as_robot(), loaded.study.experiment.as_simulated().truth)
+
+
 def records(loaded: LoadedStudy, seed: int = 0) -> tuple[FrictionPlan, FrictionRecords]:
     """The passes of its plan under its true law."""
-    plan, truth = friction_plan(loaded.study), true_numbers(loaded.study)
-    assert truth is not None
+    plan, truth = friction_plan(loaded.study), true_numbers(simulated(loaded), "1")
     limits = {design.joint: design.limits for design in plan.designs}
     rng = np.random.default_rng(seed)
     found = []

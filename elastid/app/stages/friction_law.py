@@ -8,10 +8,11 @@ from elastid.app.run import Run
 from elastid.app.summaries import write_summary
 from elastid.app.tables import friction_table
 from elastid.base.errors import FitError
+from elastid.experiment.simulated.plant import true_robot
 from elastid.friction_fit.identify import identify_friction
 from elastid.friction_fit.law_choice import NOT_ASKED
 from elastid.report.friction_content import part_words, refusals
-from elastid.robot.friction_numbers import friction_numbers, with_numbers
+from elastid.robot import Robot
 from elastid.store import text_file
 from elastid.store.friction_study import (
     read_friction_records,
@@ -27,7 +28,7 @@ def friction(run: Run) -> None:
     study, path = run.study, run.summary("friction")
     found, measured = read_levels(run.path("levels")), read_friction_records(run.path("measure"))
     try:
-        result = identify_friction(study.as_robot(), found, measured, study.as_friction(), true_numbers(study))
+        result = identify_friction(study.as_robot(), found, measured, study.as_friction(), _true_robot(study))
     except FitError as error:
         write_summary(path, failed_friction(study, str(error)))
         raise
@@ -62,10 +63,7 @@ def _joints(names: tuple[str, ...]) -> str:
     return f"joint{'s' if len(names) > 1 else ''} {', '.join(names)}"
 
 
-def true_numbers(study: Study) -> dict[str, float] | None:
-    """The simulated robot's numbers of friction by name, link side; None where it is recorded."""
+def _true_robot(study: Study) -> Robot | None:
+    """The simulated robot with its truth; None where it is recorded."""
     simulated = study.experiment.simulated
-    if simulated is None:
-        return None
-    true = with_numbers(study.as_robot(), {name: float(value) for name, value in simulated.truth.items()})
-    return {name: value for name, (value, _) in friction_numbers(true).items()}
+    return None if simulated is None else true_robot(study.as_robot(), simulated.truth)
