@@ -133,7 +133,7 @@ def _parts(levels: Levels, spec: LawSpec) -> tuple[_Part, ...]:
     few_speeds = (
         "" if speeds >= MIN_SPEEDS else f"{speeds} speeds; a Stribeck curve beside viscous friction needs {MIN_SPEEDS}"
     )
-    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else "levels of both directions are not given apart"
+    one_way = "" if {1.0, -1.0} <= set(levels.direction.tolist()) else f"{ABSENT}: the directions are alike"
     one_load = "" if loads > 1 else "one load; measure in another posture or with a payload"
     two_loads = "" if loads > 2 else f"{loads} loads; a Stribeck velocity of the load's own needs three"
     one_T = "" if temperatures > 1 else "one temperature; measure cold and warm, and log the temperature"

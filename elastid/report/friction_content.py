@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from elastid.base.note import NoteGroup, grouped
 from elastid.experiment.plan.friction import FrictionPlan
-from elastid.friction_fit.law_choice import NOT_ASKED, Held
+from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.observer.follow import FollowedFriction
 from elastid.report.numbers import digits, number
@@ -97,7 +97,7 @@ def _not_identified(result: FrictionResult) -> str:
     """Parts that the data do not tell, with their joints where these are not all; empty where there are none."""
     joints: dict[str, tuple[str, ...]] = {}
     for refusal in refusals(result):
-        if refusal.reason != NOT_ASKED:
+        if not refusal.reason.startswith((NOT_ASKED, ABSENT)):
             joints[refusal.part] = joints.get(refusal.part, ()) + refusal.joints
     parts = [
         part if len(names) == len(result.joints) else f"{part} (joint {', '.join(names)})"
