@@ -7,10 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.errors import DataError
+from elastid.friction_fit.angle_dependence import angle_note
 from elastid.friction_fit.joint_motions import JointMotion, evaluate_motions
 from elastid.friction_fit.load_levels import levels_of_records
 from elastid.friction_fit.loop_counts import check_counts
 from elastid.friction_fit.plausibility import turns_against_gravity
+from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.result import JointLevels
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.robot import Joint, Robot
@@ -45,7 +47,10 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     has_gravity = against or (motion is not None and motion.has_gravity)
     found = levels_of_records(records, has_gravity, motor_turn(joint))
-    return JointLevels(joint.name, joint.slides, found, friction, _example(records), (*notes, *found.notes))
+    passes = [each for record in records for each in passes_of(record)]
+    by_angle = angle_note(passes, found.shared.get("inertia", (0.0, 0.0))[0])
+    notes += [*found.notes, *([] if by_angle is None else [by_angle])]
+    return JointLevels(joint.name, joint.slides, found, friction, _example(records), tuple(notes))
 
 
 def motor_turn(joint: Joint) -> float:

@@ -5,8 +5,8 @@
 Law: twelve numbers from 240 levels of a published joint (Bittencourt et al., IROS 2010), by variable projection from
 twelve starts, beside scipy.optimize.least_squares on all twelve numbers at once with the same residuals and an analytic
 Jacobian: from the same starts, their linear numbers at the optimum there, and from guesses of all numbers.
-Shooting: six numbers of a LuGre law
-from 8 s of a motor's angle and torque at 1 kHz through an elastic joint, from a start that is wrong by up to two.
+Shooting: six numbers of a LuGre law from 8 s of a motor's angle and torque at 1 kHz through an elastic joint, from a
+start that is wrong by up to two. Study: the template of a friction study, from its design to its report.
 CPU time, medians. Both laws must be the same, every search of variable projection must arrive, and the LuGre numbers
 must be as near as the noise allows. The last line is one JSON object.
 
@@ -23,8 +23,11 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import argparse
 import json
+import resource
 import statistics
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from itertools import product
@@ -133,11 +136,24 @@ def shooting() -> dict[str, float]:
     return {"shooting_s": seconds, **{f"error_{name}": error for name, error in errors.items()}}
 
 
+def whole_study() -> dict[str, float]:
+    """`elastid run` of the template: design, 31 motions on the rig, levels, law, report."""
+    with tempfile.TemporaryDirectory() as folder:
+        study = Path(folder) / "axis"
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        for command in (["new", str(study), "--template", "friction"], ["run", str(study / "study.yml")]):
+            subprocess.run([sys.executable, "-m", "elastid", *command], check=True, capture_output=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    print(f"a whole study of one axis: {seconds:.1f} s")
+    return {"study_s": seconds}
+
+
 def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--quick", action="store_true")
     given = options.parse_args()
-    found = law(1 if given.quick else 15, 10 if given.quick else 60) | shooting()
+    found = law(1 if given.quick else 15, 10 if given.quick else 60) | shooting() | whole_study()
     print(json.dumps(found))
 
 
