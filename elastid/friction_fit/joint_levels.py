@@ -47,7 +47,7 @@ def _of_joint(robot: Robot, joint: Joint, measured: FrictionRecords, motion: Joi
     against = turns_against_gravity(robot, joint, planned[0].configuration) if planned else False
     has_gravity = against or (motion is not None and motion.has_gravity)
     found = levels_of_records(records, has_gravity, motor_turn(joint))
-    passes = [each for record in records for each in passes_of(record)]
+    passes = [each for record in records if record.load == records[0].load for each in passes_of(record)]
     by_angle = angle_note(passes, found.shared.get("inertia", (0.0, 0.0))[0])
     notes += [*found.notes, *([] if by_angle is None else [by_angle])]
     return JointLevels(joint.name, joint.slides, found, friction, _example(records), tuple(notes))
