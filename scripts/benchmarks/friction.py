@@ -11,7 +11,8 @@ CPU time, medians. Both laws must be the same, every search of variable projecti
 must be as near as the noise allows. The last line is one JSON object.
 
 Found at full size, on a busy machine of two cores: 5.6 ms a search by variable projection and 5.0 ms by least_squares,
-which arrives from all starts and all guesses as well, but needs guesses of the linear numbers. Shooting takes 5.5 s, the study 11 s.
+which arrives from all starts and all guesses as well, but needs guesses of the linear numbers. Shooting takes 5.5 s,
+the study 11 s.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -142,7 +143,7 @@ def whole_study() -> dict[str, float]:
         study = Path(folder) / "axis"
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
         for command in (["new", str(study), "--template", "friction"], ["run", str(study / "study.yml")]):
-            subprocess.run([sys.executable, "-m", "elastid", *command], check=True, capture_output=True)
+            subprocess.run([sys.executable, "-m", "elastid", *command], cwd=folder, check=True, capture_output=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     print(f"a whole study of one axis: {seconds:.1f} s")
