@@ -71,13 +71,14 @@ def _alone(robot: Robot, joint: Joint, records: Sequence[FrictionRecord]) -> Joi
         friction = regress_motion(*(_motion(record, against) for record in records))
     except DataError as error:
         problems.append(str(error))
-    if friction is None and not passes:
+    enough = _enough(passes)
+    if friction is None and not enough:
         raise DataError(problems[0])
     if friction is not None:
         inertia, std = friction.chosen["inertia"], friction.chosen.std("inertia")
         check_sides(robot, joint, inertia, std, records[0].configuration, records[0].place)
     notes += [Note("not-evaluated", problem) for problem in problems]
-    return JointMotion(friction, _enough(passes), against, tuple(notes))
+    return JointMotion(friction, enough, against, tuple(notes))
 
 
 def _together(robot: Robot, logs: Sequence[Mapping[str, FrictionRecord]]) -> dict[str, JointMotion]:

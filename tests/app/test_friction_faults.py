@@ -98,11 +98,12 @@ def test_a_clean_log_gives_the_law_without_an_alarm(tmp_path: Path, capsys: pyte
         (trapezoids((0.5,))[: round(2.2 * RATE)], None, {"files": "      - {path: log.csv, speed: 0.5}"},
          ("joint 1, passes at 0.5 rad/s: they have positive velocity only", "record both directions")),
         (trapezoids(SPEEDS), lambda u: -u, {}, ("friction drives", "turn one channel (sign: -1)")),
+        (trapezoids((0.2, 0.5)), lambda u: -u, {}, ("friction drives (Coulomb -", "turn one channel (sign: -1)")),
         (trapezoids(SPEEDS), None, {"torque_side": "link"},
          ("an inertia of 0.15", "the robot's file 15", "give the channel side: motor")),
         (trapezoids(SPEEDS), None, {"angle_side": "link"}, ("would turn", "give that channel side: motor")),
     ],
-    ids=["one direction", "velocity's sign", "torque's side", "angle's side"],
+    ids=["one direction", "velocity's sign", "its sign at two speeds", "torque's side", "angle's side"],
 )  # fmt: skip
 def test_logs_that_cannot_be_used_are_refused(
     q: FloatArray,
