@@ -23,7 +23,7 @@ from elastid.friction_fit.truth import true_numbers
 from elastid.friction_fit.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat
 from elastid.friction_fit.warm_up_records import warm_up_of
 from elastid.friction_record import FrictionRecords
-from elastid.robot import Robot
+from elastid.robot import Friction, Robot
 
 # Numbers of a joint that the sentence on it has.
 SAID = 4
@@ -56,7 +56,7 @@ def _joint(
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
     before = find_before_sliding(robot, loops, rest, passes, static, spec)
     warm_up, thermal, notes = _heat(name, measured, static)
-    friction, viscous = joint_law(static, found.motion, before, spec.law) or (None, None)
+    friction, viscous, refused = _law(found, static, before, spec)
     true = {} if truth is None else true_numbers(truth, name, static)
     numbers = {each.name: each for each in _numbers(found, static, before, true)}
     if warm_up is not None and thermal is not None:
@@ -65,8 +65,22 @@ def _joint(
     return JointFriction(
         name, found.slides, passes, found.motion, static, before.presliding, before.loops, before.at_rest,
         before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, found.example,
-        (*found.notes, *before.notes, *notes),
+        (*found.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
+
+
+def _law(
+    found: JointLevels, static: StaticLaw | None, before: BeforeSliding, spec: FrictionSpec
+) -> tuple[Friction | None, float | None, tuple[Note, ...]]:
+    """The law and the viscous friction beside it; a note where the numbers are those of no contact."""
+    try:
+        law = joint_law(static, found.motion, before, spec.law)
+        if law is not None:
+            law[0].check_passive(law[1], found.slides)
+    except ValueError as error:
+        text = f"its numbers make no law for a robot's file: {error}; more or quieter levels tell them better"
+        return None, None, (Note("no-law", text, f"joint {found.joint}"),)
+    return (*(law or (None, None)), ())
 
 
 def _numbers(

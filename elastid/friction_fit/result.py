@@ -87,7 +87,7 @@ class JointFriction:
     def missing(self) -> tuple[Held, ...]:
         """What a law of friction has and these data cannot tell: stiction, or friction at all."""
         if self.friction is None:
-            return (Held("friction", "neither levels nor a motion tell it"),)
+            return (Held("friction", "the data tell no law that a contact can have"),)
         return tuple(
             held for held in self.held if held.part == "stribeck" and not held.reason.startswith((NOT_ASKED, ABSENT))
         )

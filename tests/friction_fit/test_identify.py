@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from plants.friction_records import records, simulated, template
 
@@ -9,7 +10,10 @@ from elastid.app.friction_summaries import friction_study_summary
 from elastid.app.identified_robot import robot_of_friction
 from elastid.friction_fit.identify import identify_friction
 from elastid.friction_fit.joint_levels import find_joint_levels, turns_against_gravity
-from elastid.friction_fit.result import FrictionResult
+from elastid.friction_fit.levels import Levels
+from elastid.friction_fit.pass_levels import PassLevels
+from elastid.friction_fit.result import FrictionResult, JointLevels
+from elastid.friction_record import FrictionRecords
 from elastid.robot.friction_numbers import friction_numbers
 from elastid.store.friction_study import (
     read_friction_plan,
@@ -57,6 +61,20 @@ def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_p
     assert motor.friction is not None
     assert motor.friction.measured is not None
     assert motor.friction.measured.speed == pytest.approx((0.87, 157.1), rel=0.02)
+
+
+def test_numbers_that_no_contact_has_make_no_law() -> None:
+    """Viscous friction that would drive backwards: the numbers stay in the table, a note says why there is no law."""
+    v, s = (x.ravel() for x in np.meshgrid(np.geomspace(0.02, 2, 10), (1.0, -1.0), indexing="ij"))
+    one = np.ones_like(v)
+    levels = Levels("joint 1", v, s, 9 + (0.5 + 3 * s) * v, 0.01 * one, 0 * one, np.nan * one)
+    found = JointLevels("1", False, PassLevels(levels, {}, 0.1, ()))
+    study = template().study
+    result = identify_friction(study.as_robot(), [found], FrictionRecords(()), study.as_friction())
+    assert (result.status, result.at("1").friction) == ("failed", None)
+    assert "df_m1" in {number.name for number in result.numbers}
+    (note,) = result.at("1").notes
+    assert "it would drive in one direction" in note.text
 
 
 def test_the_summary_has_value_interval_origin_and_truth(found: FrictionResult) -> None:
