@@ -111,7 +111,7 @@ def _heat(
         return None, None, ()
     try:
         warm_up = warm_up_of(log, [record for record in measured.of(joint, "passes") if record.is_warm_up])
-        return warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up.load)), ()
+        return warm_up, fit_warm_up(warm_up, level_over_heat(static, warm_up)), ()
     except (DataError, FitError) as error:
         return None, None, (Note("no-warm-up", str(error), f"warm-up of joint {joint}"),)
 

@@ -44,7 +44,7 @@ class WarmUp:
 
     readings (n + 1,): of a thermometer in degC, NaN where there is none, with reading_std.
     test (m,): index of time_s at which a test pass was made, at test_speed (m,), with its level (m,) and std (m,).
-    load: that all test passes carried, Nm.
+    load (m,): |torque| that each test pass carried, Nm; None where none is known.
     """
 
     time_s: FloatArray
@@ -57,7 +57,7 @@ class WarmUp:
     test_speed: FloatArray
     level: FloatArray
     level_std: FloatArray
-    load: float = 0.0
+    load: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and that time runs."""
@@ -112,11 +112,11 @@ class ThermalModel:
         return np.asarray(np.sum(self.series[place] * np.vander(at_tests, 3, increasing=True), axis=1))
 
 
-def level_over_heat(law: StaticLaw | None, load: float) -> LevelOf | None:
-    """The law's level at speeds and temperatures under a load, Nm; None where it does not depend on temperature."""
+def level_over_heat(law: StaticLaw | None, warm_up: WarmUp) -> LevelOf | None:
+    """The law's level at test passes under their loads; None where the law does not depend on temperature."""
     if law is None or not any(name.startswith("temperature") for name in law.names):
         return None
-    fit = law.fit
+    fit, load = law.fit, 0.0 if warm_up.load is None else warm_up.load
 
     def level(speed: FloatArray, temperature: FloatArray) -> FloatArray:
         zeros = np.zeros_like(speed)

@@ -22,5 +22,5 @@ def warm_up_of(log: WarmUpLog, tests: Sequence[FrictionRecord]) -> WarmUp:
     return WarmUp(
         log.time_s, log.power, log.ambient_degc, log.start_degc, log.temperature, log.temperature_std,
         np.clip(at, 0, len(log.time_s) - 1), alike_speeds(np.array(speeds)), np.array(levels), np.array(stds),
-        float(np.mean([record.load_torque for record in tests])) if tests else 0.0,
+        np.array([record.load_torque for record in tests]),
     )  # fmt: skip

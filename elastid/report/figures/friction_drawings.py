@@ -52,7 +52,7 @@ def _of_joint(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
         yield "at-rest", caption, friction_at_rest(place, joint.at_rest, joint.slides)
     if joint.thermal is not None and joint.warm_up is not None:
         caption = "warm-up: power, temperature and levels of the test passes; lines: what the thermal model predicts."
-        level_of = level_over_heat(law, joint.warm_up.load)
+        level_of = level_over_heat(law, joint.warm_up)
         figure = friction_warm_up(place, joint.warm_up, joint.thermal, level_of, joint.slides)
         yield "warm-up", caption, figure
 
