@@ -121,8 +121,8 @@ def _bristles(
     prior = Prior.of_law(static) if rest is None else Prior.of_law(static).with_other(Prior.of_rest(rest))
     torque = record.torque - _held_torque(levels, record.position)
     log = JointLog(
-        f"joint {record.joint}", record.rate_hz, torque, record.position - record.position[0],
-        max(levels.residual_rms, 1e-12), record.resolution / np.sqrt(12),
+        f"joint {record.joint}", record.rate_hz, torque[:-1], record.position[1:] - record.position[0],
+        max(levels.residual_rms, _white_std(torque), 1e-12), record.resolution / np.sqrt(12),
     )  # fmt: skip
     stiffness = float(np.ptp(torque) / np.ptp(record.position))
     damping = START_DAMPING * np.sqrt(stiffness * spring.motor_inertia)
@@ -134,6 +134,11 @@ def _bristles(
     except (FitError, DataError) as error:
         notes.append(Note("no-bristles", str(error), f"record {record.name}"))
         return None
+
+
+def _white_std(signal: FloatArray) -> float:
+    """Of white noise on a slow signal, by its second differences."""
+    return float(np.std(np.diff(signal, 2)) / np.sqrt(6))
 
 
 def _held_torque(levels: PassLevels, position: FloatArray) -> FloatArray:

@@ -162,6 +162,13 @@ class _System:
     a: FloatArray
     c: FloatArray
 
+    @classmethod
+    def nowhere(cls, K: int) -> _System:
+        """Of a point at which K intervals cannot be simulated: its cost is infinite."""
+        n, n_p = K * len(STATES), len(FRICTION)
+        empty = np.zeros((n, n_p))
+        return cls(np.inf, csc_matrix((n, n)), empty, np.eye(n_p), empty[:, 0], np.zeros(n_p))
+
     def step(self, damping: float) -> tuple[FloatArray, FloatArray]:
         """Changes of ln p (6,) and of the states (K, 5)."""
         diagonal = self.A.diagonal()
@@ -237,15 +244,17 @@ class _Problem:
         gains = self.noise_gain(X.T, P, self.torque.T).full().reshape(n_x, K, INTERVAL).transpose(1, 0, 2)
         floor = np.diag(np.append(GAP_FLOOR * self.scale[:4], BRISTLE_FLOOR * self.scale[4]) ** 2)
         W = self.log.torque_std**2 * gains @ gains.transpose(0, 2, 1) + floor
-        root = np.linalg.inv(np.linalg.cholesky(W[:-1]))
+        try:
+            root = np.linalg.inv(np.linalg.cholesky(W[:-1]))
+        except np.linalg.LinAlgError:
+            return _System.nowhere(K)
         seen = (self.angle - Y[:, :INTERVAL]) / self.log.angle_std
         gap = np.einsum("kij,kj->ki", root, X[1:] - Y[:-1, INTERVAL:])
         by_seen, by_gap = J[:, :INTERVAL] / self.log.angle_std, root @ J[:-1, INTERVAL:]
         far = p - self.prior.mean
         cost = float(np.sum(seen**2) + np.sum(gap**2) + far @ self.prior.information @ far)
         if not np.isfinite(cost):
-            empty = np.zeros((K * n_x, n_p))
-            return _System(np.inf, csc_matrix((K * n_x, K * n_x)), empty, np.eye(n_p), empty[:, 0], np.zeros(n_p))
+            return _System.nowhere(K)
         # Residuals fall along J dx; the next interval's state enters its gap with the opposite sign.
         own = by_seen.transpose(0, 2, 1) @ by_seen
         own[:-1] += by_gap.transpose(0, 2, 1) @ by_gap
