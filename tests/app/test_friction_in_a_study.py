@@ -16,8 +16,9 @@ from elastid.app.stages.fit import conclude
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec
 from elastid.report.numbers import digits, number
+from elastid.robot.friction_numbers import friction_numbers
 from elastid.store import read_friction, read_responses, read_validation, write_records
-from elastid.study import load
+from elastid.study import load, load_robot
 
 
 def test_records_in_a_file_show_the_same_friction(tmp_path: Path) -> None:
@@ -58,7 +59,7 @@ def test_a_study_without_friction_to_take_out_has_responses_alone(tiny: Path) ->
 
 
 def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """frf.h5, the summary, the page, its figures, the terminal and `inspect` show the same; the model explains more."""
+    """frf.h5, summary, page, figures, robot.yml, terminal and `inspect` show the same; the model explains more."""
     run = run_of(tiny, "coulomb")
     friction = read_friction(run.path("estimate"))
     assert friction is not None
@@ -69,6 +70,9 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     viscous = summary["parameters"]["fm_1"]
     assert viscous["contains"] == VISCOUS
     assert abs(viscous["value"] - viscous["truth"]) < 0.2 * viscous["truth"]
+    numbers = friction_numbers(load_robot(run.folder / "robot.yml"))
+    assert numbers["Fc_m1"][0] == pytest.approx(level, rel=1e-9)
+    assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
     shown = number(level, digits(level, std))
     page = (run.folder / "report.html").read_text("utf-8")
     assert f"<td>{shown}</td>" in page[page.index('id="friction"') :]
