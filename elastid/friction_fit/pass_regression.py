@@ -88,7 +88,7 @@ class PassRegression:
         has_ripple = turn > 0 and any(np.ptp(each.position) > turn for each in passes)
         order = list(pairs)
         loads = list(dict.fromkeys(each.load_name for each in passes)) if has_gravity else []
-        harmonics = np.arange(1, MAX_HARMONIC + 1 if has_ripple else 1)
+        harmonics = MAX_HARMONIC if has_ripple else 0
         rows, torques, waves, numbers = [], [], [], []
         for number, each in enumerate(passes):
             own = np.zeros((len(each.position), 2 * len(order)))
@@ -100,8 +100,8 @@ class PassRegression:
                 columns += [carried * np.cos(each.position), carried * np.sin(each.position)]
             rows.append(_means(np.hstack([own, np.stack(columns, axis=1)]), step))
             torques.append(_means(each.torque, step))
-            turns = 2j * np.pi / turn * each.position if has_ripple else each.position
-            waves.append(_means(np.exp(np.outer(turns, harmonics)), step))
+            wave = np.exp(2j * np.pi / turn * each.position) if has_ripple else each.position
+            waves.append(_means(np.cumprod(np.tile(wave[:, None], harmonics), axis=1), step))
             numbers.append(np.full(len(torques[-1]), number))
         names = ["inertia", "slope", *(name for load in loads for name in gravity_names(load))]
         found = cls(

@@ -15,6 +15,8 @@ from itertools import product
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
+from scipy.stats import chi2, norm
+from scipy.stats import t as t_distribution
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
@@ -29,6 +31,8 @@ START_DECAY_K = 20.0
 # Of the lowest and of the highest speed, between which a Stribeck velocity is looked for.
 VELOCITY_MARGINS = (0.05, 3.0)
 DECAY_RANGE_K = (1.0, 500.0)
+# Chance that levels whose stds are right are taken for more scattered.
+SCATTER_ALARM = 0.01
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,11 @@ class CurveFit:
     dof: int
     hits: int
     starts: int
+
+    @property
+    def reach(self) -> float:
+        """Half of a 95 % interval in stds: Student's t where the scatter of the levels gave these, else normal."""
+        return float(t_distribution.ppf(0.975, self.dof) if excess(self.cost, self.dof) > 1 else norm.ppf(0.975))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,8 +103,13 @@ def fit_curve(levels: Levels, terms: Terms) -> CurveFit:
     linear = search.project(eta).linear
     values = dict(zip(terms.linear, linear.tolist(), strict=True)) | eta
     J = derivative(levels.conditions, terms, values, T_0) / levels.std[:, None]
-    covariance = _inverse(J) * max(1.0, cost / dof)
+    covariance = _inverse(J) * excess(cost, dof)
     return CurveFit(terms, T_0, values, covariance, cost, dof, hits, len(ends))
+
+
+def excess(cost: float, dof: int) -> float:
+    """By what the variance of levels is larger than stated: 1 where chance explains their scatter about a law."""
+    return cost / dof if chi2.sf(cost, dof) < SCATTER_ALARM else 1.0
 
 
 def derivative(at: Conditions, terms: Terms, values: Mapping[str, float], T_0: float) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as t_distribution
 
 from elastid.base.arrays import FloatArray
 from elastid.base.units import of_translation
@@ -79,8 +78,8 @@ class StaticLaw:
 
     @property
     def numbers(self) -> tuple[Number, ...]:
-        """All numbers with 95 % intervals by Student's t."""
-        reach = float(t_distribution.ppf(0.975, self.fit.dof))
+        """All numbers with 95 % intervals."""
+        reach = self.fit.reach
         found = []
         for name, value, std in zip(
             self.names, self.values.values(), np.sqrt(np.diag(self.covariance)).tolist(), strict=True

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.stats import t as t_distribution
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.friction.static_terms import Conditions
@@ -121,7 +120,7 @@ def residuals(law: StaticLaw) -> FloatArray:
 
 def law_band(law: StaticLaw, at: Conditions) -> tuple[FloatArray, FloatArray]:
     """The law (n,) at conditions, and half the width of its 95 % band."""
-    reach = float(t_distribution.ppf(0.975, law.fit.dof))
+    reach = law.fit.reach
     return law.fit.torque(at), reach * law.fit.torque_std(at)
 
 
