@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from elastid.app.json_values import all_finite, finite, note_entries
+from elastid.app.json_values import all_finite, balance_entries, finite, note_entries
 from elastid.base.note import grouped
 from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.study import Study
+from elastid.validation.twin import TorqueBalance
 
 
-def friction_study_summary(study: Study, result: FrictionResult) -> dict[str, Any]:
-    """The content of summary.json: parameters with intervals and origin, what was not identified, measured ranges."""
+def friction_study_summary(
+    study: Study, result: FrictionResult, balances: Sequence[TorqueBalance] = ()
+) -> dict[str, Any]:
+    """The content of summary.json: parameters with intervals and origin, what was not identified, measured ranges.
+
+    torque: of motions, what each part of the model explains.
+    """
     every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
     return _head(study, result.status, result.message) | {
         "parameters": {number.name: _row(number) for number in result.numbers},
@@ -22,6 +29,7 @@ def friction_study_summary(study: Study, result: FrictionResult) -> dict[str, An
             for held in joint.held
         ],
         "motions": {joint.joint: _motion(joint.motion) for joint in result.joints if joint.motion is not None},
+        "torque": balance_entries(balances),
         "measured": {joint.joint: _ranges(joint) for joint in result.joints},
         "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
         "notes": note_entries(every),
@@ -34,6 +42,7 @@ def failed_friction(study: Study, message: str) -> dict[str, Any]:
         "parameters": {},
         "not_identified": [],
         "motions": {},
+        "torque": [],
         "measured": {},
         "warnings": [],
         "notes": [],

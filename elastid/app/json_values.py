@@ -1,12 +1,14 @@
-"""Values as JSON holds them: numbers that may be infinite, and notes."""
+"""Values as JSON holds them: numbers that may be infinite, notes, and torques part by part."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 from elastid.base.note import Note, grouped
+from elastid.validation.twin import TorqueBalance
 
 
 def finite(value: float) -> float | None:
@@ -29,4 +31,21 @@ def note_entries(notes: Iterable[Note]) -> list[dict[str, Any]]:
             "text": group.first.text,
         }
         for group in grouped(notes)
+    ]
+
+
+def balance_entries(balances: Iterable[TorqueBalance]) -> list[dict[str, Any]]:
+    """What the parts of a model explain of each log, over all and by octave, without the signals."""
+    return [
+        {
+            "place": balance.place,
+            "log": balance.log,
+            "shares": dict(zip(balance.parts, balance.shares, strict=True)),
+            "left": balance.left,
+            "left_without_friction": balance.left_without_friction,
+            "bands": [
+                asdict(band) | {"shares": dict(zip(balance.parts, band.shares, strict=True))} for band in balance.bands
+            ],
+        }
+        for balance in balances
     ]

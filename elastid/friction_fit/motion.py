@@ -103,17 +103,22 @@ class MotionSamples:
     friction: FloatArray
 
 
+def motion_parts(found: MotionFriction, signals: MotionSignals) -> dict[str, FloatArray]:
+    """The torque (n,) that each number of a regression takes, at the samples of its first log that signals keep."""
+    numbers, columns = found.chosen, _columns(found.motion, signals, found.are_apart)
+    return {name: numbers[name] * columns[name] for name in numbers.names}
+
+
 def motion_samples(found: MotionFriction) -> MotionSamples:
     """The samples behind a regression, of its first log."""
-    signals, numbers = MotionSignals.of(found.motion, found.passband_hz), found.chosen
-    columns = _columns(found.motion, signals, found.are_apart)
-    parts = {name: numbers[name] * columns[name] for name in numbers.names}
+    signals = MotionSignals.of(found.motion, found.passband_hz)
+    parts = motion_parts(found, signals)
     regressed = np.sum(list(parts.values()), axis=0)
     rubbing = [name for name in parts if name.startswith(("coulomb", "viscous", "directions"))]
     torque = signals.filtered(signals.torque)
     friction = torque - regressed + np.sum([parts[name] for name in rubbing], axis=0)
     time_s = np.arange(len(found.motion.position))[signals.kept] / found.motion.rate_hz
-    return MotionSamples(time_s, columns["viscous"], torque, regressed, friction)
+    return MotionSamples(time_s, signals.filtered(signals.velocity), torque, regressed, friction)
 
 
 def refuse_driving(place: str, friction: Regression) -> None:

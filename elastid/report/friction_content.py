@@ -11,6 +11,7 @@ from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.observer.follow import FollowedFriction
 from elastid.report.numbers import digits, number
+from elastid.validation.twin import TorqueBalance
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
@@ -39,7 +40,8 @@ class Refusal:
 class FrictionContent:
     """What a friction study found, its text and its provenance; the page has no date and is reproducible.
 
-    plan: of the passes, where they were planned here.  filters: of the joints that were followed.
+    plan: of the passes, where they were planned here.  filters: of the joints that were followed.  balances: of the
+    torque of motions, part by part.
     """
 
     title: str
@@ -48,6 +50,7 @@ class FrictionContent:
     provenance: Mapping[str, str]
     plan: FrictionPlan | None = None
     filters: tuple[FollowedFriction, ...] = ()
+    balances: tuple[TorqueBalance, ...] = ()
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:

@@ -80,12 +80,12 @@ def _replayed(
     lines = grid_lines("odd" if record.half_wave else "full", band_hz, record.rate_hz, record.period_samples)
     freq_hz = line_frequencies(lines, record.rate_hz, record.period_samples)
     G = frequency_response(model, theta, freq_hz)
-    if _settled_periods(record, spec) > 1:
+    if settled_periods(record, spec) > 1:
         spectra = trusted(period_spectra(RecordSpectra(record), lines, model.quantity), spec)
         Y, U = spectra.Y, spectra.U
         Yhat = (G @ U[..., None])[..., 0]
     else:
-        Y, U = _single(record, lines, model.quantity)
+        Y, U = last_period(record, lines, model.quantity)
         Yhat = (G @ U[..., None])[..., 0]
         Yhat = Yhat + _end_effects(Y[0] - Yhat[0], model, theta, freq_hz)
     E = Y - Yhat
@@ -106,18 +106,18 @@ def _replayed(
         shown=record.name,
         rate_hz=record.rate_hz,
         rate_is_known=record.rate_is_known,
-        measured=_signals(Y[-1], lines, N),
-        replayed=_signals(Yhat[-1], lines, N),
+        measured=signals_of(Y[-1], lines, N),
+        replayed=signals_of(Yhat[-1], lines, N),
     )
 
 
-def _settled_periods(record: Record, spec: EstimatorSpec) -> int:
+def settled_periods(record: Record, spec: EstimatorSpec) -> int:
     """Number of periods that count: neither dropped by the study nor left out by the repair of the log."""
     dropped = 0 if spec.transient_periods == "auto" else spec.transient_periods
     return len(set(range(dropped, record.n_samples // record.repeat_samples)) - set(record.left_out))
 
 
-def _single(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
+def last_period(record: Record, lines: IntArray, quantity: Motion) -> tuple[ComplexArray, ComplexArray]:
     """Y (1, F, n_y), U (1, F, n_u) of the last period of a record that was not left out."""
     periods = range(record.n_samples // record.repeat_samples)
     last = [max((p for p in periods if p not in record.left_out), default=len(periods) - 1)]
@@ -162,7 +162,7 @@ def _rms(X: ComplexArray) -> FloatArray:
     return np.asarray(np.sqrt(np.sum(np.abs(X) ** 2, axis=1).mean(axis=0) / 2))
 
 
-def _signals(X: ComplexArray, lines: IntArray, N: int) -> FloatArray:
+def signals_of(X: ComplexArray, lines: IntArray, N: int) -> FloatArray:
     """One period (N, n_y) in time of the amplitudes X (F, n_y) at DFT lines (F,)."""
     spectrum = np.zeros((N // 2 + 1, X.shape[1]), dtype=np.complex128)
     spectrum[lines] = X * N / 2

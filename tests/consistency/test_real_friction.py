@@ -42,6 +42,12 @@ def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> 
     assert alike["viscous"] == pytest.approx(203.5, abs=0.5)
     assert alike["coulomb"] == pytest.approx(20.39, abs=0.05)
     assert not any(name.startswith(("Fs", "vs")) for name in value)
+    (torque,) = summary["torque"]
+    assert torque["shares"] == pytest.approx(
+        {"inertia": 0.508, "viscous friction": 0.232, "dry friction": 0.259}, abs=0.005
+    )
+    assert torque["left_without_friction"] == pytest.approx(0.49, abs=0.01)
+    assert torque["left"] < 0.001
     (refused,) = (each["reason"] for each in summary["not_identified"] if each["part"] == "stribeck")
     assert refused.startswith("the motion dwells at 3 speeds")
     assert load_robot(tmp_path / "run" / "robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
@@ -67,3 +73,11 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     assert warned["code"] == "rigid-body-error"
     assert len(warned["places"]) == 4
     assert "hold only together with it" in warned["text"]
+    torque = {each["place"]: each for each in summary["torque"]}
+    rigid = [torque[f"joint {joint}"]["shares"]["rigid body"] for joint in range(1, 7)]
+    assert rigid == pytest.approx([0.297, 0.820, 0.906, 0.031, 0.754, 0.087], abs=0.01)
+    assert all(each["left"] < 0.05 < each["left_without_friction"] for each in torque.values())
+    # Friction that reverses at once: above 5 Hz the model without it leaves less of axis 4.
+    top = torque["joint 4"]["bands"][-1]
+    assert top["low_hz"] == 5
+    assert top["left"] > 2 * top["left_without_friction"]

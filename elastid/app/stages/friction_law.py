@@ -21,6 +21,8 @@ from elastid.store.friction_study import (
     write_friction_result,
 )
 from elastid.study import Study
+from elastid.validation.friction_twin import friction_balances
+from elastid.validation.twin import describe_balance
 
 
 def friction(run: Run) -> None:
@@ -32,13 +34,16 @@ def friction(run: Run) -> None:
     except FitError as error:
         write_summary(path, failed_friction(study, str(error)))
         raise
-    write_summary(path, friction_study_summary(study, result))
+    balances = friction_balances(result.joints, measured)
+    write_summary(path, friction_study_summary(study, result, balances))
     with text_file(run.folder / run.stages["friction"].leaves[2]) as file:
         file.write(robot_of_friction(study, result))
-    write_friction_result(run.path("friction"), result, run.stamps["friction"])
+    write_friction_result(run.path("friction"), result, run.stamps["friction"], balances)
     said = [note for each in found for note in each.notes]
     run.console.notes(note for each in result.joints for note in each.notes if note not in said)
     run.console.say(f"friction: {result.message}")
+    for balance in balances:
+        run.console.say(f"friction: {describe_balance(balance)}")
 
 
 def conclude(run: Run) -> None:

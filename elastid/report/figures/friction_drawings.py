@@ -20,16 +20,21 @@ from elastid.report.figures.friction_loops import friction_loops
 from elastid.report.figures.friction_motion import friction_motion
 from elastid.report.figures.friction_pass import friction_pass
 from elastid.report.figures.friction_warm_up import friction_warm_up
+from elastid.report.figures.twin import TORQUE_CAPTION, torque_balance_figure
+from elastid.validation.twin import TorqueBalance
 
 # Begins the section of a figure of one joint.
 JOINT = "joint "
 
 
-def friction_study_drawings(result: FrictionResult, filters: Sequence[FollowedFriction] = ()) -> Iterator[Drawing]:
+def friction_study_drawings(
+    result: FrictionResult, filters: Sequence[FollowedFriction] = (), balances: Sequence[TorqueBalance] = ()
+) -> Iterator[Drawing]:
     """The figures of all joints, drawn one by one so that only one is in memory."""
     for file, joint in zip(_file_names([joint.joint for joint in result.joints]), result.joints, strict=True):
         followed = [each for each in filters if each.joint == joint.joint]
-        for name, caption, figure in (*_of_joint(joint), *map(_of_filter, followed)):
+        explained = [each for each in balances if each.place == f"{JOINT}{joint.joint}"]
+        for name, caption, figure in (*_of_joint(joint), *map(_of_balance, explained), *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", figure)
 
 
@@ -55,6 +60,11 @@ def _of_joint(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
         level_of = level_over_heat(law, joint.warm_up)
         figure = friction_warm_up(place, joint.warm_up, joint.thermal, level_of, joint.slides)
         yield "warm-up", caption, figure
+
+
+def _of_balance(found: TorqueBalance) -> tuple[str, str, Figure]:
+    """The torque of a motion."""
+    return "torque", TORQUE_CAPTION, torque_balance_figure(found)
 
 
 def _of_filter(found: FollowedFriction) -> tuple[str, str, Figure]:

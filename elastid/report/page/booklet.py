@@ -19,6 +19,7 @@ from elastid.report.friction_rows import FrictionRow, friction_rows
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
+from elastid.validation.twin import TorqueBalance, describe_balance
 
 # A4 in inches; letters in a line and lines on a page, in a fixed-width font of style.NORMAL points.
 PAPER = (8.27, 11.69)
@@ -94,6 +95,13 @@ def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:
     for note in friction.notes:
         if note.code != "friction-taken-out":
             yield from wrapped(str(note), "  ")
+
+
+def torque_text(balances: Iterable[TorqueBalance]) -> Iterator[str]:
+    """What the parts of the model explain of the torque of each log, in words."""
+    for balance in balances:
+        yield ""
+        yield from wrapped(describe_balance(balance))
 
 
 def _friction_row(row: FrictionRow) -> tuple[str, ...]:
