@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from xml.etree import ElementTree as ET
 
 import numpy as np
@@ -26,9 +27,13 @@ from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
 
+# Of a robot without loops.
+NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
+
 
 def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     """robot.xml. StudyError where MJCF cannot represent the robot."""
+    _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
@@ -40,7 +45,7 @@ def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     return (path,)
 
 
-def mjcf(robot: Robot, rods: Mapping[str, RodPose]) -> ET.Element:
+def mjcf(robot: Robot, rods: Mapping[str, RodPose] = NO_RODS) -> ET.Element:
     """The robot without keyframes; StudyError where MJCF cannot represent it.  rods: the poses they are drawn in."""
     _check(robot)
     root = ET.Element("mujoco", model=robot.name)
