@@ -98,7 +98,7 @@ def _cpu_of_children() -> float:
         ("start-*.json", signal.SIGINT, "1"),
         pytest.param("start-*.json", signal.SIGINT, "2", marks=pytest.mark.slow),
         pytest.param("bootstrap-*.json", signal.SIGINT, "2", marks=pytest.mark.slow),
-        ("start-*.json", signal.SIGKILL, "1"),
+        pytest.param("start-*.json", signal.SIGKILL, "1", marks=pytest.mark.slow),
         pytest.param("start-*.json", signal.SIGKILL, "2", marks=pytest.mark.slow),
     ],
     ids=["starts", "starts by two", "bootstrap by two", "starts, kill -9", "starts by two, kill -9"],

@@ -189,6 +189,7 @@ def test_a_robot_takes_no_voltage(tmp_path: Path) -> None:
     assert "needs torque_constant" in refusal(folder / "study.yml", channel + "current}")
 
 
+@pytest.mark.slow
 def test_noise_without_a_period_leads_to_the_same_peaks(tmp_path: Path) -> None:
     """One record of 32 s for each experiment, in which nothing repeats: frequencies to 1e-3."""
     folder = tmp_path / "noise"

@@ -136,7 +136,8 @@ def forecast(**changes: object) -> tuple[list[float], float]:
     return sines, float(C[i, j] / np.sqrt(C[i, i] * C[j, j]))
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 3])
 def test_designed_postures_spread_the_angle_between_lever_and_rod(seed: int):
     """Among random candidates: nearly aligned and nearly square, and gear and rod come apart, as in no one posture."""
     sines, correlation = forecast(design=DesignSpec(count=6, candidates=CandidateSpec(random=60)), seed=seed)

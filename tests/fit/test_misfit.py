@@ -27,7 +27,9 @@ def test_a_wrong_robot_or_log_is_a_misfit(fault: str, spec) -> None:
         assert "but the model is wrong by more than noise and floor explain: blocks" in result.message
 
 
-@pytest.mark.parametrize("spec", [SPEC, WITH_FLOOR], ids=["noise alone", "floor of 1 %"])
+@pytest.mark.parametrize(
+    "spec", [SPEC, pytest.param(WITH_FLOOR, marks=pytest.mark.slow)], ids=["noise alone", "floor of 1 %"]
+)
 def test_a_true_robot_converges_with_and_without_friction(spec) -> None:
     """Noise whose variance has 3 or 8 degrees of freedom, and the distortion of friction that its covariance knows."""
     case = true_case()

@@ -65,6 +65,7 @@ def lugre_robot() -> tuple[str, str]:
     return f"motor: {MOTOR}\n", "motor:\n          inertia: 1e-3\n          viscous: 1e-3\n" + law
 
 
+@pytest.mark.slow
 def test_a_study_with_lugre_friction_and_a_lag_finds_stiffness_and_lag(tiny: Path) -> None:
     """From YAML to the interval: the joint slides under its carrier; the rig lags, ripples and warms."""
     study = rewritten(tiny, lugre_robot(), RIG, "chain: {torque_lag: 1 ms}\n")

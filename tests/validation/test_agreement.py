@@ -211,6 +211,7 @@ def test_responses_of_different_lines_or_elements_are_not_compared():
         agreement(response(G), response(G[:, :1]))
 
 
+@pytest.mark.slow
 def test_normal_residuals_over_a_sigma_of_two_realisations_pass_for_normal():
     """A smoothed sigma of one degree of freedom a line is allowed for: below 8 % of 300 residuals."""
     rng = np.random.default_rng(9)
