@@ -17,6 +17,7 @@ from elastid.report.modes.mode_row import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.results import Comparison, Validation
+from elastid.validation.twin import TorqueBalance
 
 
 @dataclass(frozen=True)
@@ -27,6 +28,7 @@ class ReportContent:
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here; forecast, limit_use and nearest_run (to a limit) belong to it, and robot is drawn in its configurations.
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
+    balances: of the motors' torque, part by part.
     model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
     """
@@ -49,6 +51,7 @@ class ReportContent:
     model_std: tuple[FloatArray, ...] = ()
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None
+    balances: tuple[TorqueBalance, ...] = ()
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

@@ -24,11 +24,12 @@ from elastid.store.files import (
     write_notes,
 )
 from elastid.store.modification_indices import read_indices, write_indices
+from elastid.store.twin import write_balances
 from elastid.validation.resonances import Peak
 from elastid.validation.results import Agreement, Fold, Replay, Validation
+from elastid.validation.twin import TorqueBalance
 
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
-_TESTS = ("power_ratio", "power_dof", "white_p")
 
 
 def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
@@ -175,12 +176,14 @@ _LAG_VARIABLES = {
     "autocorrelation": "autocorrelation of the normalised residual",
     "autocorrelation_bound": "bound of a white residual at 95 % probability",
 }
-_VERDICTS = ("verdict", "cost", "replayed", "folded")
+_VERDICTS, _TESTS = ("verdict", "cost", "replayed", "folded"), ("power_ratio", "power_dof", "white_p")
 _FOLD_NUMBERS = {"misfit": "mean |E|^2 / sigma^2", "rms_log_db": "dB rms", "phase_rms_deg": "degrees rms"}
 _PEAK_TEXTS, _PEAK_NUMBERS = ("output", "input", "kind"), ("measured_hz", "modelled_hz")
 
 
-def write_validation(path: Path, validation: Validation, stamp: Stamp = NO_STAMP) -> None:
+def write_validation(
+    path: Path, validation: Validation, stamp: Stamp = NO_STAMP, balances: tuple[TorqueBalance, ...] = ()
+) -> None:
     """validation.h5: a group for each configuration, arrays by element (output, input), records replayed in it."""
     with created(path, "validation", stamp) as file:
         for name in _VERDICTS:
@@ -192,6 +195,7 @@ def write_validation(path: Path, validation: Validation, stamp: Stamp = NO_STAMP
         _write_folds(file, validation.folds)
         for replay in validation.replays:
             _write_replay(file[key(replay.configuration)].create_group("replay"), replay)
+        write_balances(file, balances)
 
 
 def read_validation(path: Path) -> Validation:

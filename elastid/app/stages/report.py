@@ -22,6 +22,7 @@ from elastid.store import (
     read_validation,
 )
 from elastid.store.comparison import read_comparison
+from elastid.store.twin import read_balances
 from elastid.study import LoadedStudy
 
 
@@ -62,5 +63,6 @@ def _content(run: Run) -> ReportContent:
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
         model_std=fitted.response_std,
         friction=friction,
+        balances=read_balances(run.path("validate"), "validation"),
         contents=contents(study, friction, result.parameters.free),
     )

@@ -9,6 +9,7 @@ from functools import partial
 from elastid.app.dry_friction import shaft_couplings
 from elastid.app.run import Run
 from elastid.app.summaries import validation_summary, write_summary
+from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.fitted_model import FittedModel
 from elastid.frf.friction.net_torque import net_records
@@ -26,8 +27,10 @@ from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import cost_p, explain_cost
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds
+from elastid.validation.elastic_twin import elastic_balances, model_parts, rigid_linearisation
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
+from elastid.validation.twin import TorqueBalance, describe_balance
 
 
 def validate(run: Run) -> None:
@@ -35,12 +38,16 @@ def validate(run: Run) -> None:
     unfinished = run.resumed("validate")
     with run.execution("validate", unfinished) as execution:
         validation = _validation(run, execution)
-    write_summary(run.summary("validate"), validation_summary(run.study, validation))
-    write_validation(run.path("validate"), validation, run.stamps["validate"])
+    balances = tuple(_balances(run))
+    write_summary(run.summary("validate"), validation_summary(run.study, validation, balances))
+    write_validation(run.path("validate"), validation, run.stamps["validate"], balances)
     unfinished.clear()
     for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
         if words:
             run.console.say(f"validate: {words}")
+    if balances:
+        worst = max(balances, key=lambda balance: balance.left)
+        run.console.say(f"validate: {describe_balance(worst)}")
 
 
 def _validation(run: Run, execution: Execution) -> Validation:
@@ -81,9 +88,8 @@ def _replays(run: Run, fitted: FittedModel, execution: Execution) -> Iterator[Re
     """One record in memory at a time; none where responses came from elsewhere or the records are gone."""
     if "measure" not in run.stages:
         return
-    path, stamp = run.path("measure"), run.stamps["measure"]
-    found = read_stamp(path)
-    if found is None or found.inputs != stamp.inputs:
+    path = run.path("measure")
+    if not _is_as_measured(run):
         run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
         return
     names = read_configurations(path)
@@ -95,3 +101,33 @@ def _replays(run: Run, fitted: FittedModel, execution: Execution) -> Iterator[Re
         band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
         records = net_records(read_records(path, name), friction, shaft_couplings(run.study))
         yield replay(records, fitted.at(name), fitted.theta_of(name), band_hz, run.study.estimator)
+
+
+def _balances(run: Run) -> Iterator[TorqueBalance]:
+    """The torque of each motor in the first record of each configuration, part by part; none where none is replayed."""
+    study = run.study
+    if "measure" not in run.stages or not _is_as_measured(run):
+        return
+    fitted = FittedModel.of(
+        read_fit(run.path("fit")), study.as_robot(), read_responses(run.path("estimate")), study.model
+    )
+    path, friction, E = run.path("measure"), read_friction(run.path("estimate")), shaft_couplings(study)
+    try:
+        rigid = rigid_linearisation(fitted, study.model)
+    except StudyError as error:
+        run.console.say(f"validate: the torque is not divided into parts: {error}")
+        return
+    names = read_configurations(path)
+    for response in fitted.measured:
+        name = response.configuration.name
+        parts = model_parts(fitted, rigid, name) if name in names else None
+        if parts is not None:
+            record = next(iter(read_records(path, name)))
+            net = next(net_records([record], friction, E))
+            yield from elastic_balances(record, net, parts, response.freq_hz, study.estimator)
+
+
+def _is_as_measured(run: Run) -> bool:
+    """Whether the records are those of this study."""
+    found = read_stamp(run.path("measure"))
+    return found is not None and found.inputs == run.stamps["measure"].inputs

@@ -21,6 +21,7 @@ from elastid.report.figures.modification_indices import modification_shares
 from elastid.report.figures.parameters import forest
 from elastid.report.figures.response_quality import coherence, levels
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
+from elastid.report.figures.twin import TORQUE_CAPTION, torque_balance_figure
 from elastid.report.figures.validation import left_out_errors, model_errors, replay_signals
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.parameter_rows import parameter_rows
@@ -50,6 +51,9 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
         yield Drawing("errors", "validation", caption, model_errors(content.validation))
+    if content.balances:
+        worst = max(content.balances, key=lambda balance: balance.left)
+        yield Drawing("torque", "torque", f"{worst.place}, {worst.log}: {TORQUE_CAPTION}", torque_balance_figure(worst))
     yield from friction_drawings(content.friction, content.robot)
     yield from _configurations(content)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
