@@ -106,6 +106,10 @@ def test_the_bench_comes_out_as_measured(tmp_path: Path) -> None:
         pair = [nearest(extremes(r.freq_hz, r.G[:, 0, 0]), near) for r in (measured, model)]
         assert pair[0] == pytest.approx(pair[1], rel=0.01)
         assert pair[1] == pytest.approx(1.0, rel=0.03)
+    (torque,) = json.loads((tmp_path / "validation.json").read_text())["torque"]
+    assert torque["shares"]["rigid body"] + torque["shares"]["elasticity"] == pytest.approx(1.02, abs=0.02)
+    assert torque["left"] < 0.015
+    assert torque["left_without_friction"] == pytest.approx(0.097, abs=0.02)
 
 
 @pytest.mark.slow
