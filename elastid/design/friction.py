@@ -93,7 +93,13 @@ def _planned(
 
 
 def _check_law(spec: FrictionSpec) -> None:
-    """StudyError for `yes` to a part of the law without the conditions that it needs."""
+    """StudyError for a part of the law without the conditions or the experiment that it needs."""
+    if spec.law.presliding == "lugre" and spec.presliding is not None:
+        raise StudyError(
+            "friction.law.presliding: lugre, and slow loops (friction.presliding) do not tell the damping of bristles; "
+            "give friction.at_rest, which tells stiffness and damping, and leave out friction.presliding, or take "
+            "law.presliding: maxwell_slip"
+        )
     if spec.law.temperature == "yes" and spec.warm_up is None:
         raise StudyError(
             "friction.law.temperature: yes, and all passes have one temperature; two give a slope, three or more, over "

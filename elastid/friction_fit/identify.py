@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
 
 from elastid.base.errors import DataError, FitError
 from elastid.base.note import Note
 from elastid.friction_fit.before_sliding import BeforeSliding, find_before_sliding
 from elastid.friction_fit.joint_law import joint_law
+from elastid.friction_fit.levels import Levels
 from elastid.friction_fit.numbers import (
     Truth,
     numbers_at_rest,
@@ -22,7 +26,7 @@ from elastid.friction_fit.static_law import StaticLaw
 from elastid.friction_fit.truth import true_numbers
 from elastid.friction_fit.warm_up import ThermalModel, WarmUp, fit_warm_up, level_over_heat
 from elastid.friction_fit.warm_up_records import warm_up_of
-from elastid.friction_record import FrictionRecords
+from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.robot import Friction, Robot
 
 # Numbers of a joint that the sentence on it has.
@@ -52,7 +56,7 @@ def _joint(
 ) -> JointFriction:
     """All parts of one joint."""
     name, passes = found.joint, found.levels
-    static = StaticLaw.of(passes.levels, spec.law) if passes is not None else None
+    static = StaticLaw.of(_of_loads(passes.levels, measured.of(name, "passes")), spec.law) if passes else None
     loops, rest = measured.of(name, "loops"), measured.of(name, "at_rest")
     before = find_before_sliding(robot, loops, rest, passes, static, spec)
     warm_up, thermal, notes = _heat(name, measured, static)
@@ -67,6 +71,13 @@ def _joint(
         before.bristles, thermal, warm_up, friction, viscous, tuple(numbers.values()), held, found.example,
         (*found.notes, *before.notes, *notes, *refused),
     )  # fmt: skip
+
+
+def _of_loads(levels: Levels, records: Sequence[FrictionRecord]) -> Levels:
+    """The levels, of one load under their mean load: what its paths differ in goes with the speed and tells no load."""
+    if len({record.load for record in records}) > 1:
+        return levels
+    return replace(levels, load=np.full_like(levels.load, levels.load.mean()))
 
 
 def _law(

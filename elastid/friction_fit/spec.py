@@ -23,7 +23,7 @@ class LawSpec:
     quadratic: friction that grows with v |v|.  directions: levels and slopes of each direction.
     load: growth with the load.  temperature: change with temperature.
     presliding: law of the joint before it slides that the robot's file gets; by default Maxwell slip where loops were
-    measured, else LuGre where stiffness and damping at rest were.
+    measured, else LuGre where stiffness and damping at rest were; `lugre` takes at_rest, not loops.
     elements: number of Maxwell slip elements (default: as few as predict other parts of the loops as well).
     """
 

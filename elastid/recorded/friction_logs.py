@@ -129,6 +129,8 @@ class _LogReader:
         angles = [positions[joint.name].mean() if joint.name in positions else angle for joint, angle in at_rest]
         posture = Configuration(self.file.configuration or self.name, np.array(angles))
         carried = load_torques(self.robot, posture, self.payload) if self.file.load else {}
+        holds = {_joint_of(c): c.hold for c in self.recorded.channels if c.role == "u" and c.hold}
+        held = {joint.name: holds.get(joint.name, self.recorded.hold) for joint in moving}
         return tuple(
             FrictionRecord(
                 name=self.name,
@@ -142,6 +144,9 @@ class _LogReader:
                 speed=self.file.speed,
                 load=self.file.load,
                 load_torque=carried.get(joint.name, 0.0),
+                # A held torque acts half a sample after its instant, on average.
+                torque_delay_s=0.5 / rate_hz if held[joint.name] == "zero-order" else 0.0,
+                hold=held[joint.name],
                 resolution=step(positions[joint.name]),
                 start_s=self.start_s,
                 configuration=posture,

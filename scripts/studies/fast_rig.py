@@ -2,12 +2,11 @@ r"""A fast stand-in for the simulated rig: thousands of runs of a robot linearis
 
 .. math:: M \delta\ddot q + D \delta\dot q + K \delta q = B (u - u_0 + w) - P F_c \tanh(P^T \dot q / v_s)
 
-For the studies beside this file, which need more runs than the rig gives in a day; it does nothing by itself. All else
-is the rig's: the sampled controller with its encoders and its held torque, the Runge-Kutta steps in a sample in which a
-motor reverses, the smoothed sign, the reference, the plan and the noise drawn from the same seed. A sample in which no
-motor reverses is one exact step. Left out are the robot's nonlinear mechanics alone: a run of the rig differs from one
-here by what the movement changes in M and in gravity. Serial robots with Coulomb and viscous friction at motors that no
-gear couples, logged at the motors.
+For the studies beside this file, which need more runs than the rig gives in a day. All else is the rig's: the sampled
+controller with its encoders and its held torque, the Runge-Kutta steps in a sample in which a motor reverses, the
+smoothed sign, the reference, the plan and the noise drawn from the same seed. A sample in which no motor reverses is
+one exact step. Left out are the robot's nonlinear mechanics alone: a run of the rig differs by what the movement
+changes in M and in gravity. Serial robots with Coulomb and viscous friction at uncoupled motors, logged at the motors.
 """
 
 from __future__ import annotations

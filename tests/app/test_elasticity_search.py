@@ -123,7 +123,7 @@ report: {formats: [png]}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal"), (2, "minimal")])
+@pytest.mark.parametrize(("seed", "formulation"), [(0, "constrained"), (1, "minimal")])
 def test_a_gear_that_is_stiff_and_a_rod_that_is_not_are_told(tmp_path: Path, seed: int, formulation: str) -> None:
     """The gear of axis 2 is 1000 times stiffer than that of axis 3, nor does the lower arm bend: the rod stretches.
 

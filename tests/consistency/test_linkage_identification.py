@@ -222,7 +222,6 @@ def run(study: str, folder: Path, *options: str) -> tuple[int, dict[str, Any]]:
     ("study", "seed"),
     [
         pytest.param("linkage_arm.yml", 2, marks=pytest.mark.slow),
-        pytest.param("linkage_arm.yml", 3, marks=pytest.mark.slow),
         pytest.param("irb4400_linkage.yml", 1, marks=pytest.mark.slow),
     ],
 )

@@ -110,6 +110,12 @@ def test_a_part_of_the_law_without_its_conditions_is_refused(law: LawSpec, word:
         planned(FrictionSpec(law=law))
 
 
+def test_loops_do_not_tell_a_lugre_law() -> None:
+    """What does is named."""
+    with pytest.raises(StudyError, match=r"lugre, and slow loops .* give friction.at_rest"):
+        planned(FrictionSpec(law=LawSpec(presliding="lugre"), presliding=PreslidingSpec()))
+
+
 def test_default_speeds_slide_with_a_loop_of_any_bandwidth() -> None:
     """Where slow sliding would be unstable, the slowest pass is the first that is not."""
     robot = axis()
