@@ -22,7 +22,8 @@ def found(run: Run) -> dict:
     return json.loads((run.folder / "compare.json").read_text())
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_the_model_that_made_the_responses_predicts_best(study: Path, seed: int) -> None:
     """Motor coupling at a ratio of 5 and two elastic joints: each that is left out shows on left-out configurations."""
     run = measured(study, load(study).study.robot, seed=seed)
@@ -40,6 +41,7 @@ def test_the_model_that_made_the_responses_predicts_best(study: Path, seed: int)
     assert "worse by more than the standard error" in found(run)["verdict"]
 
 
+@pytest.mark.slow
 def test_what_the_data_do_not_need_is_said(study: Path) -> None:
     """Responses of a robot whose joint 1x is rigid: the model without it cannot be told from one where it is stiff."""
     robot = stiffened(load(study).study.robot, ["1x"])

@@ -95,7 +95,7 @@ def _cpu_of_children() -> float:
 @pytest.mark.parametrize(
     ("parts", "number", "jobs"),
     [
-        ("start-*.json", signal.SIGINT, "1"),
+        pytest.param("start-*.json", signal.SIGINT, "1", marks=pytest.mark.slow),
         pytest.param("start-*.json", signal.SIGINT, "2", marks=pytest.mark.slow),
         pytest.param("bootstrap-*.json", signal.SIGINT, "2", marks=pytest.mark.slow),
         pytest.param("start-*.json", signal.SIGKILL, "1", marks=pytest.mark.slow),

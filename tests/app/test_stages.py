@@ -327,6 +327,7 @@ def never_converging(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fitting, "identify", give_up)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("never_converging")
 def test_a_fit_that_did_not_converge_is_still_shown(copy: Path) -> None:
     """The report shows where it stands, the command fails, and fails again when nothing is left to do."""

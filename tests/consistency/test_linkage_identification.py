@@ -94,7 +94,8 @@ def test_postures_with_one_sine_do_not_help():
     assert any("k_3 and k_rod cannot be distinguished" in word for word in said(alike.notes))
 
 
-@pytest.mark.parametrize("spec", [ModelSpec("constrained"), pytest.param(ModelSpec("minimal"), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("spec", [ModelSpec("constrained"), ModelSpec("minimal")])
 def test_springs_are_recovered_within_their_intervals(spec: ModelSpec):
     """Over eight draws of the noise: all within 4 standard deviations, the mean square near one; both formulations."""
     robot = planar()

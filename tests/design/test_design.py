@@ -121,6 +121,7 @@ def test_a_spectrum_for_information_tells_more_than_any_flat_one_of_the_same_tor
     assert _mean_std(_shaped(problem, least=1.0)) == pytest.approx(_mean_std(others[0]), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_fits_of_a_shaped_spectrum_scatter_as_the_forecast_said() -> None:
     """Thirty times measured with new phases, as for the flat one."""
     found = design(_shaped(GIVEN))
@@ -255,6 +256,7 @@ def test_what_was_measured_before_counts() -> None:
     assert 1.0 <= gains[1] < 1.02
 
 
+@pytest.mark.slow
 def test_robust_choices_hang_on_the_seed_alone_and_differ_from_the_nominal_one() -> None:
     """Averaged over guesses, and judged by the worst."""
     one, again, worst = (

@@ -87,6 +87,7 @@ def test_size_of_the_published_study_is_certified_to_a_thousandth_and_rounded_to
     assert np.exp(criterion.value(np.einsum("q,sqij->sij", numbers, H) / 15) - found.bound) >= 0.97
 
 
+@pytest.mark.slow
 def test_rounding_for_the_smallest_eigenvalue_costs_less_the_more_experiments_there_are() -> None:
     """15 of 7920 for 12 parameters cannot follow shares of seventy candidates, 60 come closer."""
     H = _random(0, Q=7920, d=12, rank=12)

@@ -8,6 +8,7 @@ from elastid.app.cli import _TARGETS, run_command
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_same_bytes_twice_and_wants_a_fit(
     tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
