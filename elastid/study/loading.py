@@ -31,11 +31,12 @@ class LoadedStudy:
         return self.path.parent
 
 
-def load(path: Path, overrides: Sequence[str] = ()) -> LoadedStudy:
+def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     """The study of a YAML file, `overrides` as 'key.path=value' taking the place of its keys.
 
     Raises StudyError with a line `file:line:col: key.path: message (got value)` for each error.
     """
+    path = Path(path)
     source, robot_errors = _read(path, overrides)
     study, found = validate(source.data, Study)
     if found or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count

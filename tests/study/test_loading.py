@@ -268,7 +268,7 @@ def test_an_inline_robot_is_the_robot(tiny: Path) -> None:
     """robot: a path or the robot itself, with errors in the study's own lines."""
     robot = (tiny.parent / "robot.yml").read_text()
     indented = "robot:\n" + "".join(f"  {line}\n" for line in robot.splitlines())
-    apart = load(tiny).study
+    apart = load(str(tiny)).study  # a path as text, as a notebook gives it
     assert load(edited(tiny, "robot: robot.yml\n", indented)).study == apart
     (error,) = errors(edited(tiny, "ratio: 1,", "ratio: 0,"))
     assert error.startswith("study.yml:")
