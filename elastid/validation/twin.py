@@ -129,7 +129,7 @@ def octaves(band_hz: tuple[float, float], resolution_hz: float) -> tuple[float, 
 
 def describe_balance(balance: TorqueBalance) -> str:
     """What each part explains, in two sentences."""
-    shares = ", ".join(f"{part} {share:.1%}" for part, share in zip(balance.parts, balance.shares, strict=True))
+    shares = ", ".join(f"{part} {share:.1%}" for part, share in _told(balance))
     said = f"{balance.place}, {balance.log}: of the mean square of the torque {shares}; {balance.left:.1%} is left"
     if any(part in FRICTION for part in balance.parts):
         said += f" (without friction {balance.left_without_friction:.1%})"
@@ -139,6 +139,16 @@ def describe_balance(balance: TorqueBalance) -> str:
         f"{worst.power:.2%} of the torque's power lies: {worst.left:.0%} of that, without friction "
         f"{worst.left_without_friction:.0%}."
     )
+
+
+def _told(balance: TorqueBalance) -> list[tuple[str, float]]:
+    """Parts and shares; those without friction as one where they oppose each other, as about an antiresonance."""
+    shares = list(zip(balance.parts, balance.shares, strict=True))
+    others = [each for each in shares if each[0] not in FRICTION]
+    if all(0 <= share <= 1 for _, share in others):
+        return shares
+    together = " and ".join(part for part, _ in others) + " together"
+    return [(together, sum(share for _, share in others)), *(each for each in shares if each[0] in FRICTION)]
 
 
 def _explained(
