@@ -24,7 +24,7 @@ def friction_lines(study: Study) -> Iterator[str]:
     yield ""
     yield (
         f"will {'import the logs' if study.experiment.recorded is not None else 'plan and simulate the motions'}, find "
-        "the levels, identify the law, write robot.yml and the report"
+        "the levels, identify the law, write identified_robot.yml and the report"
     )
 
 

@@ -181,11 +181,11 @@ STAGES = (
     ),
     Stage(
         name="friction",
-        help="Identify the law of friction: friction.h5, summary.json and robot.yml.",
+        help="Identify the law of friction: friction.h5, summary.json and identified_robot.yml.",
         kinds=(FRICTION, FRICTION_RECORDED),
         sections=("name", "friction.law"),
         reads=("measure", "levels"),
-        leaves=("friction.h5", "summary.json", "robot.yml"),
+        leaves=("friction.h5", "summary.json", "identified_robot.yml"),
         function="friction_law:friction",
         conclude="friction_law:conclude",
     ),

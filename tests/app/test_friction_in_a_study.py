@@ -70,7 +70,7 @@ def test_what_was_taken_out_is_in_every_result(tiny: Path, capsys: pytest.Captur
     viscous = summary["parameters"]["fm_1"]
     assert viscous["contains"] == VISCOUS
     assert abs(viscous["value"] - viscous["truth"]) < 0.2 * viscous["truth"]
-    numbers = friction_numbers(load_robot(run.folder / "robot.yml"))
+    numbers = friction_numbers(load_robot(run.folder / "identified_robot.yml"))
     assert numbers["Fc_m1"][0] == pytest.approx(level, rel=1e-9)
     assert numbers["f_m1"][0] == pytest.approx(viscous["value"], rel=1e-9)
     shown = number(level, digits(level, std))

@@ -51,7 +51,7 @@ def test_a_study_leaves_its_artefacts_and_keeps_them(finished: Path, monkeypatch
     """plan, references, records, levels, law, summary, robot and page; nothing is done twice."""
     names = {path.name for path in (finished / "run").iterdir()}
     assert {"plan.h5", "references", "records.h5", "levels.h5", "friction.h5", "summary.json"} <= names
-    assert {"robot.yml", "report.html", "run.log"} <= names
+    assert {"identified_robot.yml", "report.html", "run.log"} <= names
     run = run_of(finished, *SMALL)
     assert list(run.stages) == ["design", "measure", "levels", "friction", "report"]
     assert all(run.is_current(name) for name in run.stages)
@@ -78,7 +78,7 @@ def test_the_identified_robot_is_exported_and_read(finished: Path) -> None:
     for number in read_friction_result(run.path("friction")).numbers:
         if number.name in numbers:
             assert numbers[number.name][0] == pytest.approx(number.value, rel=1e-9)
-    assert path.read_text() == (finished / "run" / "robot.yml").read_text()
+    assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
     with pytest.raises(StudyError, match="identifies friction, and matlab takes a fitted elastic model"):
         export(run, "matlab")
 
@@ -172,7 +172,7 @@ def test_a_robot_that_was_identified_is_the_start_of_the_next_study(tmp_path: Pa
     """The circle: found on the rig, put into its robot's file, and found again from that file as the truth."""
     first, second = copied(tmp_path / "first"), copied(tmp_path / "second")
     run_all(run_of(first, "report.formats=[]"))
-    shutil.copy(first / "run" / "robot.yml", second / "robot.yml")
+    shutil.copy(first / "run" / "identified_robot.yml", second / "robot.yml")
     run_all(run_of(second, "report.formats=[]", "experiment.simulated.truth={}", "seed=2"))
     before, after = (
         {each.name: each for each in read_friction_result(folder / "run" / "friction.h5").numbers}

@@ -97,15 +97,28 @@ def test_only_stages_that_depend_on_a_change_run_again(
 
 
 def test_a_fit_leaves_the_robot_with_its_numbers(finished: Path) -> None:
-    """robot.yml is read as a robot with every fitted number; export writes the same file."""
+    """identified_robot.yml is read as a robot with every fitted number; export writes the same file."""
     run = run_of(finished / "study.yml", finished / "run")
     values = read_fit(run.path("fit")).values
-    numbers = {name: value for name, (value, _) in load_robot(finished / "run" / "robot.yml").parameters().items()}
+    numbers = {
+        name: value for name, (value, _) in load_robot(finished / "run" / "identified_robot.yml").parameters().items()
+    }
     assert {name: numbers[name] for name in ("k_1", "d_1", "fm_1")} == pytest.approx(
         {name: values[name] for name in ("k_1", "d_1", "fm_1")}, rel=1e-9
     )
     (path,) = export(run, "robot")
-    assert path.read_text() == (finished / "run" / "robot.yml").read_text()
+    assert path.read_text() == (finished / "run" / "identified_robot.yml").read_text()
+
+
+def test_a_study_in_its_own_run_folder_keeps_the_robot_that_it_reads(copy: Path) -> None:
+    """As the demo's, whose folder is also that of its results: its robot.yml is the user's."""
+    before = (copy / "robot.yml").read_text()
+    for name in ("study.yml", "robot.yml"):
+        shutil.copy(copy / name, copy / "run" / name)
+    run = run_of(copy / "run" / "study.yml", copy / "run")
+    run_stage(run, "fit")
+    assert (copy / "run" / "robot.yml").read_text() == before
+    assert (copy / "run" / "identified_robot.yml").read_text() != before
 
 
 def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, worked_on: list[str]) -> None:

@@ -50,7 +50,7 @@ def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> 
     assert torque["left"] < 0.001
     (refused,) = (each["reason"] for each in summary["not_identified"] if each["part"] == "stribeck")
     assert refused.startswith("the motion dwells at 3 speeds")
-    assert load_robot(tmp_path / "run" / "robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
+    assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
 
 
 @pytest.mark.slow

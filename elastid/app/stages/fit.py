@@ -78,10 +78,13 @@ def conclude(run: Run) -> None:
 
 
 def _write_robots(run: Run, result: FitResult, configurations: Sequence[str]) -> None:
-    """robot.yml with the fitted numbers; of groups with parameters of their own robot-<group>.yml each."""
+    """identified_robot.yml; of groups with parameters of their own identified_robot-<group>.yml each.
+
+    Not robot.yml: a study may lie in its own run folder, beside the robot that it reads.
+    """
     friction = read_friction(run.path("estimate"))
     for label, (robot, _) in robots_by_group(result, run.study.as_robot(), configurations).items():
-        name = f"robot-{label}.yml" if label else "robot.yml"
+        name = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
         with text_file(run.folder / name) as file:
             file.write(robot_of_fit(run.study.name, robot, friction))
 

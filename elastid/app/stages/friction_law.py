@@ -1,4 +1,4 @@
-"""friction: levels and records -> friction.h5, summary.json and robot.yml, and the table at the end of a run."""
+"""friction: levels and records -> friction.h5, summary.json, identified_robot.yml, and the table that ends a run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from elastid.validation.twin import describe_balance
 
 
 def friction(run: Run) -> None:
-    """friction.h5, summary.json and robot.yml; one that found nothing leaves a summary with the reason: FitError."""
+    """friction.h5, summary.json, identified_robot.yml; where nothing was found, a summary with the reason: FitError."""
     study, path = run.study, run.summary("friction")
     found, measured = read_levels(run.path("levels")), read_friction_records(run.path("measure"))
     try:
