@@ -129,6 +129,7 @@ def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
     names: dict[str, str] = {}
 
     def sprung(body: Body) -> Body:
+        """The body with a stiff spring in each rigid gear and about each axis that its joints leave free."""
         if any(joint.name in within for joint in body.joints):
             return body
         joints = []
