@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from elastid.experiment.simulated.closed_loop import closed_loop_of
     from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
     from elastid.experiment.simulated.rig import SimulatedRig
-    from elastid.fit.fitted_model import FittedModel
+    from elastid.fit.fitted_robot import FittedRobot
     from elastid.fit.identify import identify
     from elastid.fit.result import FitResult
     from elastid.frf.estimate import estimate
@@ -61,7 +61,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Configuration": "elastid.record",
     "FitResult": "elastid.fit.result",
-    "FittedModel": "elastid.fit.fitted_model",
+    "FittedRobot": "elastid.fit.fitted_robot",
     "FrequencyResponse": "elastid.response",
     "FrictionRecord": "elastid.friction_record",
     "FrictionRecords": "elastid.friction_record",
@@ -105,7 +105,7 @@ __all__ = [  # noqa: RUF022  (in the order of the work)
     "frequency_response",
     "identify",
     "FitResult",
-    "FittedModel",
+    "FittedRobot",
     "validate",
     "design_friction",
     "SimulatedFrictionRig",

@@ -12,7 +12,7 @@ from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
 from elastid.export.observer import Observer, write_observers
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
-from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.store import read_fit, read_friction, read_responses, text_file
 from elastid.store.filter import read_filter
 from elastid.store.friction_study import read_friction_result
@@ -47,7 +47,7 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
     return _said(run, paths)
 
 
-def _write_robot(run: Run, folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot.yml of a fitted model."""
     return (_written(folder, robot_of_fit(model.name, model.robot, read_friction(run.path("estimate")))),)
 

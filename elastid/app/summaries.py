@@ -12,15 +12,16 @@ import numpy as np
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
 from elastid.app.json_values import all_finite, balance_entries, finite, note_entries
 from elastid.base.note import Note, grouped
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.modification_index import ModificationIndex
-from elastid.fit.result import FitResult, LocalOptimum
+from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.uncertainty.propagation import uncertain_modes
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.modes import modes, shapes_of_all
+from elastid.linear.propagation import uncertain_modes
 from elastid.linear.strain_energy import strain_energy
 from elastid.model.elastic import ElasticModel
 from elastid.model.stick_figure import stick_figure
@@ -49,7 +50,7 @@ def truth(study: Study, friction: FrictionTakenOut | None = None) -> dict[str, f
     return {name: float(value) for name, value in (numbers | simulated.truth).items() if name not in mixed}
 
 
-def modes_of(fitted: FittedModel) -> tuple[ModeRow, ...]:
+def modes_of(fitted: FittedRobot) -> tuple[ModeRow, ...]:
     """The modes of the fitted model with its motors free, configuration by configuration."""
     return tuple(_mode_row(fitted.model, model, fitted.result) for model in fitted.linear)
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import casadi as ca
 
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.store import replacing, text_file
 
 
-def functions(model: FittedModel) -> tuple[ca.Function, ...]:
+def functions(model: FittedRobot) -> tuple[ca.Function, ...]:
     """mass(q) -> M, force(q, v) -> f, damping(q) -> D, stiffness(q) -> K, input_matrix() -> B, at the fitted numbers.
 
     damping and stiffness are the Hessians of dissipation and potential: the linear model at an equilibrium q. Where
@@ -44,7 +44,7 @@ def functions(model: FittedModel) -> tuple[ca.Function, ...]:
     )
 
 
-def write_casadi(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_casadi(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """mass.casadi, force.casadi, damping.casadi, stiffness.casadi, input_matrix.casadi for casadi.Function.load."""
     paths = []
     for function in functions(model):
@@ -55,7 +55,7 @@ def write_casadi(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     return (*paths, _coordinates(folder, model))
 
 
-def write_c(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_c(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot.c and robot.h: the same functions as `int robot_mass(const double** arg, double** res, ...)`.
 
     Matrices are dense, column by column. Compile with `cc -O2 -shared -fPIC robot.c -lm`. The head of robot.h has
@@ -81,7 +81,7 @@ def _prefixed(function: ca.Function) -> ca.Function:
     return ca.Function(name, function.sx_in(), dense, function.name_in(), function.name_out(), {"cse": True})
 
 
-def _layout(model: FittedModel, prefixed: Sequence[ca.Function]) -> str:
+def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
     """The head of robot.h: what each function takes and gives, and what its entries are."""
     units = {joint.name: ("m, m/s, N" if joint.slides else "rad, rad/s, N*m") for joint in model.robot.joints}
     lines = [f"{_equation(model)}, on the link side.", ""]
@@ -101,12 +101,12 @@ def _sized(function: ca.Function, i: int, *, is_in: bool) -> str:
     return f"{name} ({size[0]}{f' x {size[1]}' if size[1] > 1 else ''})"
 
 
-def _equation(model: FittedModel) -> str:
+def _equation(model: FittedRobot) -> str:
     closing = " + Phi(q)^T lambda = B u, phi(q) = 0" if model.model.n_c else " = B u"
     return f"{model.name}: M(q) q'' + f(q, q'){closing}"
 
 
-def _coordinates(folder: Path, model: FittedModel) -> Path:
+def _coordinates(folder: Path, model: FittedRobot) -> Path:
     """coordinates.txt: the names of the entries of q and u."""
     path = folder / "coordinates.txt"
     with text_file(path) as file:

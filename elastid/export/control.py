@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
 
@@ -112,7 +112,7 @@ def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:
         np.savez(file, **arrays)  # type: ignore[arg-type]  # mypy takes a value for allow_pickle
 
 
-def write_control(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std."""
     systems = model.state_spaces
     first = systems[0]

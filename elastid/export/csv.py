@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.export.peaks import write_peaks
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import peaks
 from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
@@ -22,7 +22,7 @@ from elastid.response import FrequencyResponse
 from elastid.store import text_file
 
 
-def write_csv(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """parameters.csv, modes.csv, <configuration>-fitted.csv and <configuration>-measured.csv, numbers in full."""
     paths = [
         _table(folder / "parameters.csv", _parameters(model)),
@@ -47,7 +47,7 @@ def _measured(folder: Path, G: FrequencyResponse) -> Path:
     return _table(folder / f"{G.configuration.name}-measured.csv", _response(G, G.G, variance))
 
 
-def _parameters(model: FittedModel) -> Iterable[Sequence[Any]]:
+def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
     result = model.result
     values, std = result.values, result.std
     yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
@@ -56,7 +56,7 @@ def _parameters(model: FittedModel) -> Iterable[Sequence[Any]]:
         yield p.name, p.unit, values[p.name], *known
 
 
-def _modes(model: FittedModel) -> Iterable[Sequence[Any]]:
+def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
     yield "configuration", "mode", "frequency_hz", "damping_ratio"
     for linear in model.linear:
         found = modes(linear, model.theta)

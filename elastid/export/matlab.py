@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
@@ -73,7 +73,7 @@ end
 {measured}"""
 
 
-def write_matlab(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """model.mat (version 5) with struct arrays `model`, `measured`, `fitted` and `parameters`, and load_model.m.
 
     measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit; measured

@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.errors import StudyError
 from elastid.export.mujoco_loops import Elements, RodPose, add_loops, add_rod_springs, rod_poses, rod_positions
 from elastid.export.mujoco_numbers import MIN_INERTIA, number, numbers, quaternion
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
@@ -31,7 +31,7 @@ from elastid.store import text_file
 NO_RODS: Mapping[str, RodPose] = MappingProxyType({})
 
 
-def write_mujoco(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_mujoco(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot.xml. StudyError where MJCF cannot represent the robot."""
     _check(model.robot)
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
@@ -167,7 +167,7 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
 
 
 def _keyframes(
-    root: ET.Element, model: FittedModel, rest: Sequence[OperatingPoint], start: Mapping[str, RodPose]
+    root: ET.Element, model: FittedRobot, rest: Sequence[OperatingPoint], start: Mapping[str, RodPose]
 ) -> None:
     """Rest in every configuration, the joints in the order of the file, which is the engine's."""
     keys = ET.SubElement(root, "keyframe")
@@ -179,7 +179,7 @@ def _keyframes(
         ET.SubElement(keys, "key", name=point.configuration.name, qpos=numbers(q), ctrl=numbers(point.u))
 
 
-def _positions(model: FittedModel, point: OperatingPoint) -> dict[str, list[float]]:
+def _positions(model: FittedRobot, point: OperatingPoint) -> dict[str, list[float]]:
     """Positions of the joints of the bodies by their names in the file."""
     at = dict(zip(model.model.coordinates, point.q.tolist(), strict=True))
     found: dict[str, list[float]] = {}

@@ -13,10 +13,10 @@ from elastid.export.matlab import write_matlab, write_responses_matlab
 from elastid.export.mujoco import write_mujoco
 from elastid.export.uff import write_uff
 from elastid.export.urdf import write_urdf
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 
-Writer = Callable[[Path, FittedModel], tuple[Path, ...]]
+Writer = Callable[[Path, FittedRobot], tuple[Path, ...]]
 ResponseWriter = Callable[[Path, str, Sequence[FrequencyResponse]], tuple[Path, ...]]
 
 TARGETS: dict[str, Writer] = {

@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
 from elastid.store import text_file
@@ -25,7 +25,7 @@ from elastid.store import text_file
 UNLIMITED = 1e6
 
 
-def write_urdf(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot.urdf; StudyError where the robot has loops, since a URDF is a tree."""
     root = urdf(model.robot)
     ET.indent(root)

@@ -21,12 +21,13 @@ from elastid.fit.diagnosis.diagnosis import diagnose, judge
 from elastid.fit.diagnosis.findings import at_bound
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
-from elastid.fit.result import FitResult, LocalOptimum
+from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise, widening_bands
 from elastid.fit.setup.gain_scale import check_scale
 from elastid.fit.setup.geometry import check_geometry
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.setup.response_checks import check_responses, find_copies, find_same_postures
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.multistart import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty
@@ -182,4 +183,5 @@ def _result(
         share=uncertainty.shares.share,
         informing_hz=uncertainty.shares.band_hz,
         weakest=uncertainty.shares.weakest,
+        linear=tuple(part.kernel.model for part in fit.parts),
     )

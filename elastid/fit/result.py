@@ -11,6 +11,9 @@ import numpy as np
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.note import Note
 from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.linear.fitted_model import FittedModel
+from elastid.linear.linear_model import LinearModel
 from elastid.parameters import ParameterSet
 
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
@@ -44,18 +47,6 @@ def is_in_error(cost: float, expected_cost: float, cost_dof: float) -> bool:
 
 
 @frozen_value
-class LocalOptimum:
-    """The end of a solve: its start and its end in x (n_x,), V there, and the message of the solver."""
-
-    x_start: FloatArray
-    x: FloatArray
-    cost: float
-    iterations: int
-    converged: bool
-    message: str
-
-
-@frozen_value
 class FitResult:
     """The estimate x (n_x,) with the covariance (n_x, n_x) of its variables, and where they came from.
 
@@ -67,6 +58,7 @@ class FitResult:
     profile95, bootstrap95 (n_x, 2): further intervals in SI, NaN for parameters without, no rows where none has one.
     indices: of numbers that were held, in sequence and alone, where V exceeds what the noise explains.
     configurations, share (Q, n_x), informing_hz (n_x, 2), weakest (n_x,): as `InformationShares`.
+    linear: the model of each configuration, linearised at the estimate; empty where models are only compared.
     """
 
     parameters: ParameterSet
@@ -91,6 +83,7 @@ class FitResult:
     weakest: FloatArray = field(default_factory=lambda: np.zeros(0))
     cost_dof: float = math.nan
     indices: tuple[ModificationIndex, ...] = ()
+    linear: tuple[LinearModel, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes."""
@@ -144,9 +137,14 @@ class FitResult:
     def interval(self, name: str) -> tuple[float, float]:
         """The 95 % interval of a free parameter in SI: by profile likelihood where that was found, else symmetric in x.
 
-        Symmetric in x is positive for a logarithmic one.
+        Symmetric in x is positive for a logarithmic one. KeyError for a name that was not identified, with those that
+        were.
         """
-        i = self.parameters.free_names.index(name)
+        names = self.parameters.free_names
+        if name not in names:
+            why = "is held or tied" if name in self.values else "is no parameter of this fit"
+            raise KeyError(f"{name} {why}; identified are {', '.join(names)}")
+        i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
         parameter = self.parameters.free[i]
@@ -154,6 +152,14 @@ class FitResult:
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
+
+    def model(self, configuration: str) -> FittedModel:
+        """The fitted model in one configuration that was fitted: response, modes, state space; KeyError names them."""
+        for linear in self.linear:
+            if linear.configuration.name == configuration:
+                return FittedModel(linear, self.parameters, self.x, self.covariance)
+        known = ", ".join(linear.configuration.name for linear in self.linear) or "no models in this result, fit again"
+        raise KeyError(f"no fitted model of configuration {configuration}; there are {known}")
 
     @property
     def correlation(self) -> FloatArray:

@@ -47,7 +47,8 @@ class LinearModel:
     model, but for `delay`, the torque delay T_d, which multiplies the response by exp(-j omega T_d), and those of the
     chain's elements.  Z (n_q, n): how the robot's coordinates move with these, dq = Z y; the unit matrix where nothing
     was eliminated.  gains: names of the parameters that are gains of channels.  hold: torques of which the response
-    contains images; None for the motion itself.  Link side, SI.
+    contains images; None for the motion itself.  sliding: inputs and outputs that translate, in N and m instead of Nm
+    and rad.  Link side, SI.
     """
 
     configuration: Configuration
@@ -67,6 +68,7 @@ class LinearModel:
     Z: FloatArray | None = None
     gains: tuple[str, ...] = ()
     hold: HeldTorque | None = None
+    sliding: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check shapes; without T no output is an accelerometer."""

@@ -118,6 +118,7 @@ class Linearisation:
             T=T @ Z,
             Z=Z,
             gains=tuple(name for name in model.parameters if name in model.robot.gains),
+            sliding=model.robot.sliding((*model.inputs, *outputs)),
         )
 
 

@@ -12,6 +12,8 @@ The lags of the measurement chain, the same for every motor, are states of their
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
@@ -40,6 +42,20 @@ class StateSpace:
         s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
         X = np.linalg.solve(s * np.eye(len(self.A)) - self.A, self.B.astype(complex))
         return np.asarray((self.C @ X + self.D) * np.exp(-s * self.delay))
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """The system as `control.StateSpace` with the names of its inputs and outputs.
+
+        The delay is not part of it, unless `pade` gives the order of an approximation by Pade in front of each input.
+        """
+        import control  # takes a second or two
+
+        labels = {"name": self.configuration.name, "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        system = control.ss(self.A, self.B, self.C, self.D)
+        if pade is not None and self.delay > 0:
+            late = control.tf2ss(*control.pade(self.delay, pade))
+            system = system * control.append(*[late] * len(self.inputs))
+        return control.ss(system, **labels)
 
 
 def state_space(model: LinearModel, theta: FloatArray) -> StateSpace:

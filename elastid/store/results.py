@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from elastid.fit.result import FitResult, LocalOptimum
-from elastid.parameters import Parameter, ParameterSet, Prior, Tie
+from elastid.fit.result import FitResult
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.store.files import (
     NO_STAMP,
     Stamp,
@@ -23,13 +22,15 @@ from elastid.store.files import (
     variable,
     write_notes,
 )
+from elastid.store.linear_models import read_linear, write_linear
 from elastid.store.modification_indices import read_indices, write_indices
+from elastid.store.parameters import read_parameters, write_parameters
 from elastid.store.twin import write_balances
 from elastid.validation.resonances import Peak
 from elastid.validation.results import Agreement, Fold, Replay, Validation
 from elastid.validation.twin import TorqueBalance
 
-_FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion")
+_FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion", "cost_dof")
 
 
 def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
@@ -37,13 +38,11 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
     with created(path, "fit", stamp) as file:
         for name in _FIT_ATTRIBUTES:
             file.attrs[name] = getattr(result, name)
-        file.attrs["cost_dof"] = result.cost_dof
-        values = result.values
-        names = [p.name for p in result.parameters]
+        names, values = [p.name for p in result.parameters], result.values
         parameter = scale(file, "parameter", names, "parameter")
         estimates = [values[name] for name in names]
         variable(file, "theta", estimates, [parameter], "estimate, fixed and tied ones included", "SI")
-        _write_parameters(file, result.parameters, parameter)
+        write_parameters(file, result.parameters, parameter)
         free = scale(file, "free_parameter", result.parameters.free_names, "parameter that the solver varies")
         variable(file, "x", result.x, [free], "estimate as the solver's variable (ln p where log)")
         variable(file, "covariance", result.covariance, [free, free], "covariance of x")
@@ -53,6 +52,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         _write_starts(file, result, free)
         _write_further(file, result, free)
         write_indices(file, result.indices, free)
+        write_linear(file, result.linear)
         write_notes(file, result.notes)
 
 
@@ -61,7 +61,7 @@ def read_fit(path: Path) -> FitResult:
     with opened(path, "fit") as file:
         known = attributes(file)
         return FitResult(
-            parameters=_read_parameters(file),
+            parameters=read_parameters(file),
             x=file["x"][:],
             covariance=file["covariance"][:],
             starts=_read_starts(file),
@@ -69,8 +69,8 @@ def read_fit(path: Path) -> FitResult:
             singular_values=file["singular_values"][:],
             notes=read_notes(file),
             indices=read_indices(file),
+            linear=read_linear(file),
             **_read_further(file),
-            cost_dof=known.get("cost_dof", math.nan),
             **{name: known[name] for name in _FIT_ATTRIBUTES},
         )
 
@@ -89,56 +89,10 @@ def _write_further(file: Any, result: FitResult, free: Any) -> None:
 
 
 def _read_further(file: Any) -> dict[str, Any]:
-    names = ("profile95", "bootstrap95", "share", "informing_hz", "weakest")
-    found = {name: file[name][:] for name in names if name in file}
+    found = {
+        name: file[name][:] for name in ("profile95", "bootstrap95", "share", "informing_hz", "weakest") if name in file
+    }
     return found | ({"configurations": texts(file, "configuration")} if "configuration" in file else {})
-
-
-def _write_parameters(group: Any, parameters: ParameterSet, axis: Any) -> None:
-    """One variable for each field; no tie is an empty name, no prior is NaN."""
-    ties = [p.tie or Tie("", math.nan) for p in parameters]
-    priors = [(p.prior.mean, p.prior.std) if p.prior is not None else (math.nan, math.nan) for p in parameters]
-    for name, values, what in (
-        ("value", [p.value for p in parameters], "start or fixed value, SI"),
-        ("lower", [p.lower for p in parameters], "lower bound, SI"),
-        ("upper", [p.upper for p in parameters], "upper bound, SI"),
-        ("log", [p.log for p in parameters], "whether x is ln p"),
-        ("free", [p.free for p in parameters], "whether it is identified"),
-        ("unit", [p.unit for p in parameters], "unit"),
-        ("tie_to", [tie.to for tie in ties], "parameter that it is a multiple of"),
-        ("tie_factor", [tie.factor for tie in ties], "that multiple"),
-        ("tie_by", [tie.by for tie in ties], "and the parameter that it is multiplied by"),
-        ("ratio", [p.ratio for p in parameters], "whether it is a factor of ties and not in the model"),
-        ("only", [" | ".join(p.only) for p in parameters], "configurations in which it takes the place of another"),
-        ("prior_mean", [mean for mean, _ in priors], "mean of the prior, SI"),
-        ("prior_std", [std for _, std in priors], "standard deviation of the prior, of x"),
-    ):
-        variable(group, name, values if isinstance(values[0], str) else np.array(values), [axis], what)
-
-
-def _read_parameters(group: Any) -> ParameterSet:
-    columns = {name: group[name][:].tolist() for name in ("value", "lower", "upper", "log", "free", "ratio")}
-    columns |= {name: texts(group, name) for name in ("parameter", "unit", "tie_to", "tie_by", "only")}
-    columns |= {name: group[name][:].tolist() for name in ("tie_factor", "prior_mean", "prior_std")}
-    rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    return ParameterSet(
-        tuple(
-            Parameter(
-                row["parameter"],
-                row["value"],
-                row["unit"],
-                row["lower"],
-                row["upper"],
-                row["log"],
-                row["free"],
-                Tie(row["tie_to"], row["tie_factor"], row["tie_by"]) if row["tie_to"] else None,
-                None if math.isnan(row["prior_std"]) else Prior(row["prior_mean"], row["prior_std"]),
-                tuple(row["only"].split(" | ")) if row["only"] else (),
-                row["ratio"],
-            )
-            for row in rows
-        )
-    )
 
 
 def _write_starts(group: Any, result: FitResult, free: Any) -> None:

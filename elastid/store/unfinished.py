@@ -13,7 +13,7 @@ from urllib.parse import quote, unquote
 
 import numpy as np
 
-from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.uncertainty.profile import Profile
 from elastid.store.files import text_file
 from elastid.validation.results import LeftOut, Refit

@@ -62,7 +62,7 @@ def read_value(group: Any, name: str, kind: Any) -> Any:
     if origin in (Union, UnionType):
         present = name in group or name in group.attrs
         chosen = [option for option in arguments if option is not NoneType]
-        return read_value(group, name, chosen[0]) if present else None
+        return read_value(group, name, _stored_kind(group, name, chosen)) if present else None
     if origin is Literal:
         return attributes(group)[name]
     if kind in _SCALARS:
@@ -75,6 +75,14 @@ def read_value(group: Any, name: str, kind: Any) -> Any:
         return _read_fields(group[name], kind)
     inner, of = group[name], arguments[1]  # a mapping
     return dict(zip(texts(inner, "names"), _read_tuple(inner, "values", (of, ...)), strict=True))
+
+
+def _stored_kind(group: Any, name: str, options: list[Any]) -> Any:
+    """Of several dataclasses the one whose fields were stored; the first option otherwise."""
+    if len(options) == 1 or not all(is_dataclass(option) for option in options):
+        return options[0]
+    stored = {*group[name], *group[name].attrs}
+    return min(options, key=lambda option: len(stored ^ set(_hints(option))))
 
 
 def read_dataclass(group: Any, name: str, kind: type[T]) -> T:

@@ -25,7 +25,7 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from elastid.base.errors import ElastidError, StudyError
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.setup.groups import SEPARATOR, is_group_key
 from elastid.fit.setup.parameter_choice import choose
@@ -67,7 +67,7 @@ def refit(responses: Sequence[FrequencyResponse], task: RefitTask) -> Refit:
     spec = replace(variant.fit, mask=masks)
     try:
         result = fit_parameters(kept, variant.robot, spec, model=variant.model)
-        modelled = FittedModel.of(result, variant.robot, out, variant.model).responses
+        modelled = FittedRobot.of(result, variant.robot, out, variant.model).responses
     except ElastidError as error:
         return Refit("failed", str(error), 0, math.inf, 0, {})
     pairs = zip(out, modelled, strict=True)

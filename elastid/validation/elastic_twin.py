@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
@@ -40,13 +40,13 @@ class ModelParts:
     rigid: tuple[LinearModel, FloatArray]
 
 
-def rigid_linearisation(fitted: FittedModel, spec: ModelSpec = EXACT) -> Linearisation:
+def rigid_linearisation(fitted: FittedRobot, spec: ModelSpec = EXACT) -> Linearisation:
     """The fitted robot without its springs, to be linearised; StudyError where it cannot be without them."""
     names = [coordinate.name for coordinate in elastic_coordinates(fitted.robot)]
     return Linearisation.of_robot(stiffened(fitted.robot, names), spec, fitted.result.parameters.names)
 
 
-def model_parts(fitted: FittedModel, rigid: Linearisation, configuration: str) -> ModelParts | None:
+def model_parts(fitted: FittedRobot, rigid: Linearisation, configuration: str) -> ModelParts | None:
     """The models of one configuration; None where the motion of a motor was not measured."""
     model, theta = fitted.at(configuration), fitted.theta_of(configuration)
     if not set(model.inputs) <= set(model.outputs):

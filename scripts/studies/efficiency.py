@@ -48,9 +48,9 @@ from elastid.fit.problem.elastic import elastic_fit, linear_model
 from elastid.fit.result import QUANTILE
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty, inverse_information
-from elastid.fit.uncertainty.propagation import response_shifts
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linearise import Linearisation
+from elastid.linear.propagation import response_shifts
 from elastid.model.formulation import formulate
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse

@@ -53,9 +53,10 @@ from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec, TorqueRippleSpec
-from elastid.fit.result import QUANTILE, LocalOptimum
+from elastid.fit.result import QUANTILE
 from elastid.fit.setup.assembly import Assembly, relinearise
 from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weights.weights import weigh

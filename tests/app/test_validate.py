@@ -12,7 +12,7 @@ import pytest
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all, run_stage
 from elastid.app.summaries import modes_of, validation_summary
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.store import read_fit, read_responses, read_validation
 from elastid.study import load
 from elastid.validation.results import Fold
@@ -130,7 +130,7 @@ def test_modes_and_responses_have_the_uncertainty_of_the_parameters(finished):
     """One joint: its mode moves with the root of its stiffness, so by half of its relative deviation."""
     run = run_of(finished / "study.yml", finished / "run", "validation.folds=2")
     result, measured = read_fit(run.path("fit")), read_responses(run.path("estimate"))
-    fitted = FittedModel.of(result, run.study.robot, measured, run.study.model)
+    fitted = FittedRobot.of(result, run.study.robot, measured, run.study.model)
     for row in modes_of(fitted):
         assert row.coordinates == ("joint 1", "motor 1")
         expected = 0.5 * result.std["k_1"] / result.values["k_1"] * row.frequency_hz[0]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from elastid.app import cli
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.spec import WeightSpec
 from elastid.store import read_fit, read_plan, read_responses
@@ -39,7 +39,7 @@ def run(study: Path, folder: Path, *options: str) -> dict[str, Any]:
 def measured_and_fitted(study: Path, folder: Path) -> tuple[Any, Any]:
     """The first configuration's response and the fitted model's, on its lines."""
     responses = read_responses(folder / "frf.h5")
-    (model, *_) = FittedModel.of(read_fit(folder / "fit.h5"), load(study).study.robot, responses).responses
+    (model, *_) = FittedRobot.of(read_fit(folder / "fit.h5"), load(study).study.robot, responses).responses
     return responses[0], model
 
 

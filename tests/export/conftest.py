@@ -3,22 +3,22 @@
 import pytest
 from plants.fitted_models import LOOPED, SERIAL, fitted_model
 
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 
 
 @pytest.fixture(params=SERIAL)
-def serial_model(request: pytest.FixtureRequest) -> FittedModel:
+def serial_model(request: pytest.FixtureRequest) -> FittedRobot:
     """Of a robot without loops."""
     return fitted_model(request.param)
 
 
 @pytest.fixture(params=LOOPED)
-def looped_model(request: pytest.FixtureRequest) -> FittedModel:
+def looped_model(request: pytest.FixtureRequest) -> FittedRobot:
     """Of a robot with loops, in one of its formulations."""
     return fitted_model(request.param)
 
 
 @pytest.fixture(params=[*SERIAL, *LOOPED])
-def model(request: pytest.FixtureRequest) -> FittedModel:
+def model(request: pytest.FixtureRequest) -> FittedRobot:
     """Of any robot."""
     return fitted_model(request.param)

@@ -12,11 +12,11 @@ from plants.fitted_models import close, responses_of
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.export.code import write_c, write_casadi
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.equilibrium import equilibrium
 
 
-def read_back(model: FittedModel, function: Any, B: FloatArray) -> ComplexArray:
+def read_back(model: FittedRobot, function: Any, B: FloatArray) -> ComplexArray:
     """The response of exported functions at an equilibrium: by the saddle point where constraints are exported."""
     point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
     n, q = len(point.q), point.q
@@ -34,11 +34,11 @@ def read_back(model: FittedModel, function: Any, B: FloatArray) -> ComplexArray:
     return np.array(G)
 
 
-def accuracy(model: FittedModel) -> float:
+def accuracy(model: FittedRobot) -> float:
     return 1e-8 if model.robot.loops else 1e-9
 
 
-def test_casadi_functions_have_the_response(model: FittedModel, tmp_path: Path) -> None:
+def test_casadi_functions_have_the_response(model: FittedRobot, tmp_path: Path) -> None:
     """And without loops the force at rest is one that the motors hold."""
     write_casadi(tmp_path, model)
     loaded = {path.stem: ca.Function.load(str(path)) for path in tmp_path.glob("*.casadi")}
@@ -53,7 +53,7 @@ def test_casadi_functions_have_the_response(model: FittedModel, tmp_path: Path) 
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler on this machine")
-def test_c_code_has_the_response(model: FittedModel, tmp_path: Path) -> None:
+def test_c_code_has_the_response(model: FittedRobot, tmp_path: Path) -> None:
     """Compiled without dependencies."""
     write_c(tmp_path, model)
     library = tmp_path / "robot.so"
@@ -63,7 +63,7 @@ def test_c_code_has_the_response(model: FittedModel, tmp_path: Path) -> None:
     assert close(G, responses_of(model), accuracy(model))
 
 
-def test_coordinates_are_named(model: FittedModel, tmp_path: Path) -> None:
+def test_coordinates_are_named(model: FittedRobot, tmp_path: Path) -> None:
     """Every entry of q and u, and the equation that the functions are parts of."""
     text = write_casadi(tmp_path, model)[-1].read_text()
     assert ("phi(q) = 0" in text) == (model.model.n_c > 0)
@@ -71,7 +71,7 @@ def test_coordinates_are_named(model: FittedModel, tmp_path: Path) -> None:
         assert all(f"{letter}[{i}]  {name}\n" in text for i, name in enumerate(names))
 
 
-def test_the_header_says_what_the_functions_take(model: FittedModel, tmp_path: Path) -> None:
+def test_the_header_says_what_the_functions_take(model: FittedRobot, tmp_path: Path) -> None:
     """Sizes, coordinates and units stand above the declarations."""
     header = write_c(tmp_path, model)[1].read_text()
     n = model.model.n_q

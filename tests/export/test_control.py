@@ -8,12 +8,11 @@ import pytest
 from plants.fitted_models import DELAY, close, responses_of
 
 from elastid.export.control import write_control
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 
 
-def test_python_control_reads_the_response_back(model: FittedModel, tmp_path: Path) -> None:
+def test_python_control_reads_the_response_back(model: FittedRobot, tmp_path: Path) -> None:
     """State space by the loader, times the delay; within 1e-7 without loops, 1e-6 with them."""
-    pytest.importorskip("control", reason="python-control is not installed (group oracles)")
     _, script = write_control(tmp_path, model)
     specification = importlib.util.spec_from_file_location("load_model", script)
     assert specification is not None

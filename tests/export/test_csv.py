@@ -11,7 +11,7 @@ from plants.fitted_models import close, fitted_model, responses_of
 from elastid.experiment.specs.recorded import ChannelSpec
 from elastid.experiment.specs.responses import ResponseFileSpec, ResponsesSpec
 from elastid.export.csv import write_csv
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.modes import modes
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import Covariance
@@ -22,7 +22,7 @@ def rows(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def test_csv_responses_are_what_a_study_reads(model: FittedModel, tmp_path: Path) -> None:
+def test_csv_responses_are_what_a_study_reads(model: FittedRobot, tmp_path: Path) -> None:
     write_csv(tmp_path, model)
     channels = [ChannelSpec("u", place, channel=place) for place in model.linear[0].inputs]
     channels += [ChannelSpec("y", place, channel=place, quantity="acceleration") for place in model.linear[0].outputs]
@@ -34,7 +34,7 @@ def test_csv_responses_are_what_a_study_reads(model: FittedModel, tmp_path: Path
         assert close(G.G, expected, 1e-12)
 
 
-def test_csv_parameters_are_the_fits(serial_model: FittedModel, tmp_path: Path) -> None:
+def test_csv_parameters_are_the_fits(serial_model: FittedRobot, tmp_path: Path) -> None:
     write_csv(tmp_path, serial_model)
     table, result = {row["parameter"]: row for row in rows(tmp_path / "parameters.csv")}, serial_model.result
     for name, value in result.values.items():
@@ -47,7 +47,7 @@ def test_csv_parameters_are_the_fits(serial_model: FittedModel, tmp_path: Path) 
     assert all(table[name]["std"] == table[name]["lower_95"] == table[name]["upper_95"] == "" for name in held)
 
 
-def test_csv_modes_are_those_of_every_configuration(serial_model: FittedModel, tmp_path: Path) -> None:
+def test_csv_modes_are_those_of_every_configuration(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Frequency and damping ratio, numbered from 1."""
     write_csv(tmp_path, serial_model)
     table = rows(tmp_path / "modes.csv")

@@ -9,7 +9,7 @@ from plants.fitted_models import fitted_model
 
 from elastid.base.arrays import FloatArray
 from elastid.export.fmu import write_fmu
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import equilibrium
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
@@ -26,13 +26,13 @@ SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("manutec", "arm"
 ROBOTS = ["bench", *SLOW, "linkage_arm minimal"]
 
 
-def gains_of(model: FittedModel) -> Gains:
+def gains_of(model: FittedRobot) -> Gains:
     """Feedback with a bandwidth of 3 Hz in the first configuration."""
     point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
     return tune(model.model, point.q, 3.0, 0.7)
 
 
-def starts_of(model: FittedModel) -> dict[str, float]:
+def starts_of(model: FittedRobot) -> dict[str, float]:
     """The same feedback as start values of a unit."""
     gains = gains_of(model)
     return {
@@ -42,7 +42,7 @@ def starts_of(model: FittedModel) -> dict[str, float]:
     }
 
 
-def simulated(model: FittedModel, torque: FloatArray) -> Trajectory:
+def simulated(model: FittedRobot, torque: FloatArray) -> Trajectory:
     """Our own simulation from the first configuration, feedback about its posture; torque (n, n_u) beside holding."""
     equations = model.model
     point = equilibrium(equations, model.theta[:-1], model.linear[0].configuration)
@@ -55,7 +55,7 @@ def simulated(model: FittedModel, torque: FloatArray) -> Trajectory:
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[FittedModel, Path]:
+def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[FittedRobot, Path]:
     """A fitted robot and the folder of its units."""
     model = fitted_model(request.param)
     folder = tmp_path_factory.mktemp("fmu")
@@ -63,7 +63,7 @@ def unit(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     return model, folder
 
 
-def run(model: FittedModel, path: Path, torque: FloatArray, starts: dict[str, float]) -> FloatArray:
+def run(model: FittedRobot, path: Path, torque: FloatArray, starts: dict[str, float]) -> FloatArray:
     """Angles of the motors (n, n_u) that a unit gives, torque (n, n_u) beside what holds the posture."""
     inputs = model.model.inputs
     point = equilibrium(model.model, model.theta[:-1], model.linear[0].configuration)
@@ -80,7 +80,7 @@ def run(model: FittedModel, path: Path, torque: FloatArray, starts: dict[str, fl
     return np.stack([out[f"angle of {motor}"] for motor in inputs], axis=1)
 
 
-def shaken(model: FittedModel, n: int) -> FloatArray:
+def shaken(model: FittedRobot, n: int) -> FloatArray:
     """Torques (n, n_u) that change from sample to sample, of a size that moves every motor by some 0.01 rad."""
     n_u, t = model.model.n_u, np.arange(n)[:, None] / RATE_HZ
     return 0.01 * gains_of(model).kp * np.sin(2 * np.pi * (3 + 2 * np.arange(n_u)) * t) * (1 - np.cos(2 * np.pi * t))
@@ -88,7 +88,7 @@ def shaken(model: FittedModel, n: int) -> FloatArray:
 
 @needs_compiler
 @pytest.mark.parametrize("version", [2, pytest.param(3, marks=pytest.mark.slow)])
-def test_a_unit_moves_as_our_simulation(unit: tuple[FittedModel, Path], version: int) -> None:
+def test_a_unit_moves_as_our_simulation(unit: tuple[FittedRobot, Path], version: int) -> None:
     """To 1e-6 of the motion over a second, under feedback and driven torque, friction included."""
     model, folder = unit
     torque = shaken(model, 1001)
@@ -99,7 +99,7 @@ def test_a_unit_moves_as_our_simulation(unit: tuple[FittedModel, Path], version:
     assert np.abs(found - expected[: len(found)]).max() < 1e-6 * moved
 
 
-def test_a_validator_has_no_complaint(unit: tuple[FittedModel, Path]) -> None:
+def test_a_validator_has_no_complaint(unit: tuple[FittedRobot, Path]) -> None:
     """About description and archive of both versions."""
     validation = pytest.importorskip("fmpy.validation")
     for version in (2, 3):
@@ -107,7 +107,7 @@ def test_a_validator_has_no_complaint(unit: tuple[FittedModel, Path]) -> None:
 
 
 @needs_compiler
-def test_a_number_is_tunable_by_its_name(unit: tuple[FittedModel, Path]) -> None:
+def test_a_number_is_tunable_by_its_name(unit: tuple[FittedRobot, Path]) -> None:
     """A softer first spring moves the motors otherwise."""
     model, folder = unit
     spring = next(name for name in model.model.parameters if name.startswith("k_"))
@@ -118,7 +118,7 @@ def test_a_number_is_tunable_by_its_name(unit: tuple[FittedModel, Path]) -> None
     np.testing.assert_array_equal(plain, run(model, folder / "robot_fmi2.fmu", torque, gains))
 
 
-def test_the_same_fit_gives_the_same_bytes(unit: tuple[FittedModel, Path], tmp_path: Path) -> None:
+def test_the_same_fit_gives_the_same_bytes(unit: tuple[FittedRobot, Path], tmp_path: Path) -> None:
     """But for the library, which is the compiler's."""
     model, folder = unit
     again = write_fmu(tmp_path, model)

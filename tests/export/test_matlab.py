@@ -10,10 +10,10 @@ from plants.fitted_models import close, responses_of
 from scipy.io import loadmat
 
 from elastid.export.matlab import write_matlab
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 
 
-def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedModel, tmp_path: Path) -> None:
+def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedRobot, tmp_path: Path) -> None:
     """ss within 1e-9 without loops, 1e-8 with them; the fields of an idfrd to the last digits."""
     data, script = write_matlab(tmp_path, model)
     content = loadmat(data, squeeze_me=False, struct_as_record=True)
@@ -35,7 +35,7 @@ def test_matlab_file_holds_state_space_and_idfrd_and_is_read_back(model: FittedM
 
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("octave-cli") is None, reason="Octave is not installed")
-def test_the_script_runs_in_octave(model: FittedModel, tmp_path: Path) -> None:
+def test_the_script_runs_in_octave(model: FittedRobot, tmp_path: Path) -> None:
     """And its response is the linear model's."""
     _, script = write_matlab(tmp_path, model)
     f = float(model.measured[0].freq_hz[7])

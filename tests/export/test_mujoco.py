@@ -13,11 +13,11 @@ from scipy.linalg import null_space
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.export.mujoco import write_mujoco
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.robot import Anchor, CoilSpring, Compensator
 
 
-def test_mujoco_has_the_response(serial_model: FittedModel, tmp_path: Path) -> None:
+def test_mujoco_has_the_response(serial_model: FittedRobot, tmp_path: Path) -> None:
     """M from the engine, K and D by differences of its forces about the keyframe; rotor angles are measured."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
     (path,) = write_mujoco(tmp_path, serial_model)
@@ -49,7 +49,7 @@ def test_mujoco_has_the_response(serial_model: FittedModel, tmp_path: Path) -> N
         assert close(np.asarray(G), responses_of(serial_model, i), 1e-5)
 
 
-def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: FittedModel) -> None:
+def test_mujoco_says_which_springs_it_would_lose(tmp_path: Path, serial_model: FittedRobot) -> None:
     """A cubic gear or a compensator has no place in MJCF: refused by name."""
     body = next(body for body in serial_model.robot.bodies if any(j.spring is not None for j in body.joints))
     joints = tuple(replace(j, spring=replace(j.spring, cubic=1.0)) if j.spring is not None else j for j in body.joints)
@@ -83,7 +83,7 @@ class Linearised:
 
 
 @pytest.mark.parametrize("key", [0, 1])
-def test_mujoco_closes_loops(looped_model: FittedModel, tmp_path: Path, key: int) -> None:
+def test_mujoco_closes_loops(looped_model: FittedRobot, tmp_path: Path, key: int) -> None:
     """The response along the motions that its constraints leave, within 1e-3; keyframes are equilibria."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
     (path,) = write_mujoco(tmp_path, looped_model)
@@ -111,7 +111,7 @@ def test_mujoco_closes_loops(looped_model: FittedModel, tmp_path: Path, key: int
     assert close(np.asarray(G), responses_of(looped_model, key), 1e-3)
 
 
-def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedModel, tmp_path: Path) -> None:
+def test_mujoco_stays_where_its_controls_hold_a_linkage(looped_model: FittedRobot, tmp_path: Path) -> None:
     """Half a second of the engine's own time steps moves no joint by more than a tenth of a millirad."""
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
     engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, looped_model)[0]))

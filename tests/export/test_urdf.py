@@ -8,12 +8,12 @@ from plants.fitted_models import fitted_model
 
 from elastid.base.errors import StudyError
 from elastid.export.urdf import write_urdf
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 
 pinocchio = pytest.importorskip("pinocchio", reason="pinocchio is not installed (group oracles)")
 
 
-def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model: FittedModel, tmp_path: Path) -> None:
+def test_pinocchio_has_the_same_mass_matrix_and_gravity(serial_model: FittedRobot, tmp_path: Path) -> None:
     """Of the driven joints, in any posture, without rotors; elastic joints are rigid."""
     (path,) = write_urdf(tmp_path, serial_model)
     loaded = pinocchio.buildModelFromUrdf(str(path))

@@ -12,7 +12,7 @@ from plants.elastic_arm import arm, deviations, measure, pendulum, started_elsew
 from plants.two_axes import ROBOT, STUDY
 
 from elastid.base.errors import FitError, StudyError
-from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import fit_parameters, identify
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
@@ -100,7 +100,7 @@ def test_the_fitted_model_reads_as_the_channels_do() -> None:
     robot = read_as(**{READING: 1.3, TORQUE: 0.9})
     exact = measured(robot, None)
     result = identify(exact, arm(), spec_of({READING: ParameterSpec(), TORQUE: ParameterSpec()}))
-    one, (other,) = FittedModel.of(result, arm(), exact), models_by_group(result, arm(), exact).values()
+    one, (other,) = FittedRobot.of(result, arm(), exact), models_by_group(result, arm(), exact).values()
     assert {each.at: each.gain for each in other.robot.chain.gains} == pytest.approx(
         {"motor 1": 0.9, "body fore y": 1.3}, rel=1e-4
     )

@@ -14,7 +14,7 @@ from plants.marks import SEEDS, slow
 
 from elastid.app import cli
 from elastid.base.errors import FitError, StudyError
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
@@ -132,7 +132,7 @@ def test_where_an_arm_bends_and_where_its_spring_is_fixed(seed: int) -> None:
         low, high = result.interval(name)
         assert high - low < 0.025
         assert result.parameters[name].unit == "m"
-    (again, *_) = FittedModel.of(result, start, measure(truth, POSTURES, seed)).responses
+    (again, *_) = FittedRobot.of(result, start, measure(truth, POSTURES, seed)).responses
     (exact, *_) = measure(truth, POSTURES, seed)
     assert np.abs(again.G / exact.G - 1).max() < 0.2
 

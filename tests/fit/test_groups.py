@@ -8,7 +8,7 @@ import pytest
 from plants.notes import said
 
 from elastid.base.errors import DataError, StudyError
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
@@ -65,7 +65,7 @@ def test_friction_of_its_own_for_each_temperature_is_found_in_one_fit(tmp_path: 
     place = result.parameters.index("fm_1")
     assert result.theta_of("c2")[place] == result.values["fm_1@cold"]
     assert result.theta_of("c3")[place] == result.values["fm_1@warm"]
-    for response, fitted in zip(data, FittedModel.of(result, bench(), data).responses, strict=True):
+    for response, fitted in zip(data, FittedRobot.of(result, bench(), data).responses, strict=True):
         assert np.median(np.abs(fitted.G / response.G - 1)) < 0.03
     write_fit(tmp_path / "fit.h5", result)
     again = read_fit(tmp_path / "fit.h5")

@@ -13,7 +13,7 @@ from plants.notes import said
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import DataError, FitError, StudyError
 from elastid.base.execution import Execution
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
@@ -68,7 +68,7 @@ def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified
 def test_predict_gives_the_fitted_response_where_each_was_measured(noisy, identified):
     """Within the noise of the measurement: V of the prediction is the V of the fit."""
     spec = FitSpec()
-    fitted = FittedModel.of(identified, arm(), noisy).responses
+    fitted = FittedRobot.of(identified, arm(), noisy).responses
     weights = Assembly.of(noisy, arm(), spec, identified.parameters).weights
     V = sum(2 * np.sum(np.abs((m.G - p.G) / w.sigma) ** 2) for m, p, w in zip(noisy, fitted, weights, strict=True))
     assert pytest.approx(identified.cost, rel=1e-6) == V

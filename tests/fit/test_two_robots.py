@@ -15,7 +15,7 @@ from plants.notes import said
 
 from elastid.app import cli
 from elastid.base.errors import DataError, StudyError
-from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
@@ -103,7 +103,7 @@ def test_a_left_out_configuration_has_the_numbers_of_its_robot() -> None:
     """What is found for robot B from b1 and b2 predicts b3; without any of B's, the mean of the others does."""
     data = both(0)
     result = identify([G for G in data if G.configuration.name != "b3"], arm(), SPEC)
-    (predicted,) = FittedModel.of(result, arm(), data[-1:]).responses
+    (predicted,) = FittedRobot.of(result, arm(), data[-1:]).responses
     assert np.median(np.abs(predicted.G / data[-1].G - 1)) < 0.03
     own = ComparedVariant("own", arm(), SPEC, EXACT)
     fold = refit(data, RefitTask(own, ("b3",)))
@@ -210,7 +210,7 @@ def test_an_export_is_of_one_robot_each() -> None:
         names = [p.name for p in model.parameters]
         assert f"fm_1@{name}" in names
         assert not {"k_1", "fm_1", f"fm_1@{'BA'['AB'.index(name)]}"} & set(names)
-        for linear, fitted in zip(model.linear, FittedModel.of(result, arm(), model.measured).responses, strict=True):
+        for linear, fitted in zip(model.linear, FittedRobot.of(result, arm(), model.measured).responses, strict=True):
             np.testing.assert_allclose(frequency_response(linear, model.theta, FREQ), fitted.G, rtol=1e-9)
 
 

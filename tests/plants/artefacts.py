@@ -9,7 +9,8 @@ from hypothesis import settings
 from hypothesis.extra.numpy import arrays
 
 from elastid.base.note import Note
-from elastid.fit.result import FitResult, LocalOptimum
+from elastid.fit.result import FitResult
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.parameters import Parameter, ParameterSet, Prior, Tie
 from elastid.store import Stamp
 
@@ -46,6 +47,8 @@ def same(a, b):
         return type(a) is type(b) and all(same(getattr(a, f.name), getattr(b, f.name)) for f in dataclasses.fields(a))
     if isinstance(a, tuple):
         return isinstance(b, tuple) and len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, dict):
+        return isinstance(b, dict) and a.keys() == b.keys() and all(same(a[name], b[name]) for name in a)
     if isinstance(a, np.ndarray):
         return a.dtype == b.dtype and a.shape == b.shape and a.tobytes() == b.tobytes()
     if isinstance(a, float) and math.isnan(a):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.result import FitResult
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -31,12 +31,12 @@ DELAY = 4e-4
 
 
 @cache
-def fitted_model(name: str) -> FittedModel:
+def fitted_model(name: str) -> FittedRobot:
     """One of SERIAL, with a delay, or of LOOPED, with its formulation."""
     return _looped(*name.split()) if name in LOOPED else _serial(name)
 
 
-def responses_of(model: FittedModel, configuration: int = 0) -> ComplexArray:
+def responses_of(model: FittedRobot, configuration: int = 0) -> ComplexArray:
     """Those of the linear model on the measured lines."""
     return frequency_response(model.linear[configuration], model.theta, model.measured[configuration].freq_hz)
 
@@ -61,14 +61,14 @@ def scara() -> Robot:
     return Robot("scara", (first, second, quill), gravity=(0.0, 0.0, -9.81))
 
 
-def _serial(name: str) -> FittedModel:
+def _serial(name: str) -> FittedRobot:
     robot = load_robot(ROBOTS[name]) if name in ROBOTS else scara()
     n_u, lines = len(robot.driven), np.geomspace(0.5, 100, 40)
     springs = {"k_*": ParameterSpec(), "delay": ParameterSpec(bounds=(0.0, 0.01))}
     return _fitted(robot, ModelSpec(), springs, (np.linspace(0.3, -0.4, n_u), np.linspace(-0.5, 0.6, n_u)), lines)
 
 
-def _looped(name: str, formulation: str) -> FittedModel:
+def _looped(name: str, formulation: str) -> FittedRobot:
     robot = load_robot(ROOT / "configs" / "robots" / f"{name}.yml")
     configurations = tuple(np.array(angles)[-len(robot.driven) :] for angles in ((0.1, 0.3, -0.1), (0.4, -0.4, 0.2)))
     spec = ModelSpec("constrained" if formulation == "constrained" else "minimal")
@@ -81,7 +81,7 @@ def _fitted(
     parameters: dict[str, ParameterSpec],
     configurations: tuple[FloatArray, ...],
     freq_hz: FloatArray,
-) -> FittedModel:
+) -> FittedRobot:
     chosen = choose(FitSpec(parameters=parameters), robot)
     x = np.array([p.to_x(DELAY if p.name == "delay" else 1.1 * p.value) for p in chosen.free])
     n = len(x)

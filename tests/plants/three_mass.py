@@ -7,7 +7,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.uncertainty.covariance import Uncertainty, estimate_uncertainty

@@ -12,6 +12,9 @@ from plants.artefacts import (
 )
 
 from elastid.fit.modification_index import ModificationIndex
+from elastid.linear.linear_model import LinearModel, Slope
+from elastid.linear.measurement_chain import DifferenceElement, LagElement
+from elastid.record import Configuration, HeldTorque
 from elastid.store import (
     read_fit,
     read_validation,
@@ -110,3 +113,28 @@ def test_a_validation_comes_back_to_the_last_bit(tmp_path):
     )
     write_validation(tmp_path / "more.h5", more, STAMP)
     assert same(read_validation(tmp_path / "more.h5"), more)
+
+
+def test_linear_models_come_back_to_the_last_bit(tmp_path):
+    """Slopes of some matrices only, elements of the chain of either kind, a torque that is held."""
+    chain = (LagElement("sensor_lag", (1.0, 0.5)), DifferenceElement("differentiator"))
+    one = LinearModel(
+        configuration=Configuration("a/b", np.array([0.1, 0.2])),
+        parameters=("k_1", "d_1", "delay"),
+        theta_ref=np.array([1.0, 2.0, 0.0]),
+        M=np.eye(2),
+        D=2 * np.eye(2),
+        K=3 * np.eye(2),
+        slopes={"d_1": Slope(D=np.ones((2, 2))), "k_1": Slope(K=np.ones((2, 2)), C=np.ones((1, 2)))},
+        B=np.ones((2, 1)),
+        C=np.ones((1, 2)),
+        inputs=("motor 1",),
+        outputs=("motor 1",),
+        quantity="acceleration",
+        chain=chain,
+        hold=HeldTorque((500.0,), (True,)),
+    )
+    full = dataclasses.replace(some_fit(), linear=(one, dataclasses.replace(one, chain=(), hold=None, slopes={})))
+    write_fit(tmp_path / "fit.h5", full)
+    assert same(read_fit(tmp_path / "fit.h5"), full)
+    assert list(read_fit(tmp_path / "fit.h5").linear[0].slopes) == ["d_1", "k_1"]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.uncertainty.profile import Profile
 from elastid.store import Checkpoint
 from elastid.validation.results import LeftOut, Refit

@@ -11,7 +11,7 @@ from elastid.app.run import Run
 from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
 from elastid.app.tables import parameter_table
 from elastid.base.errors import FitError, MisfitError
-from elastid.fit.fitted_model import FittedModel, robots_by_group
+from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.multistart import Interrupted
@@ -94,7 +94,7 @@ def _sentence(text: str) -> str:
 
 
 def _summary(run: Run, result: FitResult, responses: Sequence[FrequencyResponse]) -> dict[str, Any]:
-    fitted = FittedModel.of(result, run.study.as_robot(), responses, run.study.model)
+    fitted = FittedRobot.of(result, run.study.as_robot(), responses, run.study.model)
     left_out = run.study.validation.left_out
     agreements = [
         agreement(m, G, m.configuration.name in left_out) for m, G in zip(responses, fitted.responses, strict=True)

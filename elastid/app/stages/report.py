@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from elastid.app.dry_friction import contents
 from elastid.app.run import Run
 from elastid.app.summaries import modes_of, truth
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.report.content import ReportContent
 from elastid.report.page.page import write_report
 from elastid.store import (
@@ -42,7 +42,7 @@ def _content(run: Run) -> ReportContent:
     study, stamp = run.study, run.stamps["report"]
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     validation = read_validation(run.path("validate"))
-    fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
+    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     plan = run.path("design") if "design" in run.stages else None
     friction = read_friction(run.path("estimate"))
     return ReportContent(

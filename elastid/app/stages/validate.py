@@ -11,7 +11,7 @@ from elastid.app.run import Run
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.friction.net_torque import net_records
 from elastid.response import FrequencyResponse
 from elastid.store import (
@@ -54,7 +54,7 @@ def _validation(run: Run, execution: Execution) -> Validation:
     """How far the fitted model carries, why its cost is what it is, and the records replayed through it."""
     study, left_out = run.study, run.study.validation.left_out
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
-    fitted = FittedModel.of(result, study.as_robot(), responses, study.model)
+    fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
     modelled = fitted.responses
     measured = [response.configuration.name for response in responses]
     shifts = {name: fitted.response_shifts(name) for name in left_out if name in measured}
@@ -84,7 +84,7 @@ def _folds(run: Run, responses: Sequence[FrequencyResponse], execution: Executio
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
 
 
-def _replays(run: Run, fitted: FittedModel, execution: Execution) -> Iterator[Replay]:
+def _replays(run: Run, fitted: FittedRobot, execution: Execution) -> Iterator[Replay]:
     """One record in memory at a time; none where responses came from elsewhere or the records are gone."""
     if "measure" not in run.stages:
         return
@@ -108,7 +108,7 @@ def _balances(run: Run) -> Iterator[TorqueBalance]:
     study = run.study
     if "measure" not in run.stages or not _is_as_measured(run):
         return
-    fitted = FittedModel.of(
+    fitted = FittedRobot.of(
         read_fit(run.path("fit")), study.as_robot(), read_responses(run.path("estimate")), study.model
     )
     path, friction, E = run.path("measure"), read_friction(run.path("estimate")), shaft_couplings(study)

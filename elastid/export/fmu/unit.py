@@ -31,7 +31,7 @@ from elastid.base.errors import StudyError
 from elastid.export.fmu.description import IDENTIFIER, SOURCES, build_description, description_2, description_3
 from elastid.export.fmu.equations import equations, write_equations
 from elastid.export.fmu.variables import Layout, layout
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
@@ -46,7 +46,7 @@ _SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
-def write_fmu(folder: Path, model: FittedModel) -> tuple[Path, ...]:
+def write_fmu(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot_fmi2.fmu and robot_fmi3.fmu; StudyError where a configuration has no rest."""
     sources, described = unit_sources(model)
     compiler = next((found for name in COMPILERS if (found := shutil.which(name))), None)
@@ -63,7 +63,7 @@ def write_fmu(folder: Path, model: FittedModel) -> tuple[Path, ...]:
     return tuple(paths)
 
 
-def unit_sources(model: FittedModel) -> tuple[dict[str, str], dict[int, str]]:
+def unit_sources(model: FittedRobot) -> tuple[dict[str, str], dict[int, str]]:
     """The text of all sources by name, and the descriptions of both versions."""
     equations_of = model.model
     sliding = contacts(equations_of, frictions(model.robot))
@@ -118,7 +118,7 @@ def _library_path(version: int) -> str:
     return f"binaries/{machine}-{'windows' if system == 'win' else system}/{IDENTIFIER}{suffix}"
 
 
-def _sizes(model: FittedModel, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
+def _sizes(model: FittedRobot, n_z: int, functions: tuple[ca.Function, ...], variables: Layout, postures: int) -> str:
     """sizes.h without its last line."""
     equations_of = model.model
     numbers = {

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.law import CURVE
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.simulation.friction_states import Contacts
@@ -37,7 +37,7 @@ class Layout:
 
 
 def layout(
-    model: FittedModel, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
+    model: FittedRobot, contacts: Contacts, points: tuple[OperatingPoint, ...], rate_hz: float, step_s: float
 ) -> Layout:
     """The variables of a robot that starts at rest in the first of its configurations."""
     equations = model.model
@@ -84,7 +84,7 @@ def _of(
     ]
 
 
-def _numbers(model: FittedModel) -> list[Variable]:
+def _numbers(model: FittedRobot) -> list[Variable]:
     """The parameters of the equations: stiffnesses, dampings, masses and so on."""
     units = {name: unit for name, (_, unit) in model.robot.parameters().items()}
     return [

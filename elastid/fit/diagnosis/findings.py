@@ -8,7 +8,8 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.note import Note
-from elastid.fit.result import FitResult, LocalOptimum, Status
+from elastid.fit.result import FitResult, Status
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.parameters import ParameterSet
 
 # An interval wider than the first factor is weakly determined, than the second not constrained at all.

@@ -18,8 +18,8 @@ from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import RelinearisedFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors
-from elastid.fit.result import LocalOptimum
 from elastid.fit.solve.ending import distance
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, WeightSpec
 from elastid.fit.weights.weights import Weights, normalised, weigh

@@ -16,7 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution, silent
 from elastid.fit.problem.least_squares import LeastSquares
-from elastid.fit.result import LocalOptimum
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, SolverName, solve
 from elastid.parameters import Parameter, ParameterSet
 

@@ -42,5 +42,12 @@ def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> F
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G = frequency_response(model, theta, freq_hz)
     return FrequencyResponse(
-        freq_hz, G, model.inputs, model.outputs, model.quantity, model.configuration, hold=model.hold
+        freq_hz,
+        G,
+        model.inputs,
+        model.outputs,
+        model.quantity,
+        model.configuration,
+        sliding=model.sliding,
+        hold=model.hold,
     )

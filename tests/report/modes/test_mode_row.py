@@ -10,7 +10,7 @@ from plants.arm_modes import ANGLES, ARM, MOTOR, swinging
 from plants.report_values import fit_result
 
 from elastid.app.summaries import modes_of
-from elastid.fit.fitted_model import FittedModel
+from elastid.fit.fitted_robot import FittedRobot
 from elastid.model.formulation import formulate
 from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
@@ -58,7 +58,7 @@ def test_energies_follow_the_numbers_of_a_configuration() -> None:
         FrequencyResponse(freq_hz, nothing, places, places, "acceleration", Configuration(name, np.array(ANGLES)))
         for name in ("cold", "warm")
     ]
-    cold, warm = modes_of(FittedModel.of(result, ARM, responses))
+    cold, warm = modes_of(FittedRobot.of(result, ARM, responses))
     assert cold.stores == ("gear 1", "gear 2", "bending b", "torsion t", "gear 3", "weight")
     for row in (cold, warm):
         np.testing.assert_allclose(row.energy.sum(axis=0), 1.0)

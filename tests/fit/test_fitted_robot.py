@@ -1,4 +1,4 @@
-"""FittedModel: the numbers of each configuration, its linear model and response, and equations with fitted geometry."""
+"""FittedRobot: the numbers of each configuration, its linear model and response, and equations with fitted geometry."""
 
 from dataclasses import replace
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from plants.elastic_arm import arm, measure, started_elsewhere
 
-from elastid.fit.fitted_model import FittedModel, models_by_group
+from elastid.fit.fitted_robot import FittedRobot, models_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec
+from elastid.linear.modes import modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 
@@ -25,7 +26,7 @@ def result(measured) -> FitResult:
 
 
 def test_each_configuration_has_its_linear_model_and_response(measured, result) -> None:
-    fitted = FittedModel.of(result, arm(), measured)
+    fitted = FittedRobot.of(result, arm(), measured)
     for G, model in zip(measured, fitted.responses, strict=True):
         name = G.configuration.name
         linear = fitted.at(name)
@@ -37,14 +38,14 @@ def test_each_configuration_has_its_linear_model_and_response(measured, result) 
 
 
 def test_the_deviation_of_a_response_scales_with_that_of_the_parameters(measured, result) -> None:
-    fitted = FittedModel.of(result, arm(), measured)
-    wider = FittedModel.of(replace(result, covariance=4 * result.covariance), arm(), measured)
+    fitted = FittedRobot.of(result, arm(), measured)
+    wider = FittedRobot.of(replace(result, covariance=4 * result.covariance), arm(), measured)
     for std, twice in zip(fitted.response_std, wider.response_std, strict=True):
         np.testing.assert_allclose(twice, 2 * std, rtol=1e-12)
 
 
 def test_the_model_of_an_export_has_the_fitted_numbers_in_its_robot(measured, result) -> None:
-    fitted, (exported,) = FittedModel.of(result, arm(), measured), models_by_group(result, arm(), measured).values()
+    fitted, (exported,) = FittedRobot.of(result, arm(), measured), models_by_group(result, arm(), measured).values()
     numbers = exported.robot.parameters()
     assert all(numbers[name][0] == result.values[name] for name in result.parameters.free_names if name in numbers)
     for linear, G in zip(exported.linear, fitted.responses, strict=True):
@@ -54,3 +55,25 @@ def test_the_model_of_an_export_has_the_fitted_numbers_in_its_robot(measured, re
 def test_a_seed_is_not_negative() -> None:
     with pytest.raises(ValueError, match="seed is -1; it must not be negative"):
         FitSpec(seed=-1)
+
+
+def test_the_result_has_the_model_of_each_configuration(measured, result) -> None:
+    """Response, deviation and modes of the linearised robot, on lines of one's own; no robot is asked for."""
+    fitted = FittedRobot.of(result, arm(), measured)
+    for G, linear, modelled, std in zip(measured, fitted.linear, fitted.responses, fitted.response_std, strict=True):
+        model = result.model(G.configuration.name)
+        np.testing.assert_allclose(model.response(G.freq_hz).G, modelled.G, rtol=1e-6)
+        np.testing.assert_allclose(model.response_std(G.freq_hz), std, rtol=1e-4)
+        np.testing.assert_allclose(model.modes().freq_hz, modes(linear, fitted.theta).freq_hz, rtol=1e-7)
+        np.testing.assert_allclose(model.state_space().response(np.array([7.0])), model.response(7.0).G, rtol=1e-9)
+    with pytest.raises(KeyError, match=f"configuration nowhere; there are {measured[0].configuration.name}"):
+        result.model("nowhere")
+
+
+def test_an_interval_of_what_was_not_identified_names_what_was(result) -> None:
+    """A number that is held, and a name that does not exist."""
+    held = next(p.name for p in result.parameters if not p.free)
+    with pytest.raises(KeyError, match=f"{held} is held or tied; identified are k_1"):
+        result.interval(held)
+    with pytest.raises(KeyError, match="k_99 is no parameter of this fit; identified are k_1"):
+        result.interval("k_99")

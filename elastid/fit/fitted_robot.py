@@ -1,4 +1,4 @@
-"""FittedModel: a robot with fitted numbers, linearised where it was measured: predictions, modes, replays, exports."""
+"""FittedRobot: a robot with fitted numbers, linearised where it was measured: predictions, modes, replays, exports."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
 from elastid.fit.setup.groups import group_labels
-from elastid.fit.uncertainty.propagation import response_deviation, response_shifts
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
+from elastid.linear.propagation import response_deviation, response_shifts
 from elastid.linear.response.transfer import to_response
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.model.elastic import ElasticModel
@@ -25,7 +25,7 @@ from elastid.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
-class FittedModel:
+class FittedRobot:
     """The equations of a fitted robot, and measured response and linear model of each configuration, in one order.
 
     linear: inputs and outputs in the order of the response.  name: of an export.
@@ -40,7 +40,7 @@ class FittedModel:
     @classmethod
     def of(
         cls, result: FitResult, robot: Robot, measured: Sequence[FrequencyResponse], spec: ModelSpec = EXACT
-    ) -> FittedModel:
+    ) -> FittedRobot:
         """The model that was fitted, linearised in each configuration of `measured`, which need not have been fitted.
 
         robot, spec: as they were fitted.  Fitted coordinates of the geometry are parameters of the equations.
@@ -58,7 +58,7 @@ class FittedModel:
         spec: ModelSpec,
         geometry: Collection[str],
         name: str,
-    ) -> FittedModel:
+    ) -> FittedRobot:
         linearisation = Linearisation.of_robot(robot, spec, geometry)
         model = linearisation.model
         linear = (linear_model(linearisation, G, _theta(result, model, G.configuration.name)) for G in measured)
@@ -122,16 +122,16 @@ class FittedModel:
 
 def models_by_group(
     result: FitResult, robot: Robot, measured: Sequence[FrequencyResponse], spec: ModelSpec = EXACT, name: str = ""
-) -> dict[str, FittedModel]:
+) -> dict[str, FittedRobot]:
     """A model for each group of configurations with parameters of its own, by its label; one, "", without groups.
 
     The robot of each has the fitted numbers, geometry included, which is no parameter of its equations any more.
-    Arguments and errors as `FittedModel.of`.
+    Arguments and errors as `FittedRobot.of`.
     """
     models = {}
     for label, (fitted, members) in robots_by_group(result, robot, [G.configuration.name for G in measured]).items():
         its = [G for G in measured if G.configuration.name in members]
-        models[label] = FittedModel._of(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
+        models[label] = FittedRobot._of(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
     return models
 
 

@@ -1,0 +1,56 @@
+"""FittedModel: the linear model of one configuration with fitted numbers, and what follows from them with its std."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray, frozen_value
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.modes import Modes, modes
+from elastid.linear.propagation import UncertainModes, response_deviation, uncertain_modes
+from elastid.linear.response.transfer import to_response
+from elastid.linear.statespace import StateSpace, state_space
+from elastid.parameters import ParameterSet
+from elastid.response import FrequencyResponse
+
+
+@frozen_value
+class FittedModel:
+    """A linear model at the estimate x (n_x,) of its parameters, of covariance (n_x, n_x)."""
+
+    linear: LinearModel
+    parameters: ParameterSet
+    x: FloatArray
+    covariance: FloatArray
+
+    @property
+    def theta(self) -> FloatArray:
+        """The fitted numbers (n_theta,) in this configuration, SI, in the order of the linear model."""
+        return self.parameters.expand(self.x, self.linear.configuration.name)
+
+    def response(self, freq_hz: FloatArray) -> FrequencyResponse:
+        """The frequency response at freq_hz (F,), between the inputs and outputs that were measured."""
+        return to_response(self.linear, self.theta, np.atleast_1d(np.asarray(freq_hz, float)))
+
+    def response_std(self, freq_hz: FloatArray) -> FloatArray:
+        """Standard deviation (F, n_y, n_u) of `response` by that of the parameters, to first order."""
+        lines = np.atleast_1d(np.asarray(freq_hz, float))
+        return response_deviation(self.linear, lines, self.parameters, self.x, self.covariance)[1]
+
+    def modes(self) -> Modes:
+        """Natural frequencies, damping ratios and shapes with the motors free."""
+        return modes(self.linear, self.theta)
+
+    def uncertain_modes(self) -> UncertainModes:
+        """Frequencies and damping ratios of `modes` with their standard deviations."""
+        return uncertain_modes(self.linear, self.parameters, self.x, self.covariance)
+
+    def state_space(self) -> StateSpace:
+        """A, B, C, D and the delay of the torque; StudyError as `linear.statespace.state_space`."""
+        return state_space(self.linear, self.theta)
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """The same as `control.StateSpace`; as `StateSpace.to_control`."""
+        return self.state_space().to_control(pade)
