@@ -10,6 +10,7 @@ from elastid.app.identified_robot import robot_of_fit, robot_of_friction
 from elastid.app.run import Run
 from elastid.app.stages.fit import TRUSTED
 from elastid.base.errors import StudyError
+from elastid.export.intervals import interval_lines
 from elastid.export.observer import Observer, write_observers
 from elastid.export.targets import RESPONSE_TARGETS, TARGETS
 from elastid.fit.fitted_robot import FittedRobot, models_by_group
@@ -49,7 +50,8 @@ def export(run: Run, target: str) -> tuple[Path, ...]:
 
 def _write_robot(run: Run, folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """robot.yml of a fitted model."""
-    return (_written(folder, robot_of_fit(model.name, model.robot, read_friction(run.path("estimate")))),)
+    friction = read_friction(run.path("estimate"))
+    return (_written(folder, robot_of_fit(model.name, model.robot, friction, interval_lines(model))),)
 
 
 def _export_friction(run: Run, target: str) -> tuple[Path, ...]:

@@ -30,12 +30,20 @@ def robot_of_friction(study: Study, result: FrictionResult) -> str:
         f"Robot {robot.name} with the friction that study {study.name} has identified at the motors of joints "
         f"{', '.join(laws) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
+        "On the side of the link, with standard deviation and 95 % interval:",
+        *(
+            f"  {each.name} = {each.value:.9g} {each.unit}, std {each.std:.3g}, {each.low:.6g} to {each.high:.6g}"
+            for each in result.numbers
+        ),
     )
     return robot_text(with_laws(robot, laws), comments)
 
 
-def robot_of_fit(name: str, robot: Robot, friction: FrictionTakenOut | None) -> str:
-    """A fitted robot: its elastic numbers, motors, viscous friction, and F_c of motors that it was taken out of."""
+def robot_of_fit(name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...]) -> str:
+    """A fitted robot: its elastic numbers, motors, viscous friction, and F_c of motors that it was taken out of.
+
+    known: lines on the intervals of its numbers.
+    """
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):
@@ -48,7 +56,7 @@ def robot_of_fit(name: str, robot: Robot, friction: FrictionTakenOut | None) -> 
     comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
     if laws:
         comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
-    return robot_text(with_laws(robot, laws), tuple(comments))
+    return robot_text(with_laws(robot, laws), (*comments, *known))
 
 
 def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) -> Friction:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import casadi as ca
 
+from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.store import replacing, text_file
 
@@ -89,7 +90,8 @@ def _layout(model: FittedRobot, prefixed: Sequence[ca.Function]) -> str:
         given = ", ".join(f"arg[{i}] {_sized(function, i, is_in=True)}" for i in range(function.n_in()))
         results = ", ".join(f"res[{i}] {_sized(function, i, is_in=False)}" for i in range(function.n_out()))
         lines.append(f"{function.name()}: {given or 'no arguments'} -> {results}")
-    lines += ["", "Matrices are dense, column by column. Each function returns 0. Entries:"]
+    lines += ["", *interval_lines(model), ""]
+    lines += ["Matrices are dense, column by column. Each function returns 0. Entries:"]
     for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
         lines += [f"  {letter}[{i}]  {name} ({units.get(name.split(' ', 1)[1], 'SI')})" for i, name in enumerate(names)]
     return "/* " + "\n * ".join(line.replace("*/", "* /") for line in lines).replace(" * \n", " *\n") + "\n */\n"
@@ -107,10 +109,11 @@ def _equation(model: FittedRobot) -> str:
 
 
 def _coordinates(folder: Path, model: FittedRobot) -> Path:
-    """coordinates.txt: the names of the entries of q and u."""
+    """coordinates.txt: the names of the entries of q and u, and what the fit knows of the numbers inside."""
     path = folder / "coordinates.txt"
     with text_file(path) as file:
         file.write(f"{_equation(model)}, link side, SI\n")
         for letter, names in (("q", model.model.coordinates), ("u", model.model.inputs)):
             file.writelines(f"{letter}[{i}]  {name}\n" for i, name in enumerate(names))
+        file.writelines(f"{line}\n" for line in interval_lines(model))
     return path

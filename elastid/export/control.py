@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.response import FrequencyResponse
 from elastid.store import replacing, text_file
@@ -18,7 +19,7 @@ _LOADER = '''"""Loads {npz}: the fitted model of {name}, one state space for eac
 
 Inputs are motor torques in N*m, outputs {quantity} in {unit}, all on the link side. The delay of the torque in seconds
 is not part of a system: multiply its response by exp(-2j pi f delay), or load it with systems, _ = load(pade=2), the
-order of an approximation by Pade.
+order of an approximation by Pade. What the fit knows of each number: parameters().
 """
 
 from pathlib import Path
@@ -41,6 +42,13 @@ def load(path=DATA, pade=None):
         systems |= {{name: systems[name] * control.append(*[one] * len(inputs)) for name, one in late.items()}}
     labels = {{"inputs": inputs, "outputs": outputs}}
     return {{name: control.ss(systems[name], name=name, **labels) for name in names}}, delays
+
+
+def parameters(path=DATA):
+    """(value, std, low, high, unit) by name, the interval of 95 %; NaN for numbers that were held."""
+    with np.load(path, allow_pickle=False) as file:
+        known = zip(file["parameters"].tolist(), file["known"].tolist(), file["units"].tolist(), strict=True)
+        return {{name: (*numbers, unit) for name, numbers, unit in known}}
 
 
 def measured(path=DATA):
@@ -113,14 +121,20 @@ def _save(path: Path, arrays: dict[str, np.ndarray]) -> None:
 
 
 def write_control(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
-    """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std."""
+    """model.npz and load_model.py; arrays <configuration>/A, B, C, D, angles (rad), delay (s), freq_hz, G, std.
+
+    parameters, units (p,) and known (p, 4): value, std and the ends of the 95 % interval of each, SI.
+    """
     systems = model.state_spaces
-    first = systems[0]
+    first, numbers = systems[0], known_numbers(model)
     arrays: dict[str, np.ndarray] = {
         "configurations": np.array([system.configuration.name for system in systems]),
         "inputs": np.array(first.inputs),
         "outputs": np.array(first.outputs),
         "quantity": np.array(first.quantity),
+        "parameters": np.array([number.name for number in numbers]),
+        "units": np.array([number.unit for number in numbers]),
+        "known": np.array([(number.value, number.std, number.low, number.high) for number in numbers]),
     }
     for system in systems:
         name = system.configuration.name

@@ -6,6 +6,7 @@ The responses can be read back as `experiment.responses` of a study: columns fre
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,12 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.export.intervals import known_numbers
 from elastid.export.peaks import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import peaks
 from elastid.linear.modes import modes
+from elastid.linear.propagation import uncertain_modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 from elastid.store import text_file
@@ -28,10 +31,10 @@ def write_csv(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
         _table(folder / "parameters.csv", _parameters(model)),
         _table(folder / "modes.csv", _modes(model)),
     ]
-    for linear, G in zip(model.linear, model.measured, strict=True):
+    for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True):
         fitted = frequency_response(linear, model.theta, G.freq_hz)
         name = G.configuration.name
-        paths.append(_table(folder / f"{name}-fitted.csv", _response(G, fitted, None)))
+        paths.append(_table(folder / f"{name}-fitted.csv", _response(G, fitted, std**2)))
         paths.append(_measured(folder, G))
     return tuple(paths)
 
@@ -48,20 +51,21 @@ def _measured(folder: Path, G: FrequencyResponse) -> Path:
 
 
 def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
-    result = model.result
-    values, std = result.values, result.std
     yield "parameter", "unit", "value", "std", "lower_95", "upper_95"
-    for p in model.parameters:  # a number that was held has no std, not one of 0
-        known = (std[p.name], *result.interval(p.name)) if p.name in std else ("", "", "")
-        yield p.name, p.unit, values[p.name], *known
+    for number in known_numbers(model):  # a number that was held has no std, not one of 0
+        known = ("", "", "") if math.isnan(number.std) else (number.std, number.low, number.high)
+        yield number.name, number.unit, number.value, *known
 
 
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
-    yield "configuration", "mode", "frequency_hz", "damping_ratio"
+    yield "configuration", "mode", "frequency_hz", "damping_ratio", "frequency_std", "damping_ratio_std"
+    fit = model.result
     for linear in model.linear:
         found = modes(linear, model.theta)
-        for i, (frequency, zeta) in enumerate(zip(found.freq_hz, found.zeta, strict=True), start=1):
-            yield linear.configuration.name, i, float(frequency), float(zeta)
+        sure = uncertain_modes(linear, fit.parameters, fit.x, fit.covariance)
+        columns = (each.tolist() for each in (found.freq_hz, found.zeta, sure.freq_std, sure.zeta_std))
+        for i, row in enumerate(zip(*columns, strict=True), start=1):
+            yield linear.configuration.name, i, *row
 
 
 def _response(of: FrequencyResponse, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
+from elastid.base.arrays import FloatArray
+from elastid.export.intervals import known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
@@ -21,7 +23,7 @@ _HEADING = b"MATLAB 5.0 MAT-file, written by elastid".ljust(116)
 _SCRIPT = """% Loads {mat}: the fitted model of {name}, motor torque (N*m) to {quantity} ({unit}), link side.
 % Of e.model(i).configuration: response{{i}} is a function of the frequency in Hz, models{{i}} an ss where there is one
 % (Control System Toolbox, or the package control of Octave, which has no delay), measured{{i}} as below.
-% e.parameters has std NaN for numbers that were held.
+% e.parameters has the 95 % intervals; std and interval are NaN for numbers that were held.
 e = load(fullfile(fileparts(mfilename('fullpath')), '{mat}'));
 is_octave = exist('OCTAVE_VERSION', 'builtin') > 0;
 if is_octave
@@ -76,23 +78,23 @@ end
 def write_matlab(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     """model.mat (version 5) with struct arrays `model`, `measured`, `fitted` and `parameters`, and load_model.m.
 
-    measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit; measured
-    also CovarianceData. The script runs in MATLAB and in Octave, and without toolboxes as far as they go.
+    measured and fitted have the fields of an idfrd: ResponseData (n_y, n_u, F), Frequency, FrequencyUnit,
+    CovarianceData; that of fitted is due to the parameters. The script runs in MATLAB and in Octave, and without
+    toolboxes as far as they go.
     """
-    values, std = model.result.values, model.result.std
     content = {
         "model": _structs([_system(system) for system in model.state_spaces]),
         "measured": _structs([_with_covariance(G) for G in model.measured]),
         "fitted": _structs(
             [
-                _response(G.freq_hz, frequency_response(linear, model.theta, G.freq_hz), G)
-                for linear, G in zip(model.linear, model.measured, strict=True)
+                _response(G.freq_hz, frequency_response(linear, model.theta, G.freq_hz), G) | _covariance(std**2)
+                for linear, G, std in zip(model.linear, model.measured, model.response_std, strict=True)
             ]
         ),
         "parameters": _structs(
             [
-                {"name": p.name, "value": values[p.name], "std": std.get(p.name, float("nan")), "unit": p.unit}
-                for p in model.parameters
+                {"name": p.name, "value": p.value, "std": p.std, "lower_95": p.low, "upper_95": p.high, "unit": p.unit}
+                for p in known_numbers(model)
             ]
         ),
     }
@@ -126,12 +128,17 @@ def _save(path: Path, content: dict[str, Any]) -> None:
 
 
 def _with_covariance(G: FrequencyResponse) -> dict[str, Any]:
-    """The fields of an idfrd; CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    """The fields of an idfrd; no covariance where none was measured."""
     fields = _response(G.freq_hz, G.G, G)
     if G.uncertainty is None:
         return fields | {"CovarianceData": np.zeros((0, 0))}
-    half = np.moveaxis(G.uncertainty.variance, 0, 2) / 2
-    return fields | {"CovarianceData": half[..., None, None] * np.eye(2)}
+    return fields | _covariance(G.uncertainty.variance)
+
+
+def _covariance(variance: FloatArray) -> dict[str, Any]:
+    """CovarianceData (n_y, n_u, F, 2, 2): each real component carries half of the variance."""
+    half = np.moveaxis(variance, 0, 2) / 2
+    return {"CovarianceData": half[..., None, None] * np.eye(2)}
 
 
 def _system(system: Any) -> dict[str, Any]:

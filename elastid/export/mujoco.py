@@ -20,6 +20,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from elastid.base.errors import StudyError
+from elastid.export.intervals import known_numbers
 from elastid.export.mujoco_loops import Elements, RodPose, add_loops, add_rod_springs, rod_poses, rod_positions
 from elastid.export.mujoco_numbers import MIN_INERTIA, number, numbers, quaternion
 from elastid.fit.fitted_robot import FittedRobot
@@ -37,6 +38,7 @@ def write_mujoco(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     rest = [equilibrium(model.model, model.theta[:-1], linear.configuration) for linear in model.linear]
     start = rod_poses(model.robot, rest[0].q[: len(model.robot.joints)])
     root = mjcf(model.robot, start)
+    _intervals(root, model)
     _keyframes(root, model, rest, start)
     ET.indent(root)
     path = folder / "robot.xml"
@@ -164,6 +166,17 @@ def _actuators(root: ET.Element, robot: Robot) -> None:
     actuators = ET.SubElement(root, "actuator")
     for joint in robot.driven:
         ET.SubElement(actuators, "motor", name=f"motor {joint.name}", joint=f"motor {joint.name}", gear="1")
+
+
+def _intervals(root: ET.Element, model: FittedRobot) -> None:
+    """What the fit knows of its numbers, as custom arrays, which move nothing."""
+    custom = ET.SubElement(root, "custom")
+    told = "of each number that was identified: value, standard deviation, ends of the 95 % interval; SI"
+    ET.SubElement(custom, "text", name="numeric", data=told)
+    for known in known_numbers(model):
+        if known.is_identified:
+            row = numbers((known.value, known.std, known.low, known.high))
+            ET.SubElement(custom, "numeric", name=known.name, data=row)
 
 
 def _keyframes(

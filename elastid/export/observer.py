@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as ca
+import numpy as np
 
 from elastid.observer.joint import FollowedJoint
 from elastid.observer.kalman import first_estimate
@@ -102,6 +103,7 @@ def _header(observers: Mapping[str, Observer]) -> str:
         n = len(states)
         of = ", ".join(f"x[{i}] {state}" for i, state in enumerate(states))
         lines.append(f" * {name} ({key}) at {observer.rate_hz:g} Hz: {of}")
+        lines.append(f" *   starts with 95 % bands {_starts(observer.joint)}")
         declared.append(f"void {key}_start(double x[{n}], double P[{n * n}], double angle, double load);")
         declared.append(
             f"void {key}_follow(double x[{n}], double P[{n * n}], double torque, double load, double angle,\n"
@@ -109,6 +111,18 @@ def _header(observers: Mapping[str, Observer]) -> str:
         )
     guard = ["#ifndef OBSERVER_H", "#define OBSERVER_H"]
     return "\n".join([*lines, " */", *guard, *declared, "#endif"]) + "\n"
+
+
+def _starts(joint: FollowedJoint) -> str:
+    """The followed numbers before the first sample, with their bands."""
+    start, told = first_estimate(joint, 0.0), []
+    std = np.sqrt(np.diag(start.P))
+    for i, state in enumerate(joint.states):
+        if state in joint.followed:
+            ends = start.x[i] + 1.959964 * std[i] * np.array([-1, 1])
+            low, high = ends if state == "offset" else np.exp(ends)
+            told.append(f"{state} {low:.4g} to {high:.4g}")
+    return ", ".join(told)
 
 
 def _identifier(name: str) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
+from elastid.export.intervals import interval_lines
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.robot_friction import frictions
 from elastid.robot import BASE, Body, Joint, Placement, Robot, unit_axis
@@ -31,7 +32,7 @@ def write_urdf(folder: Path, model: FittedRobot) -> tuple[Path, ...]:
     ET.indent(root)
     path = folder / "robot.urdf"
     with text_file(path) as file:
-        file.write(f'<?xml version="1.0"?>\n<!-- {_left_out(model.robot)} -->\n')
+        file.write(f'<?xml version="1.0"?>\n<!-- {_comment(_left_out(model.robot), *interval_lines(model))} -->\n')
         file.write(ET.tostring(root, encoding="unicode") + "\n")
     return (path,)
 
@@ -143,8 +144,12 @@ def _left_out(robot: Robot) -> str:
     parts = [f"springs of the joints {', '.join(springs)}" if springs else "", "rotors, gears and their ripple"]
     parts += ["compensators"] if robot.compensators else []
     listed = "; ".join(part for part in parts if part)
-    # XML comments have no double hyphen.
-    return f"{robot.name}, rigid. Left out: {listed}. Targets mujoco, fmu, casadi, c have them.".replace("--", "- -")
+    return f"{robot.name}, rigid. Left out: {listed}. Targets mujoco, fmu, casadi, c have them."
+
+
+def _comment(*lines: str) -> str:
+    """Lines in a comment of XML, which has no double hyphen."""
+    return "\n".join(lines).replace("--", "- -")
 
 
 def _finite(value: float) -> float:

@@ -110,9 +110,7 @@ class FittedRobot:
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Those of the fit that count here: not those of other groups, nor those which this group has of its own."""
-        here = self.measured[0].configuration.name
-        own = [p.stands_for for p in self.result.parameters if here in p.only]
-        return tuple(p for p in self.result.parameters if here in p.only or not (p.only or p.name in own))
+        return parameters_of(self.result, self.measured[0].configuration.name)
 
     @property
     def state_spaces(self) -> tuple[StateSpace, ...]:
@@ -133,6 +131,12 @@ def models_by_group(
         its = [G for G in measured if G.configuration.name in members]
         models[label] = FittedRobot._of(result, fitted, its, spec, (), f"{name}, {label}" if label else name)
     return models
+
+
+def parameters_of(result: FitResult, configuration: str) -> tuple[Parameter, ...]:
+    """Those of a fit that count in a configuration: not those of other groups, nor those which its own stand in for."""
+    own = [p.stands_for for p in result.parameters if configuration in p.only]
+    return tuple(p for p in result.parameters if configuration in p.only or not (p.only or p.name in own))
 
 
 def robots_by_group(

@@ -24,6 +24,7 @@ def test_c_follows_friction_as_the_filter_does(tmp_path: Path) -> None:
     flags = ["-std=c99", "-O2", "-Wall", "-Werror", "-shared", "-fPIC"]
     subprocess.run(["cc", *flags, source, "-o", library, "-lm"], check=True)
     assert "x[5] Fc, x[6] f, x[7] offset" in header.read_text()
+    assert "Fc 0.5554 to 1.8, f 0.003003 to 0.02132, offset -0.98 to 0.98" in header.read_text()
     samples = simulate(rich(1.0), seed=2).samples
     c, n = ctypes.CDLL(str(library)), len(FOLLOWED.states)
     doubles = ctypes.c_double * n, ctypes.c_double * (n * n)

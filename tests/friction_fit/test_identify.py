@@ -51,7 +51,9 @@ def test_the_numbers_are_those_of_the_truth(found: FrictionResult) -> None:
 
 def test_the_robots_file_has_the_law_and_its_ranges(found: FrictionResult, tmp_path: Path) -> None:
     """Read back, it is the robot whose friction has the numbers of the table, on the side of the motor."""
-    (tmp_path / "robot.yml").write_text(robot_of_friction(template().study, found))
+    text = robot_of_friction(template().study, found)
+    assert all(f"#   {number.name} = " in text for number in found.numbers)
+    (tmp_path / "robot.yml").write_text(text)
     numbers = friction_numbers(load_robot(tmp_path / "robot.yml"))
     table = {number.name: number.value for number in found.numbers}
     for name in ("Fc_m1", "Fs_m1", "vs_m1", "f_m1"):

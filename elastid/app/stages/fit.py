@@ -11,6 +11,7 @@ from elastid.app.run import Run
 from elastid.app.summaries import failure, interrupted, modes_of, summary, truth, write_summary
 from elastid.app.tables import parameter_table
 from elastid.base.errors import FitError, MisfitError
+from elastid.export.intervals import lines_of
 from elastid.fit.fitted_robot import FittedRobot, robots_by_group
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
@@ -83,10 +84,10 @@ def _write_robots(run: Run, result: FitResult, configurations: Sequence[str]) ->
     Not robot.yml: a study may lie in its own run folder, beside the robot that it reads.
     """
     friction = read_friction(run.path("estimate"))
-    for label, (robot, _) in robots_by_group(result, run.study.as_robot(), configurations).items():
+    for label, (robot, members) in robots_by_group(result, run.study.as_robot(), configurations).items():
         name = f"identified_robot-{label}.yml" if label else "identified_robot.yml"
         with text_file(run.folder / name) as file:
-            file.write(robot_of_fit(run.study.name, robot, friction))
+            file.write(robot_of_fit(run.study.name, robot, friction, lines_of(result, members[0])))
 
 
 def _sentence(text: str) -> str:

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.export.intervals import HELD, known_numbers
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.friction.law import CURVE
 from elastid.linear.equilibrium import OperatingPoint
@@ -85,10 +86,12 @@ def _of(
 
 
 def _numbers(model: FittedRobot) -> list[Variable]:
-    """The parameters of the equations: stiffnesses, dampings, masses and so on."""
+    """The parameters of the equations: stiffnesses, dampings, masses and so on, with what the fit knows of them."""
     units = {name: unit for name, (_, unit) in model.robot.parameters().items()}
+    known = {number.name: number.words for number in known_numbers(model)}
+    texts = {name: f"{name} of the robot, {units.get(name, 'SI')}; {known.get(name, HELD)}" for name in units}
     return [
-        Variable(name, "parameter", "tunable", f"{name} of the robot, {units.get(name, 'SI')}", float(value))
+        Variable(name, "parameter", "tunable", texts.get(name, name), float(value))
         for name, value in zip(model.model.parameters, model.model.theta, strict=True)
     ]
 

@@ -1,0 +1,108 @@
+"""No export loses the intervals of a fit, and none gives a number that was held a std of 0."""
+
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from plants.fitted_models import fitted_model
+from scipy.io import loadmat
+
+from elastid.app.identified_robot import robot_of_fit
+from elastid.export.code import write_c, write_casadi
+from elastid.export.control import write_control
+from elastid.export.csv import write_csv
+from elastid.export.fmu.unit import unit_sources
+from elastid.export.intervals import HELD, interval_lines, known_numbers
+from elastid.export.matlab import write_matlab
+from elastid.export.mujoco import write_mujoco
+from elastid.export.urdf import write_urdf
+from elastid.fit.fitted_robot import FittedRobot
+from elastid.parameters import ParameterSet, Tie
+from elastid.study import load_robot
+
+SPRING = "k_1"
+
+
+@pytest.fixture(scope="module")
+def fitted() -> FittedRobot:
+    """The bench with one spring that was identified."""
+    return fitted_model("bench")
+
+
+def test_heads_of_text_files_have_the_interval(fitted: FittedRobot, tmp_path: Path) -> None:
+    """Of C, CasADi, URDF and the robot's file; the delay is named, the masses that were held are not."""
+    line = next(line for line in interval_lines(fitted) if f" {SPRING} =" in line)
+    low, high = fitted.result.interval(SPRING)
+    assert f"{low:.6g} to {high:.6g}" in line
+    texts = [
+        write_c(tmp_path, fitted)[1].read_text(),
+        write_casadi(tmp_path, fitted)[-1].read_text(),
+        write_urdf(tmp_path, fitted)[0].read_text(),
+        robot_of_fit("study", fitted.robot, None, interval_lines(fitted)),
+    ]
+    for text in texts:
+        assert line.strip() in text
+        assert "Jm_1 =" not in text
+    ET.fromstring(texts[2].partition("\n")[2])
+    (tmp_path / "robot.yml").write_text(texts[3])
+    assert load_robot(tmp_path / "robot.yml").parameters() == fitted.robot.parameters()
+
+
+def test_units_say_what_is_known_of_each_parameter(fitted: FittedRobot) -> None:
+    """In the description of the variable, of both versions of FMI."""
+    known = {number.name: number.words for number in known_numbers(fitted)}
+    for text in unit_sources(fitted)[1].values():
+        described = {each.get("name"): each.get("description", "") for each in ET.fromstring(text).iter()}
+        assert described[SPRING].endswith(known[SPRING])
+        assert described["Jm_1"].endswith(HELD)
+
+
+def test_mujoco_carries_them_as_custom_arrays(fitted: FittedRobot, tmp_path: Path) -> None:
+    """Value, std, and the ends of the interval; the engine reads them."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed (group oracles)")
+    engine = mujoco.MjModel.from_xml_path(str(write_mujoco(tmp_path, fitted)[0]))
+    row = engine.numeric(SPRING).data
+    result = fitted.result
+    assert row == pytest.approx([result.values[SPRING], result.std[SPRING], *result.interval(SPRING)])
+    with pytest.raises(KeyError):
+        engine.numeric("Jm_1")
+
+
+def test_arrays_for_control_and_matlab_have_nan_where_a_number_was_held(fitted: FittedRobot, tmp_path: Path) -> None:
+    """And the fitted responses the deviation that is due to the parameters."""
+    data, script = write_control(tmp_path, fitted)
+    result = fitted.result
+    expected = (result.values[SPRING], result.std[SPRING], *result.interval(SPRING))
+    with np.load(data) as arrays:
+        rows = dict(zip(arrays["parameters"].tolist(), arrays["known"], strict=True))
+    assert rows[SPRING].tolist() == pytest.approx(list(expected))
+    assert np.isnan(rows["Jm_1"][1:]).all()
+    assert "def parameters(" in script.read_text()
+    content = loadmat(write_matlab(tmp_path, fitted)[0])
+    found = {row["name"].item(): row for row in content["parameters"][:, 0]}
+    assert [found[SPRING][key].item() for key in ("lower_95", "upper_95")] == pytest.approx(list(expected[2:]))
+    assert np.isnan([found["Jm_1"][key].item() for key in ("std", "lower_95", "upper_95")]).all()
+    covariance = np.moveaxis(content["fitted"][0, 0]["CovarianceData"][..., 0, 0], 2, 0)
+    np.testing.assert_allclose(2 * covariance, fitted.response_std[0] ** 2)
+
+
+def test_modes_and_fitted_responses_in_tables_have_deviations(fitted: FittedRobot, tmp_path: Path) -> None:
+    """1 % of each spring is half a percent of the frequency of the only mode."""
+    write_csv(tmp_path, fitted)
+    modes = np.genfromtxt(tmp_path / "modes.csv", delimiter=",", names=True, usecols=(2, 4))
+    np.testing.assert_allclose(modes["frequency_std"] / modes["frequency_hz"], 0.005, rtol=1e-2)
+    assert "std_" in (tmp_path / "one-fitted.csv").read_text().splitlines()[0]
+
+
+def test_a_tied_number_names_what_it_is_tied_to(fitted: FittedRobot) -> None:
+    """It has no interval of its own."""
+    result = fitted.result
+    tied = tuple(
+        replace(p, free=False, tie=Tie(SPRING)) if p.name == "d_1" else p for p in result.parameters.parameters
+    )
+    changed = replace(fitted, result=replace(result, parameters=ParameterSet(tied)))
+    (number,) = [number for number in known_numbers(changed) if number.name == "d_1"]
+    assert number.words == f"tied to {SPRING}"
+    assert np.isnan(number.std)
