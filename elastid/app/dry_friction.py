@@ -9,7 +9,6 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.friction.robot_friction import frictions
 from elastid.parameters import Parameter
 from elastid.report.friction_rows import friction_rows
 from elastid.report.numbers import digits, number
@@ -38,6 +37,8 @@ def mixed_numbers(study: Study, friction: FrictionTakenOut | None) -> frozenset[
     robot = study.as_robot()
     rigid = {joint.name for joint in robot.driven} - {joint.name for joint in robot.flexible}
     if study.experiment.simulated is not None:
+        from elastid.friction.robot_friction import frictions  # brings CasADi
+
         rough = {law.place for law in frictions(robot)}
     else:
         rough = set(robot.motor_locations)

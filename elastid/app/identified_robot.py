@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.friction_fit.result import FrictionResult
 from elastid.report.friction_rows import friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
 from elastid.study import Study
 from elastid.study.robot_text import robot_text
+
+if TYPE_CHECKING:
+    from elastid.friction_fit.result import FrictionResult
 
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from elastid import __version__
 from elastid.app.console import Console
@@ -18,8 +19,11 @@ from elastid.app.provenance import file_hash, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.store import Checkpoint, Stamp, read_stamp, remove_leftovers
+from elastid.store import Stamp, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
+
+if TYPE_CHECKING:
+    from elastid.store import Checkpoint
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,8 @@ class Run:
 
     def resumed(self, stage: str) -> Checkpoint:
         """The finished parts of an interrupted stage: of this study, by this code, from the very files it reads."""
+        from elastid.store import Checkpoint  # brings the solvers, which most stages do not need
+
         stamp = self.stamps[stage]
         hashes = [file_hash(self.path(name)) for name in upstream(self.stages, self.stages[stage])]
         key = hashlib.sha256(json.dumps([stamp.inputs, stamp.code, hashes]).encode()).hexdigest()

@@ -32,11 +32,11 @@ class Stage:
 
     help: one line for the command of its name.  sections: of the study, or single keys of one, that it reads; those
     that an earlier stage has read come with its result.  reads: the stages whose results it reads, where a study has
-    them.  leaves: the first file carries the stamp, the second is what programs read.  function, further, conclude:
+    them.  leaves: the first file carries the stamp, the second is what programs read.  function, conclude:
     "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON: whatever else the result depends on, with
-    the hashes of the stages before.  of_reads: whether it depends on all that the stages depend on whose results it
-    reads.  needs: a section without which a study has not this stage.  conclude(run): shows the result at the end of a
-    run, and raises FitError where it cannot be trusted.
+    the hashes of the stages before; "module:name".  of_reads: whether it depends on all that the stages depend on whose
+    results it reads.  needs: a section without which a study has not this stage.  conclude(run): shows the result at
+    the end of a run, and raises FitError where it cannot be trusted.
     """
 
     name: str
@@ -61,7 +61,7 @@ STAGES = (
         reads=(),
         leaves=("plan.h5",),
         function="design:design",
-        further="design:further_inputs",
+        further="elastid.app.further_inputs:of_design",
     ),
     Stage(
         name="measure",
@@ -71,7 +71,7 @@ STAGES = (
         reads=("design",),
         leaves=("records.h5",),
         function="measure:simulate",
-        further="measure:planned_for_the_fit",
+        further="elastid.app.further_inputs:of_plan",
         of_reads=False,
     ),
     Stage(
@@ -82,7 +82,7 @@ STAGES = (
         reads=(),
         leaves=("records.h5",),
         function="measure:import_logs",
-        further="measure:log_hashes",
+        further="elastid.app.further_inputs:of_logs",
     ),
     Stage(
         name="estimate",
@@ -101,7 +101,7 @@ STAGES = (
         reads=(),
         leaves=("frf.h5",),
         function="estimate:import_responses",
-        further="estimate:response_hashes",
+        further="elastid.app.further_inputs:of_responses",
     ),
     Stage(
         name="fit",
@@ -130,7 +130,7 @@ STAGES = (
         reads=("design", "estimate", "fit", "validate"),
         leaves=("report.html", "figures"),
         function="report:report",
-        further="report:study_text",
+        further="elastid.app.further_inputs:of_page",
     ),
     Stage(
         name="report",
@@ -140,7 +140,7 @@ STAGES = (
         reads=("estimate",),
         leaves=("report.html", "figures", "peaks.csv"),
         function="report_responses:report",
-        further="report:study_text",
+        further="elastid.app.further_inputs:of_page",
     ),
     Stage(
         name="design",
@@ -168,7 +168,7 @@ STAGES = (
         reads=(),
         leaves=("records.h5",),
         function="friction_measure:import_logs",
-        further="measure:log_hashes",
+        further="elastid.app.further_inputs:of_logs",
     ),
     Stage(
         name="levels",
@@ -207,7 +207,7 @@ STAGES = (
         reads=("friction", "follow"),
         leaves=("report.html", "figures"),
         function="friction_report:report",
-        further="report:study_text",
+        further="elastid.app.further_inputs:of_page",
     ),
 )
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from elastid.design.forecast import Forecast
-from elastid.friction_fit.result import FrictionNumber
 from elastid.report.numbers import digits, interval_of, number
 from elastid.report.parameter_rows import ParameterRow
+
+if TYPE_CHECKING:
+    from elastid.design.forecast import Forecast
+    from elastid.friction_fit.result import FrictionNumber
 
 
 def parameter_table(rows: Sequence[ParameterRow]) -> list[list[str]]:

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.optimize import minimize
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.phases import random_phases, schroeder
@@ -86,6 +85,8 @@ def crest_factors(lines: IntArray, S: ComplexArray) -> FloatArray:
 
 
 def _continued(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, int, int]]) -> FloatArray:
+    from scipy.optimize import minimize  # half of the time in which a command without it starts
+
     for p, samples_per_cycle, iterations in steps:
         n = int(next_fast_len(samples_per_cycle * int(signals.lines[-1]), real=True))
         options = {"maxiter": iterations, "maxcor": 20, "ftol": 1e-12, "gtol": 1e-9}

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.friction_fit.result import FrictionNumber
 from elastid.report.numbers import digits, interval_of, number
+
+if TYPE_CHECKING:
+    from elastid.friction_fit.result import FrictionNumber
 
 # Quantile of 95 % intervals.
 _Z_95 = 1.96

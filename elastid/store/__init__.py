@@ -11,30 +11,65 @@
 - description: the content of any of them as text
 - unfinished: the checkpoint of an interrupted stage
 
-The same value gives the same bytes: no file holds a date.
+The same value gives the same bytes: no file holds a date. A name is loaded when it is first used: `estimate` needs
+neither forecasts nor validations, and what they are made with.
 """
 
-from elastid.store.description import described
-from elastid.store.design import (
-    read_forecast,
-    read_peaks,
-    read_plan,
-    read_rehearsal,
-    write_movement,
-    write_plan,
-    write_torque,
-)
-from elastid.store.files import Stamp, kind_of, read_stamp, remove_leftovers, replacing, text_file
-from elastid.store.friction import read_friction
-from elastid.store.measured import (
-    read_configurations,
-    read_records,
-    read_responses,
-    write_records,
-    write_responses,
-)
-from elastid.store.results import read_fit, read_validation, write_fit, write_validation
-from elastid.store.unfinished import Checkpoint
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from elastid.store.description import described
+    from elastid.store.design import (
+        read_forecast,
+        read_peaks,
+        read_plan,
+        read_rehearsal,
+        write_movement,
+        write_plan,
+        write_torque,
+    )
+    from elastid.store.files import Stamp, kind_of, read_stamp, remove_leftovers, replacing, text_file
+    from elastid.store.friction import read_friction
+    from elastid.store.measured import (
+        read_configurations,
+        read_records,
+        read_responses,
+        write_records,
+        write_responses,
+    )
+    from elastid.store.results import read_fit, read_validation, write_fit, write_validation
+    from elastid.store.unfinished import Checkpoint
+
+_HOME = {
+    "Checkpoint": "elastid.store.unfinished",
+    "Stamp": "elastid.store.files",
+    "described": "elastid.store.description",
+    "kind_of": "elastid.store.files",
+    "read_configurations": "elastid.store.measured",
+    "read_fit": "elastid.store.results",
+    "read_forecast": "elastid.store.design",
+    "read_friction": "elastid.store.friction",
+    "read_peaks": "elastid.store.design",
+    "read_plan": "elastid.store.design",
+    "read_records": "elastid.store.measured",
+    "read_rehearsal": "elastid.store.design",
+    "read_responses": "elastid.store.measured",
+    "read_stamp": "elastid.store.files",
+    "read_validation": "elastid.store.results",
+    "remove_leftovers": "elastid.store.files",
+    "replacing": "elastid.store.files",
+    "text_file": "elastid.store.files",
+    "write_fit": "elastid.store.results",
+    "write_movement": "elastid.store.design",
+    "write_plan": "elastid.store.design",
+    "write_records": "elastid.store.measured",
+    "write_responses": "elastid.store.measured",
+    "write_torque": "elastid.store.design",
+    "write_validation": "elastid.store.results",
+}
 
 __all__ = [
     "Checkpoint",
@@ -63,3 +98,10 @@ __all__ = [
     "write_torque",
     "write_validation",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its module when it is first used."""
+    if name not in _HOME:
+        raise AttributeError(f"module 'elastid.store' has no attribute '{name}'")
+    return getattr(import_module(_HOME[name]), name)

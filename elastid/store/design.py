@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from elastid.base.units import of_translation
-from elastid.design.forecast import Forecast
 from elastid.design.limit_use import QUANTITIES, UNITS, LimitUse
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference
@@ -31,6 +30,9 @@ from elastid.store.files import (
     write_notes,
     write_sliding,
 )
+
+if TYPE_CHECKING:
+    from elastid.design.forecast import Forecast
 
 _MOTION = (("position", "rad"), ("velocity", "rad/s"), ("acceleration", "rad/s^2"), ("feed_forward", "N*m"))
 _PLAN_ATTRIBUTES = ("rate_hz", "period_samples", "periods", "transient_periods", "ramp_samples", "hold_samples")
@@ -186,6 +188,8 @@ def _write_forecast(group: Any, forecast: Forecast) -> None:
 
 def read_forecast(path: Path) -> Forecast | None:
     """The forecast in plan.h5; None where there is none."""
+    from elastid.design.forecast import Forecast  # brings the fit, which a reader of the plan does not need
+
     with opened(path, "plan") as file:
         if _FORECAST not in file:
             return None

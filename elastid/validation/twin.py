@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal.windows import hann
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 
@@ -103,7 +102,7 @@ def torque_balance(
     names, torques = tuple(parts), np.stack(list(parts.values()))
     dry = np.array([name not in FRICTION for name in names])
     shares, left, without = _explained(measured[None], torques[:, None], dry)
-    window = hann(len(measured), sym=False)
+    window = np.hanning(len(measured) + 1)[:-1]
     U, T = np.fft.rfft(window * measured), np.fft.rfft(window * torques)
     freq_hz = np.fft.rfftfreq(len(measured), 1 / rate_hz)
     edges = octaves(band_hz, rate_hz / len(measured))

@@ -26,8 +26,8 @@ SPECS = [
 
 
 def loaded_after(code: str) -> set[str]:
-    """The packages in a fresh interpreter once `code` has run."""
-    report = "; import sys; sys.stdout = sys.__stdout__; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    """The packages, and the modules below them, in a fresh interpreter once `code` has run."""
+    report = "; import sys; sys.stdout = sys.__stdout__; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code + report], capture_output=True, text=True, check=True)
     return set(done.stdout.splitlines()[-1].split())
 
@@ -55,3 +55,21 @@ def test_specs_and_values_load_no_heavy_package() -> None:
         f"import {module}" for module in SPECS if module not in ("elastid.study", "elastid.app.overview")
     )
     assert not loaded_after(values) & (HEAVY | {"pydantic", "ruamel", "click"})
+
+
+@pytest.mark.parametrize(
+    ("stage", "unneeded"),
+    [
+        ("estimate", {"casadi", "scipy.optimize"}),
+        ("fit", {"scipy.optimize"}),
+        ("validate", {"scipy.optimize"}),
+        ("report", {"scipy.optimize", "matplotlib.pyplot", "matplotlib.backends.backend_pdf"}),
+    ],
+)
+def test_a_stage_loads_what_it_works_with(tiny: Path, stage: str, unneeded: set[str]) -> None:
+    """Not the page in order to estimate, nor SciPy's optimisers and distributions, which take longest to load."""
+    stamped = f"from elastid.app.provenance import stamps; from elastid.study import load; stamps(load({str(tiny)!r}))"
+    loaded = loaded_after(f"from elastid.app.cli import cli; from elastid.app.stages import {stage}; {stamped}")
+    assert f"elastid.app.stages.{stage}" in loaded
+    assert not loaded & (unneeded | {"scipy.signal", "scipy.stats", "control", "pandas", "rich"})
+    assert stage == "report" or not loaded & {"matplotlib", "jinja2"}

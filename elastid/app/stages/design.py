@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
 
-from elastid.app.provenance import file_hash
 from elastid.app.run import Run
 from elastid.app.tables import forecast_table
 from elastid.base.errors import StudyError
@@ -92,15 +88,3 @@ def design_problem(loaded: LoadedStudy) -> DesignProblem:
         model=study.model,
         friction=study.estimator.friction,
     )
-
-
-def further_inputs(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
-    """Settings of the later fit, on which choice and forecast depend, and the earlier results that the study names."""
-    study, fit = loaded.study, asdict(loaded.study.fit)
-    settings: list[Any] = [fit[name] for name in ("parameters", "criterion", "weights", "band_hz", "mask")]
-    settings += [study.estimator.quantity, study.estimator.friction, study.validation.left_out]
-    if study.design is not None:
-        files = [responses_file(loaded.base, path) for path in (*study.design.measured, study.design.noise.frf) if path]
-        files += [file.with_name("fit.h5") for file in files if file.with_name("fit.h5").is_file()]
-        settings += [[file.name, file_hash(file)] for file in files]
-    return settings

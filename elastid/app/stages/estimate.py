@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from elastid.app.dry_friction import friction_line, shaft_couplings
 from elastid.app.imported_responses import imported_responses
-from elastid.app.provenance import file_hashes
 from elastid.app.run import Run
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note
@@ -22,7 +20,6 @@ from elastid.frf.without_friction import estimate_without_friction
 from elastid.record import Record
 from elastid.response import FrequencyResponse
 from elastid.store import read_configurations, read_plan, read_records, write_responses
-from elastid.study import LoadedStudy
 
 
 def estimate(run: Run) -> None:
@@ -51,12 +48,6 @@ def import_responses(run: Run) -> None:
     responses = list(imported_responses(run.study, run.loaded.base))
     run.console.notes(note for response in responses for note in response.notes)
     _write(run, responses)
-
-
-def response_hashes(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
-    """The content of every file with responses."""
-    spec = loaded.study.experiment.responses
-    return file_hashes(loaded.base, (file.path for file in spec.files) if spec is not None else ())
 
 
 def estimate_configuration(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from elastid.app.provenance import file_hashes
 from elastid.app.run import Run
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import Experiment
@@ -18,7 +17,6 @@ from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
 from elastid.store import Stamp, read_plan, read_records, read_stamp, remove_leftovers, write_records
-from elastid.study import LoadedStudy
 
 
 def simulate(run: Run) -> None:
@@ -30,22 +28,6 @@ def simulate(run: Run) -> None:
 def import_logs(run: Run) -> None:
     """records.h5 of the logs that the study names."""
     _measure(run, RecordedRig(run.study.places, run.study.experiment, run.loaded.base))
-
-
-def planned_for_the_fit(loaded: LoadedStudy, inputs: Mapping[str, str]) -> str | None:
-    """The hash of the design's inputs where it chose configurations or spectra for the fit.
-
-    Another plan follows from the sections that `measure` reads itself; its forecast does not concern the rig.
-    """
-    study = loaded.study
-    chosen = study.design is not None or (study.excitation is not None and study.excitation.flat == "information")
-    return inputs["design"] if chosen else None
-
-
-def log_hashes(loaded: LoadedStudy, inputs: Mapping[str, str]) -> list[Any]:
-    """The content of every log."""
-    files = loaded.study.experiment.as_recorded().files
-    return file_hashes(loaded.base, (path for file in files for path in (file.path, *file.also)))
 
 
 class Named(Protocol):

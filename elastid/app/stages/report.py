@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
 
 from elastid.app.dry_friction import contents
 from elastid.app.run import Run
@@ -23,7 +22,6 @@ from elastid.store import (
 )
 from elastid.store.comparison import read_comparison
 from elastid.store.twin import read_balances
-from elastid.study import LoadedStudy
 
 
 def report(run: Run) -> None:
@@ -31,11 +29,6 @@ def report(run: Run) -> None:
     shutil.rmtree(run.folder / "figures", ignore_errors=True)
     page = write_report(_content(run), run.folder, run.study.report.formats)
     run.console.say(f"report: {page}")
-
-
-def study_text(loaded: LoadedStudy, inputs: Mapping[str, str]) -> str:
-    """The text of the study, which the page shows."""
-    return loaded.text
 
 
 def _content(run: Run) -> ReportContent:

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -144,6 +143,8 @@ def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: Param
             f"fit.parameters: the start gives body {', '.join(body.name for body in flat)} an inertia that no body "
             "can have (a principal moment above the sum of the other two); correct the start of its inertias"
         )
+    from scipy.optimize import minimize  # seldom needed, and slow to load
+
     lower, upper = parameters.x_bounds
     touched = np.flatnonzero(np.any([np.any(s.slopes(parameters, x) != 0, axis=0) for s in flat], axis=0))
 

@@ -13,7 +13,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
@@ -69,6 +68,8 @@ def _meeting(
     robot: Robot, compensator: Compensator, free: Sequence[Parameter], configuration: str, angles: FloatArray
 ) -> Iterator[tuple[str, str]]:
     """The problem where the ends come together at the start of these coordinates, or within their bounds."""
+    from scipy.optimize import lsq_linear  # slow to load, for the few robots with compensators
+
     q = followed(robot, angles[None])
     (start, first), (end, second) = (_pose(robot, q, anchor.body) for anchor in compensator.ends)
     points = [np.array(anchor.point, dtype=float) for anchor in compensator.ends]

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 from elastid.frf.friction.spectra import ConfigurationSpectra, Net, taken
@@ -89,7 +88,11 @@ def solve(A: FloatArray, b: FloatArray) -> FloatArray:
     size = np.sqrt(np.maximum(np.diag(A), 1e-300))
     # A small ridge: shapes may be the same in all that was measured.
     R = np.linalg.cholesky(A / np.outer(size, size) + 1e-9 * np.eye(len(b)))
-    f, _ = nnls(R.T, np.linalg.solve(R, b / size))
+    f = np.linalg.solve(R.T, np.linalg.solve(R, b / size))
+    if f.min() < 0:
+        from scipy.optimize import nnls  # takes longer to load than to estimate most responses
+
+        f, _ = nnls(R.T, np.linalg.solve(R, b / size))
     return np.asarray(f / size)
 
 

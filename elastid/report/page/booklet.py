@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
-from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from elastid.base.note import NoteGroup
@@ -53,6 +52,8 @@ def text_pages(lines: Sequence[str]) -> Iterator[Figure]:
 @contextmanager
 def booklet(file: io.BytesIO, front: Iterable[Figure]) -> Iterator[Callable[[Figure], None]]:
     """A PDF that begins with the front pages; the yielded function adds a page, so that no figure need be kept."""
+    from matplotlib.backends.backend_pdf import PdfPages  # brings the subsetting of fonts, for few reports
+
     with PdfPages(file, metadata=PDF_METADATA) as pdf:
 
         def add(page: Figure) -> None:

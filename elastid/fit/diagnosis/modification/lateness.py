@@ -15,7 +15,6 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.fit.diagnosis.modification.reading import Read, Reading, read
@@ -113,6 +112,8 @@ def _best(
     prior: FloatArray,
     free: BoolArray,
 ) -> Late:
+    from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
+
     def at_time(T: float) -> Read:
         return read(Reading(form, "time", partial(_late, factor, T, role, at)), evaluated, prior, free)
 

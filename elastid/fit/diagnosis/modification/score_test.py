@@ -18,7 +18,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import lsq_linear
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 
@@ -141,8 +140,13 @@ class ScoreTest:
         width = np.maximum(np.abs(limits).min(axis=0), MIN_WIDTH)
         size = np.sqrt(np.diag(S) + width**-2)
         L = np.linalg.cholesky((S + np.diag(width**-2)) / np.outer(size, size))
-        found = lsq_linear(L.T, -np.linalg.solve(L, g / size), limits * size)
-        return np.asarray(found.x / size)
+        target = -np.linalg.solve(L, g / size)
+        step = np.linalg.solve(L.T, target) / size
+        if np.all((limits[0] <= step) & (step <= limits[1])):
+            return np.asarray(step)
+        from scipy.optimize import lsq_linear  # slow to load, and seldom needed
+
+        return np.asarray(lsq_linear(L.T, target, limits * size).x / size)
 
     def _block(self, candidate: Candidate) -> FloatArray:
         return self.S[np.ix_(candidate.places, candidate.places)]
