@@ -14,18 +14,15 @@ import numpy as np
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.model.elastic import ElasticModel
-from elastid.simulation.baumgarte import projection
-from elastid.simulation.controller import Gains, feedback
+from elastid.simulation.compiled import compiled
+from elastid.simulation.controller import Gains
 from elastid.simulation.drives import Drives
-from elastid.simulation.dynamics import free_acceleration, runge_kutta_step
 from elastid.simulation.friction_states import Contacts
+from elastid.simulation.sampled_step import N_STATES, sampled_step
 from elastid.simulation.spec import StabilisationSpec
 
 # Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK_SAMPLES = 1000
-
-# Results of a sample that the next one starts from: q, v, states of friction and drives, integral, last reading.
-N_STATES = 6
 
 # rad (or m) on the link side: a motor this far from its reference is lost.
 MAX_TRACKING_ERROR = 2 * np.pi
@@ -94,71 +91,17 @@ def closed_loop(
     substeps: int,
     drives: Drives,
     loops: StabilisationSpec = PROJECTED,
+    samples: int = 0,
 ) -> ClosedLoop:
     """Close the loop around a model with its friction and its drives.
 
-    substeps: Runge-Kutta steps in a sample.  loops: stabilisation of the loops of a linkage.
+    substeps: Runge-Kutta steps in a sample.  loops: stabilisation of the loops of a linkage.  samples: about how many
+    will be simulated, which decides whether a sample is compiled.
     """
-    names = {"q": model.n_q, "v": model.n_q, "z": contacts.n_states, "w": drives.n_states}
-    names |= dict.fromkeys(("integral", "last", "position", "velocity", "torque", "disturbance", "noise"), model.n_u)
-    names |= dict.fromkeys(("kp", "kd", "ki"), model.n_u) | {"curves": len(contacts.curves)}
-    given = {name: ca.SX.sym(name, size) for name, size in names.items()}
-    q, v, z, w = (given[name] for name in ("q", "v", "z", "w"))
-    E, E_inverse = _shafts(model)
-    reading = E_inverse @ drives.reading(E @ ca.DM(model.B).T @ q, given["noise"])
-    last, position, velocity = given["last"], given["position"], given["velocity"]
-    error = feedback(reading, last, position, velocity, given["kp"], given["kd"], rate_hz)
-    command = given["torque"] + error + given["ki"] * given["integral"]
-    asked = E_inverse.T @ command
-    taken = drives.clipped(asked)
-    u = command + E.T @ (taken - asked)
-    # A drive at its limit would wind the integral up.
-    integral = given["integral"] + ca.if_else(taken == asked, error / rate_hz, 0)
-    free = free_acceleration(model, loops.alpha, loops.beta)
-    q, v, z, w = _moved(model, free, contacts, drives, (q, v, z, w), u, given, 1 / (rate_hz * substeps), substeps)
-    if model.n_c and loops.project:
-        q, v = projection(model)(q, v)
-    results = [q, v, z, w, integral, reading, u]
+    sample = sampled_step(model, contacts, rate_hz, substeps, drives, loops)
+    function = compiled(sample, samples).mapaccum("closed_loop", CHUNK_SAMPLES, N_STATES, {})
     units = tuple(joint.unit for joint in model.robot.driven)
-    sample = ca.Function("sample", list(given.values()), results)
-    function = sample.mapaccum("closed_loop", CHUNK_SAMPLES, N_STATES, {})
     return ClosedLoop(model.inputs, units, limits, model.B, rate_hz, contacts, drives, function)
-
-
-def _moved(
-    model: ElasticModel,
-    free: ca.Function,
-    contacts: Contacts,
-    drives: Drives,
-    state: tuple[ca.SX, ca.SX, ca.SX, ca.SX],
-    u: ca.SX,
-    given: dict[str, ca.SX],
-    step: float,
-    steps: int,
-) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """(q, v, z, w) after the steps of a sample in which the command u is held."""
-    B, curves = ca.DM(model.B), given["curves"]
-    E, E_inverse = _shafts(model)
-
-    def acceleration(q: ca.SX, v: ca.SX, z: ca.SX, torque: ca.SX) -> ca.SX:
-        driving = E.T @ drives.on_motors(E_inverse.T @ torque, E @ B.T @ q) + given["disturbance"]
-        return free(q, v, B @ driving - contacts.torque(v, z, curves))
-
-    def advanced(z: ca.SX, v: ca.SX, step: float) -> ca.SX:
-        return contacts.advanced(v, z, curves, step)
-
-    q, v, z, w = state
-    for _ in range(steps):
-        torques = [drives.lagged(w, u, part * step) for part in (0.0, 0.5, 1.0)]
-        q, v, z = runge_kutta_step(acceleration, advanced, q, v, z, [torque for torque, _ in torques], step)
-        w = torques[-1][1]
-    return q, v, z, w
-
-
-def _shafts(model: ElasticModel) -> tuple[ca.DM, ca.DM]:
-    """E and its inverse: from the link side to the shafts, where encoders count and drives clip (robot.mixing)."""
-    E = model.robot.mixing
-    return ca.sparsify(ca.DM(E)), ca.sparsify(ca.DM(np.linalg.inv(E)))
 
 
 def simulate(

@@ -12,6 +12,7 @@ proportional gain k_d and integral time 1 / k_i.
 from __future__ import annotations
 
 from dataclasses import field
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -93,12 +94,15 @@ def feed_forward(
             - rigid_motion(model, path - DIFFERENCE_STEP_S * v_path)
         ) / (2 * DIFFERENCE_STEP_S)
         a_path += (T_rate @ velocity[:, :, None])[:, :, 0]
-    q, v = ca.SX.sym("q", model.n_q), ca.SX.sym("v", model.n_q)
-    a = ca.SX.sym("a", model.n_q)
-    torque = model.mass(q, model.theta) @ a + model.force(q, v, model.theta)
-    inverse = ca.Function("inverse_dynamics", [q, v, a], [torque]).map(len(position))
-    needed = inverse(path.T, v_path.T, a_path.T).full().T
+    needed = _inverse_dynamics(model).map(len(position))(path.T, v_path.T, a_path.T).full().T
     return np.asarray((np.swapaxes(T, 1, 2) @ needed[:, :, None])[:, :, 0])
+
+
+@lru_cache(maxsize=4)
+def _inverse_dynamics(model: ElasticModel) -> ca.Function:
+    """(q, v, a) -> M(q) a + f(q, v), built once in a process."""
+    q, v, a = (ca.SX.sym(name, model.n_q) for name in ("q", "v", "a"))
+    return ca.Function("inverse_dynamics", [q, v, a], [model.mass(q, model.theta) @ a + model.force(q, v, model.theta)])
 
 
 def feedback(

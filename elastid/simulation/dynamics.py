@@ -8,7 +8,7 @@ Niglis & Oberg (2015), eqs. (2.10), (2.14); with constraints: `baumgarte`. Link 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TypeAlias
+from typing import TypeVar
 
 import casadi as ca
 import numpy as np
@@ -20,8 +20,7 @@ from elastid.model.parallel_linkage.null_space import motions
 from elastid.simulation.baumgarte import constrained_acceleration
 from elastid.simulation.friction_states import Contacts
 
-Acceleration: TypeAlias = Callable[[ca.SX, ca.SX, ca.SX, ca.SX], ca.SX]
-Advance: TypeAlias = Callable[[ca.SX, ca.SX, float], ca.SX]
+Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 
 # |h lambda| up to which RK4 is used; it is stable to 2.785 on the negative real axis and 2.828 on the imaginary one.
 MAX_STEP_RATE = 2.5
@@ -48,14 +47,14 @@ def free_acceleration(
 
 
 def runge_kutta_step(
-    acceleration: Acceleration,
-    advanced: Advance,
-    q: ca.SX,
-    v: ca.SX,
-    z: ca.SX,
-    u: Sequence[ca.SX],
+    acceleration: Callable[[Symbol, Symbol, Symbol, Symbol], Symbol],
+    advanced: Callable[[Symbol, Symbol, float], Symbol],
+    q: Symbol,
+    v: Symbol,
+    z: Symbol,
+    u: Sequence[Symbol],
     step: float,
-) -> tuple[ca.SX, ca.SX, ca.SX]:
+) -> tuple[Symbol, Symbol, Symbol]:
     """(q, v, z) after one classical Runge-Kutta step, u the torque at its beginning, middle and end.
 
     The error is of order step^4. An oscillation at omega comes out with a relative frequency error of

@@ -3,9 +3,10 @@
     python scripts/benchmarks/simulation.py [--quick]
 
 The three-axis robot of the demo and a six-axis arm of 18 coordinates, sampled at 1 kHz with two Runge-Kutta steps a
-sample, LuGre friction at every motor. MuJoCo, where it is installed, simulates the same robots without friction states,
-its controller a spring and a damper at every motor, in steps of 0.25 ms; both run in turns in one process on one core,
-and the median of their CPU times counts. Before that their accelerations are compared. The last line is JSON.
+sample, LuGre friction at every motor; compiled where there is a C compiler, and in CasADi's virtual machine, with the
+same bytes. MuJoCo, where it is installed, simulates the same robots without friction states, its controller a spring
+and a damper at every motor, in steps of 0.25 ms; all run in turns in one process on one core, and the median of their
+CPU times counts. Before that their accelerations are compared. The last line is JSON.
 """
 
 from __future__ import annotations
@@ -28,7 +29,8 @@ from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
-from elastid.simulation.closed_loop import Commands, closed_loop, simulate
+from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
+from elastid.simulation.compiled import MIN_CALLS, compiler
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration
@@ -36,6 +38,8 @@ from elastid.simulation.friction_states import contacts
 from elastid.study import load
 
 RATE_HZ, SUBSTEPS, MUJOCO_STEP = 1000.0, 2, 2.5e-4
+# Goals for the compiled step of the six-axis arm.
+MIN_TIMES_REAL_TIME, MAX_TIME_OVER_MUJOCO = 50.0, 3.0
 # Links of the six-axis arm: where the next joint is, mass, centre of mass, inertia, stiffness of gear and bearing.
 SIX = (
     ("z", "x", (0.0, 0.0, 0.4), 250.0, (0.05, 0.0, 0.2), (15.0, 14.0, 18.0), 1.2e6, 2.0e6, 8e-3),
@@ -68,11 +72,13 @@ def rough(robot: Robot) -> Robot:
     return replace(robot, bodies=tuple(replace(b, joints=tuple(map(changed, b.joints))) for b in robot.bodies))
 
 
-def elastid_run(model: ElasticModel, gains: Gains, torque: np.ndarray) -> Callable[[], object]:
-    """One run of the sampled loop, ready to go."""
+def elastid_run(model: ElasticModel, gains: Gains, torque: np.ndarray, samples: int) -> Callable[[], Trajectory]:
+    """One run of the sampled loop, ready to go; samples: that decide whether it is compiled."""
     n_u, rest = model.n_u, np.zeros(model.n_q)
     limits, drives = np.array([[-9.0, 9.0]] * n_u), Drives(np.zeros(n_u), np.full(n_u, np.inf))
-    loop = closed_loop(model, contacts(model, frictions(model.robot)), limits, RATE_HZ, SUBSTEPS, drives)
+    loop = closed_loop(
+        model, contacts(model, frictions(model.robot)), limits, RATE_HZ, SUBSTEPS, drives, samples=samples
+    )
     still = np.zeros_like(torque)
     return lambda: simulate(loop, gains, Commands(still, still, torque, still, still), rest)
 
@@ -139,7 +145,12 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
     built = time.perf_counter() - before
     gains = tune(model, np.zeros(model.n_q), 1.5, 0.8)
     torque = np.random.default_rng(1).normal(0.0, 30.0, (round(seconds * RATE_HZ), model.n_u))
-    runs = {"elastid": elastid_run(model, gains, torque)}
+    virtual, before = elastid_run(model, gains, torque, 0), time.perf_counter()
+    machine = elastid_run(model, gains, torque, MIN_CALLS)
+    loaded = time.perf_counter() - before
+    if machine().q.tobytes() != virtual().q.tobytes():
+        raise SystemExit("compiled and interpreted steps give different motions")
+    runs: dict[str, Callable[[], object]] = {"elastid": machine, "virtual_machine": virtual}
     if with_mujoco:
         runs["mujoco"] = mujoco_run(robot, gains, torque)
     times: dict[str, list[float]] = {name: [] for name in runs}
@@ -147,11 +158,18 @@ def benched(robot: Robot, seconds: float, rounds: int, with_mujoco: bool) -> dic
         for name, run in runs.items():
             times[name].append(cpu_s(run))
     found = {f"{name}_times_real_time": seconds / statistics.median(values) for name, values in times.items()}
-    found |= {"coordinates": model.n_q, "model_built_s": built}
+    found |= {"coordinates": model.n_q, "model_built_s": built, "loop_built_s": loaded}
     if with_mujoco:
-        found["ratio_to_mujoco"] = found["elastid_times_real_time"] / found["mujoco_times_real_time"]
+        found["time_over_mujoco"] = found["mujoco_times_real_time"] / found["elastid_times_real_time"]
         found["acceleration_difference"] = same_accelerations(robot)
     return found
+
+
+def check(six: dict[str, float]) -> None:
+    """The six-axis arm against the goals, where there is a compiler, and MuJoCo."""
+    if compiler():
+        assert six["elastid_times_real_time"] > MIN_TIMES_REAL_TIME, six
+        assert six.get("time_over_mujoco", 0.0) < MAX_TIME_OVER_MUJOCO, six
 
 
 def main() -> None:
@@ -171,13 +189,13 @@ def main() -> None:
     }
     seconds, rounds = (1.0, 1) if quick else (5.0, 9)
     results = {name: benched(robot, seconds, rounds, with_mujoco) for name, robot in robots.items()}
-    print(f"{'robot':10}{'coordinates':>12}{'elastid, LuGre':>16}{'MuJoCo':>10}{'ratio':>8}   times real time, CPU")
+    print(f"times real time, CPU\n{'robot':10}{'coordinates':>12}{'elastid':>10}{'no compiler':>13}{'MuJoCo':>10}")
     for name, row in results.items():
-        peer, ratio = row.get("mujoco_times_real_time"), row.get("ratio_to_mujoco")
-        print(
-            f"{name:10}{row['coordinates']:>12.0f}{row['elastid_times_real_time']:>16.1f}"
-            + (f"{peer:>10.1f}{ratio:>8.2f}" if peer and ratio else f"{'-':>10}{'-':>8}")
-        )
+        peer = row.get("mujoco_times_real_time", float("nan"))
+        own, virtual = row["elastid_times_real_time"], row["virtual_machine_times_real_time"]
+        print(f"{name:10}{row['coordinates']:>12.0f}{own:>10.1f}{virtual:>13.1f}{peer:>10.1f}")
+    if not quick:
+        check(results["six_axes"])
     print(json.dumps(results))
 
 

@@ -13,7 +13,7 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import FloatArray, frozen
 from elastid.experiment.plan.movement import Movement
 from elastid.experiment.plan.references import FeedForward
 from elastid.experiment.plan.torque_spectra import ClosedLoopResponse, PredictClosedLoop
@@ -67,6 +67,13 @@ def feed_forward_of(model: ElasticModel) -> FeedForward:
 
     def torque(configuration: Configuration, path: Movement) -> FloatArray:
         q0 = equilibrium(model, model.theta, configuration).q
-        return feed_forward(model, q0, path.position, path.velocity, path.acceleration)
+        signals = np.stack([path.position, path.velocity, path.acceleration])
+        return _feed_forward(model, tuple(q0.tolist()), signals.shape, signals.tobytes())
 
     return torque
+
+
+@lru_cache(maxsize=4)
+def _feed_forward(model: ElasticModel, q0: tuple[float, ...], shape: tuple[int, ...], path: bytes) -> FloatArray:
+    """The torque (n, n_u) along a path (3, n, n_u), kept since all runs of a configuration follow the same one."""
+    return frozen(feed_forward(model, np.array(q0), *np.frombuffer(path).reshape(shape)))

@@ -64,13 +64,17 @@ def plant_of(
     encoder_ripple: tuple[EncoderRippleSpec, ...],
     torque_ripple: tuple[TorqueRippleSpec, ...],
     saturation: bool,
+    samples: int,
 ) -> Plant:
-    """A plant and its closed loop, built once in a process: CasADi expressions do not pickle."""
+    """A plant and its closed loop, built once in a process: CasADi expressions do not pickle.
+
+    samples: about how many the whole plan has.
+    """
     model = model_of(robot, equations)
     limits = np.array([joint.limits.angle for joint in robot.driven])
     hardware = drives(robot, encoder_counts, encoder_ripple, torque_ripple, saturation)
     sliding = contacts(model, frictions(robot))
-    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops))
+    return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops, samples))
 
 
 def check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: float, rate_key: str) -> None:
