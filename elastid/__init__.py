@@ -23,7 +23,7 @@ Floors, from the top; a room imports from the floors below it only:
 - record friction_record        sampled signals
 - base          arrays, units, errors, notes, execution
 
-The names below are those that a notebook needs; they are loaded when they are first used.
+The names below are those that a notebook needs, in the order of the work; they are loaded when they are first used.
 """
 
 from __future__ import annotations
@@ -32,93 +32,134 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elastid.design.friction import design_friction
-    from elastid.experiment.plan.plan import Plan, make_plan
-    from elastid.experiment.simulated.closed_loop import closed_loop_of
-    from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
-    from elastid.experiment.simulated.rig import SimulatedRig
-    from elastid.fit.fitted_robot import FittedRobot
-    from elastid.fit.identify import identify
-    from elastid.fit.result import FitResult
-    from elastid.frf.estimate import estimate
-    from elastid.friction_fit.identify import identify_friction
-    from elastid.friction_fit.joint_levels import find_joint_levels
-    from elastid.friction_fit.result import FrictionResult
-    from elastid.friction_record import FrictionRecord, FrictionRecords
-    from elastid.linear.linearise import linearise
-    from elastid.linear.response.transfer import frequency_response
-    from elastid.model.formulation import formulate
-    from elastid.model.serial import serial
-    from elastid.record import Configuration, Record
-    from elastid.recorded.rig import RecordedRig
-    from elastid.response import FrequencyResponse
-    from elastid.robot import Robot
-    from elastid.study import load as load_study
-    from elastid.validation.agreement import validate
+    from elastid import plot as plot
+    from elastid.design.friction import design_friction as design_friction
+    from elastid.excitation.spec import MultisineSpec as MultisineSpec
+    from elastid.experiment.plan.plan import Plan as Plan
+    from elastid.experiment.plan.plan import make_plan as make_plan
+    from elastid.experiment.simulated.closed_loop import closed_loop_of as closed_loop_of
+    from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig as SimulatedFrictionRig
+    from elastid.experiment.simulated.rig import SimulatedRig as SimulatedRig
+    from elastid.experiment.specs.experiment import ExperimentSpec as ExperimentSpec
+    from elastid.experiment.specs.recorded import ChannelSpec as ChannelSpec
+    from elastid.experiment.specs.recorded import FileSpec as FileSpec
+    from elastid.experiment.specs.recorded import RecordedSpec as RecordedSpec
+    from elastid.experiment.specs.simulated import ControllerSpec as ControllerSpec
+    from elastid.experiment.specs.simulated import NoiseSpec as NoiseSpec
+    from elastid.experiment.specs.simulated import SimulatedSpec as SimulatedSpec
+    from elastid.fit.fitted_robot import FittedRobot as FittedRobot
+    from elastid.fit.identify import identify as identify
+    from elastid.fit.result import FitResult as FitResult
+    from elastid.fit.spec import FitSpec as FitSpec
+    from elastid.fit.spec import ParameterSpec as ParameterSpec
+    from elastid.fit.spec import PriorSpec as PriorSpec
+    from elastid.fit.spec import TieSpec as TieSpec
+    from elastid.fit.spec import WeightSpec as WeightSpec
+    from elastid.frf.estimate import estimate as estimate
+    from elastid.frf.spec import EstimatorSpec as EstimatorSpec
+    from elastid.friction_fit.identify import identify_friction as identify_friction
+    from elastid.friction_fit.joint_levels import find_joint_levels as find_joint_levels
+    from elastid.friction_fit.result import FrictionResult as FrictionResult
+    from elastid.friction_fit.spec import FrictionSpec as FrictionSpec
+    from elastid.friction_record import FrictionRecord as FrictionRecord
+    from elastid.friction_record import FrictionRecords as FrictionRecords
+    from elastid.linear.fitted_model import FittedModel as FittedModel
+    from elastid.linear.linearise import linearise as linearise
+    from elastid.linear.response.transfer import frequency_response as frequency_response
+    from elastid.model.formulation import formulate as formulate
+    from elastid.model.serial import serial as serial
+    from elastid.model.spec import ModelSpec as ModelSpec
+    from elastid.record import Configuration as Configuration
+    from elastid.record import Record as Record
+    from elastid.recorded.rig import RecordedRig as RecordedRig
+    from elastid.response import Covariance as Covariance
+    from elastid.response import FrequencyResponse as FrequencyResponse
+    from elastid.robot import Body as Body
+    from elastid.robot import Friction as Friction
+    from elastid.robot import Joint as Joint
+    from elastid.robot import Loop as Loop
+    from elastid.robot import Motor as Motor
+    from elastid.robot import Payload as Payload
+    from elastid.robot import Robot as Robot
+    from elastid.robot import Rod as Rod
+    from elastid.robot import Spring as Spring
+    from elastid.store import read_fit as read_fit
+    from elastid.store import read_plan as read_plan
+    from elastid.store import read_records as read_records
+    from elastid.store import read_responses as read_responses
+    from elastid.store import read_validation as read_validation
+    from elastid.store import write_fit as write_fit
+    from elastid.store import write_records as write_records
+    from elastid.store import write_responses as write_responses
+    from elastid.store.friction_study import read_friction_result as read_friction_result
+    from elastid.study import LoadedStudy as LoadedStudy
+    from elastid.study import Study as Study
+    from elastid.study import load_robot as load_robot
+    from elastid.study import load_study as load_study
+    from elastid.validation.agreement import validate as validate
 
 __version__ = "0.1.0"
 
-_HOME = {
-    "Configuration": "elastid.record",
-    "FitResult": "elastid.fit.result",
-    "FittedRobot": "elastid.fit.fitted_robot",
-    "FrequencyResponse": "elastid.response",
-    "FrictionRecord": "elastid.friction_record",
-    "FrictionRecords": "elastid.friction_record",
-    "FrictionResult": "elastid.friction_fit.result",
-    "Plan": "elastid.experiment.plan.plan",
-    "Record": "elastid.record",
-    "RecordedRig": "elastid.recorded.rig",
-    "Robot": "elastid.robot",
-    "SimulatedFrictionRig": "elastid.experiment.simulated.friction_rig",
-    "SimulatedRig": "elastid.experiment.simulated.rig",
-    "closed_loop_of": "elastid.experiment.simulated.closed_loop",
-    "design_friction": "elastid.design.friction",
-    "estimate": "elastid.frf.estimate",
-    "find_joint_levels": "elastid.friction_fit.joint_levels",
-    "formulate": "elastid.model.formulation",
-    "frequency_response": "elastid.linear.response.transfer",
-    "identify": "elastid.fit.identify",
-    "identify_friction": "elastid.friction_fit.identify",
-    "linearise": "elastid.linear.linearise",
-    "load_study": "elastid.study",
-    "make_plan": "elastid.experiment.plan.plan",
-    "serial": "elastid.model.serial",
-    "validate": "elastid.validation.agreement",
+# Which names a module has, in the order of the work.
+_NAMES = {
+    "elastid.study": ("load_study", "load_robot", "LoadedStudy", "Study"),
+    "elastid.robot": ("Robot", "Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction"),
+    "elastid.excitation.spec": ("MultisineSpec",),
+    "elastid.experiment.specs.experiment": ("ExperimentSpec",),
+    "elastid.experiment.specs.simulated": ("SimulatedSpec", "ControllerSpec", "NoiseSpec"),
+    "elastid.experiment.specs.recorded": ("RecordedSpec", "ChannelSpec", "FileSpec"),
+    "elastid.experiment.plan.plan": ("Plan", "make_plan"),
+    "elastid.experiment.simulated.closed_loop": ("closed_loop_of",),
+    "elastid.experiment.simulated.rig": ("SimulatedRig",),
+    "elastid.recorded.rig": ("RecordedRig",),
+    "elastid.record": ("Configuration", "Record"),
+    "elastid.frf.spec": ("EstimatorSpec",),
+    "elastid.frf.estimate": ("estimate",),
+    "elastid.response": ("Covariance", "FrequencyResponse"),
+    "elastid.model.spec": ("ModelSpec",),
+    "elastid.model.formulation": ("formulate",),
+    "elastid.model.serial": ("serial",),
+    "elastid.linear.linearise": ("linearise",),
+    "elastid.linear.response.transfer": ("frequency_response",),
+    "elastid.fit.spec": ("FitSpec", "ParameterSpec", "PriorSpec", "TieSpec", "WeightSpec"),
+    "elastid.fit.identify": ("identify",),
+    "elastid.fit.result": ("FitResult",),
+    "elastid.linear.fitted_model": ("FittedModel",),
+    "elastid.fit.fitted_robot": ("FittedRobot",),
+    "elastid.validation.agreement": ("validate",),
+    "elastid.design.friction": ("design_friction",),
+    "elastid.experiment.simulated.friction_rig": ("SimulatedFrictionRig",),
+    "elastid.friction_record": ("FrictionRecord", "FrictionRecords"),
+    "elastid.friction_fit.spec": ("FrictionSpec",),
+    "elastid.friction_fit.joint_levels": ("find_joint_levels",),
+    "elastid.friction_fit.identify": ("identify_friction",),
+    "elastid.friction_fit.result": ("FrictionResult",),
+    "elastid.store.friction_study": ("read_friction_result",),
+    "elastid.store": (
+        "read_plan",
+        "read_records",
+        "read_responses",
+        "read_fit",
+        "read_validation",
+        "write_records",
+        "write_responses",
+        "write_fit",
+    ),
 }
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 
-__all__ = [  # noqa: RUF022  (in the order of the work)
-    "load_study",
-    "Robot",
-    "Configuration",
-    "make_plan",
-    "closed_loop_of",
-    "Plan",
-    "SimulatedRig",
-    "RecordedRig",
-    "Record",
-    "estimate",
-    "FrequencyResponse",
-    "formulate",
-    "serial",
-    "linearise",
-    "frequency_response",
-    "identify",
-    "FitResult",
-    "FittedRobot",
-    "validate",
-    "design_friction",
-    "SimulatedFrictionRig",
-    "FrictionRecord",
-    "FrictionRecords",
-    "find_joint_levels",
-    "identify_friction",
-    "FrictionResult",
-]
+__all__ = ["plot", *_HOME]
 
 
 def __getattr__(name: str) -> Any:
     """Load a public name from its module when it is first used; CasADi and SciPy wait until then."""
+    if name == "plot":
+        return import_module("elastid.plot")
     if name not in _HOME:
         raise AttributeError(f"module 'elastid' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), "load" if name == "load_study" else name)
+    return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, whether they have been used or not."""
+    return sorted({*__all__, "__version__"})

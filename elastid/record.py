@@ -15,6 +15,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen, frozen_value
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.note import Note
 from elastid.base.units import of_translation
 
@@ -145,6 +146,22 @@ class Record:
                 f"record {self.name}: {n} samples are {n / self.period_samples:.2f} periods of {self.period_samples}; "
                 "at least one is needed"
             )
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Length, rate and periods, and each signal with its unit."""
+        length = f"{self.n_periods} periods of {self.period_samples}" if self.is_periodic else "no period"
+        rate = f"{self.n_samples / self.rate_hz:.4g} s at {self.rate_hz:g} Hz" if self.rate_is_known else "rate unknown"
+        rows = [("input", place, "drive", unit) for place, unit in zip(self.inputs, self.units_of_inputs, strict=True)]
+        outputs = zip(self.outputs, self.quantities, self.output_units, strict=True)
+        rows += [("output", place, quantity, unit) for place, quantity, unit in outputs]
+        return Display(
+            f"Record {self.name} in {self.configuration.name}: {self.n_samples} samples, {rate}, {length}",
+            ("signal", "at", "quantity", "unit"),
+            rows,
+        )
 
     @property
     def output_units(self) -> tuple[str, ...]:

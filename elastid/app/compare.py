@@ -17,11 +17,11 @@ from elastid.app.run import Run
 from elastid.app.stages.report import report
 from elastid.base.errors import StudyError
 from elastid.base.execution import in_order, resumed
+from elastid.base.numbers import number
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.spec import FitSpec
 from elastid.model.parallel_linkage.approximations import elastic_joints_within, unseen
 from elastid.model.spec import Variant as ModelVariant
-from elastid.report.numbers import number
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import further_elastic, stiffened, without_motor_coupling
 from elastid.store import Checkpoint, read_responses

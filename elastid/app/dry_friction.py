@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.numbers import digits, number
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.parameters import Parameter
 from elastid.report.friction_rows import friction_rows
-from elastid.report.numbers import digits, number
 from elastid.robot import Robot
 from elastid.study import Study
 

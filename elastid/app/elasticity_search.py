@@ -14,8 +14,8 @@ from dataclasses import replace
 from elastid.app.compare import finish, refitted, variant
 from elastid.app.run import Run
 from elastid.base.errors import StudyError
+from elastid.base.numbers import number
 from elastid.model.parallel_linkage.approximations import unseen
-from elastid.report.numbers import number
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import elastic_coordinates
 from elastid.store import read_responses

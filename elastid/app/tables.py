@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from elastid.report.numbers import digits, interval_of, number
+from elastid.base.numbers import digits, interval_of, number
 from elastid.report.parameter_rows import ParameterRow
 
 if TYPE_CHECKING:

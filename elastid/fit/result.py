@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import field
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.note import Note
+from elastid.base.notebook_package import notebook_package
+from elastid.base.numbers import digits, interval_of, number
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
@@ -18,11 +21,15 @@ from elastid.parameters import ParameterSet
 
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
-Status: TypeAlias = Literal["converged", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"]
+Status: TypeAlias = Literal[
+    "converged", "noise_unknown", "at_bound", "misfit", "not_converged", "ill_conditioned", "model_error"
+]
 
 MEANING: dict[Status, str] = {
     "converged": "the intervals hold noise, distortion and the declared floor, and the residuals show nothing that "
     "moves a parameter beyond them",
+    "noise_unknown": "the responses came without a covariance, so that the intervals are those of the residuals and "
+    "nothing says whether the model describes the data: measure two periods or more, or give the covariance",
     "at_bound": "a parameter was held by its bound, and the others adapted to it: widen the bound where values beyond "
     "it are plausible, otherwise look for what the model lacks",
     "misfit": "the parameters are not to be believed as they stand, since a wrong model moves them by more than their "
@@ -91,6 +98,20 @@ class FitResult:
         if self.x.shape != (n_x,) or self.covariance.shape != (n_x, n_x) or self.at_bound.shape != (n_x,):
             raise ValueError(f"a fit of {n_x} free parameters has x {self.x.shape}, covariance {self.covariance.shape}")
 
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Status and message, and each free parameter with its interval."""
+        values, std = self.values, self.std
+        rows = []
+        for p in self.parameters.free:
+            kept = digits(values[p.name], std[p.name])
+            ends = " to ".join(interval_of(self.interval(p.name), kept))
+            rows.append((p.name, number(values[p.name], kept), number(std[p.name], 2), ends, p.unit))
+        std_of = "std" if self.noise_is_known else "std, of the residuals"
+        return Display(f"Fit: {self.message}", ("parameter", "value", std_of, "95 % interval", "unit"), rows)
+
     @property
     def meaning(self) -> str:
         """What the status says of the parameters, and what to do."""
@@ -152,6 +173,25 @@ class FitResult:
         low, high = float(self.x[i]) - reach, float(self.x[i]) + reach
         with np.errstate(over="ignore"):
             return (float(np.exp(low)), float(np.exp(high))) if parameter.log else (low, high)
+
+    def to_dataframe(self) -> Any:
+        """A `pandas.DataFrame` with a row for each parameter: value, std, low, high, unit, free; SI.
+
+        std and the 95 % interval are NaN of a number that was held or tied. ElastidError where pandas is not installed.
+        """
+        values, std, free = self.values, self.std, self.parameters.free_names
+        rows = {
+            p.name: (
+                values[p.name],
+                std.get(p.name, math.nan),
+                *(self.interval(p.name) if p.name in free else (math.nan, math.nan)),
+                p.unit,
+                p.name in free,
+            )
+            for p in self.parameters
+        }
+        columns = ["value", "std", "low", "high", "unit", "free"]
+        return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: str) -> FittedModel:
         """The fitted model in one configuration that was fitted: response, modes, state space; KeyError names them."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.note import Note
+from elastid.base.numbers import digits, interval_of, number
 from elastid.friction_fit.at_rest import AtRest
 from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
 from elastid.friction_fit.motion import MotionFriction
@@ -102,9 +104,24 @@ class FrictionResult:
     status: Status
     message: str
 
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """How it ended, and the table of numbers."""
+        rows = [
+            (n.name, n.meaning, f"{number(n.value, digits(n.value, n.std))} {n.unit}", " to ".join(interval_of(ends)))
+            for n in self.numbers
+            for ends in [(n.low, n.high)]
+        ]
+        return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
+
     def at(self, joint: str) -> JointFriction:
-        """The friction of a joint; KeyError."""
-        return next(each for each in self.joints if each.joint == joint)
+        """The friction of a joint; KeyError names those there are."""
+        for each in self.joints:
+            if each.joint == joint:
+                return each
+        raise KeyError(f"no friction of joint {joint}; there are {', '.join(each.joint for each in self.joints)}")
 
     @property
     def numbers(self) -> tuple[FrictionNumber, ...]:

@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text, degrees
+from elastid.base.numbers import number
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import Modes, modes
 from elastid.linear.propagation import UncertainModes, response_deviation, uncertain_modes
@@ -24,6 +26,24 @@ class FittedModel:
     parameters: ParameterSet
     x: FloatArray
     covariance: FloatArray
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """The modes with their standard deviations."""
+        found, linear = self.uncertain_modes(), self.linear
+        columns = (found.freq_hz, found.freq_std, 100 * found.zeta, 100 * found.zeta_std)
+        rows = [
+            tuple(number(value, kept) for value, kept in zip(row, (5, 2, 4, 2), strict=True))
+            for row in np.transpose(columns).tolist()
+        ]
+        return Display(
+            f"FittedModel of {linear.configuration.name} ({degrees(linear.configuration.angles.tolist())}): "
+            f"{linear.quantity} of {', '.join(linear.outputs)} by {', '.join(linear.inputs)}",
+            ("natural frequency in Hz", "std", "damping ratio in %", "std"),
+            rows,
+        )
 
     @property
     def theta(self) -> FloatArray:

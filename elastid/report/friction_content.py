@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from elastid.base.note import NoteGroup, grouped
+from elastid.base.numbers import digits, number
 from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.observer.follow import FollowedFriction
-from elastid.report.numbers import digits, number
 from elastid.validation.twin import TorqueBalance
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from elastid.base.numbers import digits, interval_of, number
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.report.numbers import digits, interval_of, number
 
 if TYPE_CHECKING:
     from elastid.friction_fit.result import FrictionNumber

@@ -19,4 +19,6 @@ from elastid.study.robots import load_robot
 from elastid.study.schema import SCHEMA_NAME, make_schema
 from elastid.study.sections import Study
 
-__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "load_robot", "make_schema"]
+load_study = load  # its public name, where it stands alone
+
+__all__ = ["SCHEMA_NAME", "LoadedStudy", "Study", "load", "load_robot", "load_study", "make_schema"]

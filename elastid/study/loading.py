@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,13 @@ class LoadedStudy:
     path: Path
     text: str
     overrides: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """The path and the study at a glance."""
+        return f"{self.path}: {self.study!r}"
+
+    def _repr_html_(self) -> str:
+        return f"<p>{escape(str(self.path))}</p>{self.study.display.html}"
 
     @property
     def base(self) -> Path:

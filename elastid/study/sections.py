@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.design.spec import DesignSpec
@@ -62,6 +63,23 @@ class Study:
         if self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")
         check_file_name(self.name)
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Each section that is given, in words."""
+        configurations = ", ".join(self.experiment.configurations)
+        rows = [("robot", self.robot.name)] if self.robot is not None else []
+        rows += [("configurations", configurations)] if configurations else []
+        if self.excitation is not None:
+            low, high = self.excitation.band_hz
+            rows.append(("excitation", f"{low:g} to {high:g} Hz at {self.excitation.rate_hz:g} Hz"))
+        if self.fit.parameters:
+            rows.append(("parameters", ", ".join(self.fit.parameters)))
+        if self.friction is not None:
+            rows.append(("friction of", ", ".join(self.friction.joints) or "all joints"))
+        return Display(f"Study {self.name}, {self.kind}, seed {self.seed}", ("section", "content"), rows)
 
     def as_robot(self) -> Robot:
         """The robot; StudyError for a study without one."""

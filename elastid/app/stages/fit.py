@@ -21,7 +21,7 @@ from elastid.response import FrequencyResponse
 from elastid.store import read_fit, read_friction, read_responses, text_file, write_fit
 from elastid.validation.agreement import agreement
 
-TRUSTED = ("converged", "at_bound")
+TRUSTED = ("converged", "noise_unknown", "at_bound")
 
 
 def fit(run: Run) -> None:

@@ -6,11 +6,11 @@ from elastid.app.followed_joint import followable
 from elastid.app.run import Run
 from elastid.base.errors import StudyError
 from elastid.base.note import Note
+from elastid.base.numbers import number
 from elastid.friction_fit.result import JointFriction
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.observer.follow import FollowedFriction, follow
 from elastid.observer.spec import FilterSpec
-from elastid.report.numbers import number
 from elastid.store.filter import write_filter
 from elastid.store.friction_study import read_friction_records, read_friction_result
 

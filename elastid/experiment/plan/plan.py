@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
+from elastid.base.display import Display, as_html, as_text, degrees
 from elastid.base.errors import StudyError
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.lines import planned_lines
@@ -17,7 +18,7 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.torque_spectra import PredictClosedLoop, torque_spectra
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.structure import Places
-from elastid.record import Configuration
+from elastid.record import Configuration, drive_unit
 from elastid.robot import Robot
 
 
@@ -73,6 +74,25 @@ class Plan:
         Q, _, _, F, n_u = self.R.shape
         if (Q, F, n_u) != (len(self.configurations), len(self.lines), len(self.inputs)):
             raise ValueError(f"R has shape {self.R.shape}; it does not fit configurations, lines and inputs")
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Rate, period and lines, and the RMS torque of each input in each configuration."""
+        f = self.freq_hz
+        rms = np.sqrt(np.sum(np.abs(self.R) ** 2, axis=3) / 2).max(axis=(1, 2))
+        rows = [
+            (c.name, degrees(c.angles.tolist()), str(M), ", ".join(f"{torque:.3g}" for torque in each))
+            for c, M, each in zip(self.configurations, self.realisations, rms.tolist(), strict=True)
+        ]
+        units = " or ".join(dict.fromkeys(drive_unit(place in self.sliding) for place in self.inputs))
+        return Display(
+            f"Plan of {len(self.experiments)} runs, {self.robot_time_s:.4g} s: {len(f)} lines from {f[0]:.4g} to "
+            f"{f[-1]:.4g} Hz at {self.rate_hz:g} Hz, {self.periods} periods of {self.period_samples} samples",
+            ("configuration", "angles", "realisations", f"RMS of {', '.join(self.inputs)} in {units}, largest"),
+            rows,
+        )
 
     @property
     def freq_hz(self) -> FloatArray:

@@ -76,13 +76,14 @@ def status_and_message(
     held = f" with {_listed(free, result.at_bound)} at a bound" if result.at_bound.any() else ""
     if misfit:
         return "misfit", f"converged{held}, but {misfit}; {fit}"
-    return ("at_bound" if held else "converged"), f"converged{held}; {fit}"
+    good: Status = "converged" if result.noise_is_known else "noise_unknown"
+    return ("at_bound" if held else good), f"converged{held}; {fit}"
 
 
 def _beside_noise(result: FitResult) -> str:
     """The residuals beside the noise, and whether chance explains the difference."""
     if not result.noise_is_known:
-        return "no noise was measured that the residuals could be held against"
+        return "the noise is unknown, so that the residuals cannot be judged and the intervals come from them alone"
     times = math.sqrt(result.cost / max(result.cost_expected, 1e-300))
     more = "more than" if result.exceeds_noise else "no more than"
     return (

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.base.numbers import number
 from elastid.report.figures import style
 from elastid.report.modes.mode_row import ModeRow
-from elastid.report.numbers import number
 
 
 def mode_shapes(row: ModeRow, title: str, rate_is_known: bool) -> Figure:

@@ -15,11 +15,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from elastid.base.arrays import FloatArray, frozen_value
+from elastid.base.numbers import number
 from elastid.model.stick_figure import StickKind
 from elastid.report.figures import style
 from elastid.report.modes.mode_drawing import ModeDrawing
 from elastid.report.modes.mode_row import ModeRow
-from elastid.report.numbers import number
 
 # Panels side by side.
 MAX_COLUMNS, MIN_COLUMNS = 6, 4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,15 @@ WIDE = 9.5
 MAX_NUMBERED_CELLS, MIN_DARK = 400, 0.6
 # A response of more lines has smaller points.
 MAX_LARGE_POINTS = 300
+
+
+class ShownFigure(Figure):
+    """A figure that a notebook shows as the value of a cell, whether pyplot is loaded or not."""
+
+    def _repr_png_(self) -> bytes:
+        buffer = BytesIO()
+        self.savefig(buffer, format="png")
+        return buffer.getvalue()
 
 
 def plain(text: str) -> str:
@@ -84,7 +94,7 @@ def panels(
     """
     (width, height), (left, right, top, bottom) = size, margins
     box = {"left": left / width, "right": 1 - right / width, "top": 1 - top / height, "bottom": bottom / height}
-    figure = Figure(figsize=size)
+    figure = ShownFigure(figsize=size)
     grid = box | {"wspace": spaces[0], "hspace": spaces[1]}
     return figure, figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **options)
 

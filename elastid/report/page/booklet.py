@@ -11,12 +11,12 @@ from contextlib import contextmanager
 from matplotlib.figure import Figure
 
 from elastid.base.note import NoteGroup
+from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures import style
 from elastid.report.friction_rows import FrictionRow, friction_rows
 from elastid.report.modes.mode_row import ModeRow
-from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
 from elastid.validation.twin import TorqueBalance, describe_balance
 

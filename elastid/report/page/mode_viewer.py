@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.numbers import number, percent
 from elastid.report.figures import style
 from elastid.report.modes.mode_drawing import ModeDrawing
 from elastid.report.modes.mode_row import ModeRow
-from elastid.report.numbers import number, percent
 from elastid.report.page.embedding import asset, embedded
 
 # To the size of the robot.

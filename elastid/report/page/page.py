@@ -15,10 +15,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from elastid.base.note import grouped
+from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
 from elastid.report.friction_rows import friction_rows
-from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.page.booklet import PDF_METADATA, booklet, front_pages, missing_glyphs_allowed
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer

@@ -6,11 +6,11 @@ import shutil
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+from elastid.base.numbers import number
 from elastid.friction_fit.result import JointFriction
 from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
 from elastid.report.friction_content import FrictionContent, refusals
 from elastid.report.friction_rows import NUMBER_HEADINGS, number_cells
-from elastid.report.numbers import number
 from elastid.report.page.booklet import columns, heading, text_pages, torque_text, wrapped
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.friction_explorer import friction_explorer

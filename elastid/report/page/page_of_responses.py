@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from elastid.base.note import NoteGroup, grouped
+from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.peaks import Peak
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, of_configuration, quality_drawings
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
-from elastid.report.numbers import digits, interval_of, number, percent
 from elastid.report.page.booklet import columns, friction_text, heading, text_pages
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer

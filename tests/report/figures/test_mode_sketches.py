@@ -9,11 +9,11 @@ import pytest
 from matplotlib.colors import to_hex
 from plants.arm_modes import ARM, mode_row, swinging
 
+from elastid.base.numbers import number
 from elastid.report.figures import style
 from elastid.report.figures.mode_sketches import mode_sketches
 from elastid.report.modes.mode_drawing import ModeDrawing, mode_drawing
 from elastid.report.modes.mode_row import ModeRow
-from elastid.report.numbers import number
 
 
 def sketched(row: ModeRow, drawing: ModeDrawing) -> dict[tuple[int, tuple[int, int]], np.ndarray]:

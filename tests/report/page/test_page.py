@@ -15,10 +15,10 @@ from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
 
 from elastid.base.note import Note
+from elastid.base.numbers import number
 from elastid.fit.modification_index import ModificationIndex
 from elastid.parameters import ParameterSet
 from elastid.report.figures.responses import frf_magnitude
-from elastid.report.numbers import number
 from elastid.report.page.page import EmbeddedFigure, fewer_colors, html, rendered, within, write_report
 from elastid.report.parameter_rows import parameter_rows
 from elastid.validation.agreement import validate

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from elastid.report.numbers import digits, interval_of, number, percent
+from elastid.base.numbers import digits, interval_of, number, percent
 
 
 @pytest.mark.parametrize(

@@ -9,119 +9,18 @@ otherwise).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, fields, replace
-from typing import Literal, TypeAlias
+from dataclasses import field, replace
+from typing import Any
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.note import Note
+from elastid.base.notebook_package import notebook_package
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
-
-CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
-# Arrays of a Quality with the lines of its response.
-LINE_ARRAYS = (
-    "coherence",
-    "multiple_coherence",
-    "singular_values",
-    "input_singular_values",
-    "input_noise",
-    "output_noise",
-)
-
-
-@frozen_value
-class Levels:
-    """RMS amplitudes (K, n_y) of the outputs at freq_hz (K,), in `quantity`, and of the noise (K, n_y) in them.
-
-    amplitude is that of the mean over periods, in the mean square over all experiments; noise is part of it.
-    """
-
-    freq_hz: FloatArray
-    amplitude: FloatArray
-    noise: FloatArray
-
-
-@frozen_value
-class Quality:
-    """Quality of a response at its F lines; even and odd have lines of their own.
-
-    coherence (F, n_y, n_u) and multiple_coherence (F, n_y), of single periods.  singular_values (F, min(n_y, n_u)) of
-    G, largest first.  input_singular_values (F, n_u) of the experiments' inputs, each input relative to its RMS: their
-    ratio is the condition of the input matrix.  input_noise (F, n_u) and output_noise (F, n_y): variance in one period.
-    excited: the outputs.  stochastic (F, n_y): RMS amplitude of the stochastic nonlinear distortion in them, or None.
-    even, odd: Y - G U at lines that were not excited, from nonlinearities of even and odd order, or None.
-    """
-
-    coherence: FloatArray
-    multiple_coherence: FloatArray
-    singular_values: FloatArray
-    input_singular_values: FloatArray
-    input_noise: FloatArray
-    output_noise: FloatArray
-    excited: Levels
-    stochastic: FloatArray | None = None
-    even: Levels | None = None
-    odd: Levels | None = None
-
-    @property
-    def condition(self) -> FloatArray:
-        """Condition (F,) of the input matrix, each input relative to its RMS; inf where it is singular."""
-        largest, smallest = self.input_singular_values[:, 0], self.input_singular_values[:, -1]
-        with np.errstate(over="ignore"):
-            return np.asarray(np.divide(largest, smallest, out=np.full(len(largest), np.inf), where=smallest > 0))
-
-    def lines(self, keep: BoolArray) -> Quality:
-        """The same on some of the response's lines; keep (F,) is True where a line stays."""
-        cut = {name: getattr(self, name)[keep] for name in LINE_ARRAYS}
-        excited = Levels(*(getattr(self.excited, field.name)[keep] for field in fields(Levels)))
-        stochastic = None if self.stochastic is None else self.stochastic[keep]
-        return replace(self, **cut, excited=excited, stochastic=stochastic)
-
-
-@frozen_value
-class Covariance:
-    """Covariance of vec G per line (column-major vec), in the form that the data support, with its degrees of freedom.
-
-    full:       matrix (F, n_y n_u, n_y n_u) Hermitian
-    kronecker:  cov(vec G(k)) = left(k) (x) right(k),   left (F, n_u, n_u) Hermitian, right (F, n_y, n_y) Hermitian
-    diagonal:   the others are None; variance (F, n_y, n_u) only.
-    variance is E|dG|^2 of the complex number: each real component carries half of it.  dof are complex, too: the
-    variance scatters by 1 / sqrt(dof) of itself.
-    """
-
-    variance: FloatArray
-    dof: float
-    left: ComplexArray | None = None
-    right: ComplexArray | None = None
-    matrix: ComplexArray | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse negative or non-finite variances."""
-        if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
-            raise ValueError("a variance is negative or not finite")
-
-    @property
-    def form(self) -> CovarianceForm:
-        """The form, by the factors that are known."""
-        if self.matrix is not None:
-            return "full"
-        return "diagonal" if self.left is None else "kronecker"
-
-    def full(self) -> ComplexArray:
-        """cov(vec G) (F, n_y n_u, n_y n_u), vec column-major: elements of one input side by side."""
-        F, n_y, n_u = self.variance.shape
-        if self.matrix is not None:
-            return self.matrix
-        if self.left is not None and self.right is not None:
-            return np.asarray(np.einsum("fab,fcd->facbd", self.left, self.right).reshape(F, n_u * n_y, n_u * n_y))
-        diagonal = self.variance.transpose(0, 2, 1).reshape(F, n_u * n_y)
-        return (diagonal[:, :, None] * np.eye(n_u * n_y)).astype(np.complex128)
-
-    def lines(self, keep: BoolArray) -> Covariance:
-        """The same on some of its lines; keep (F,) is True where a line stays."""
-        left, right, matrix = (None if part is None else part[keep] for part in (self.left, self.right, self.matrix))
-        return Covariance(self.variance[keep], self.dof, left, right, matrix)
+from elastid.response.covariance import Covariance, scaled
+from elastid.response.quality import Quality
 
 
 @frozen_value
@@ -178,6 +77,31 @@ class FrequencyResponse:
         if self.bias is not None and self.bias.shape[1:] != (len(self.inputs), *shape):
             raise ValueError(f"{where}: bias has shape {self.bias.shape}, expected (n_b, n_u, F, n_y, n_u)")
 
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Lines, quantity and configuration, and each element with its range and its relative standard deviation."""
+        unit = "Hz" if self.rate_is_known else "times the sampling rate"
+        band = f"{self.freq_hz[0]:.4g} to {self.freq_hz[-1]:.4g} {unit}" if self.n_lines else "none"
+        magnitude = np.abs(self.G)
+        rows = [
+            (y, u, f"{magnitude[:, i, j].min():.3g} to {magnitude[:, i, j].max():.3g}", self._relative_std(i, j))
+            for i, y in enumerate(self.outputs)
+            for j, u in enumerate(self.inputs)
+            if self.n_lines
+        ]
+        size = f"{len(self.outputs)} x {len(self.inputs)} at {self.n_lines} lines, {band}"
+        known = "" if self.uncertainty is not None else "; its noise is unknown: no covariance was estimated or given"
+        title = f"FrequencyResponse of {self.configuration.name}: {self.quantity} in {self.unit}, {size}{known}"
+        return Display(title, ("output", "input", "|G|", "relative std, median"), rows)
+
+    def _relative_std(self, i: int, j: int) -> str:
+        if self.uncertainty is None:
+            return "unknown"
+        magnitude = np.maximum(np.abs(self.G[:, i, j]), 1e-300)
+        return f"{100 * float(np.median(np.sqrt(self.uncertainty.variance[:, i, j]) / magnitude)):.2g} %"
+
     @property
     def n_lines(self) -> int:
         """F, the number of lines."""
@@ -221,6 +145,38 @@ class FrequencyResponse:
             bias=None if self.bias is None else self.bias[:, :, keep],
         )
 
+    def to_control(self) -> Any:
+        """The response as `control.FrequencyResponseData` over rad/s; covariances have no place in it."""
+        import control  # takes a second or two
+
+        labels = {"name": self.configuration.name, "inputs": list(self.inputs), "outputs": list(self.outputs)}
+        return control.frd(np.moveaxis(self.G, 0, 2), 2 * np.pi * self.freq_hz, **labels)
+
+    @classmethod
+    def from_control(
+        cls, data: Any, configuration: Configuration, quantity: Motion = "acceleration"
+    ) -> FrequencyResponse:
+        """The response of `control.FrequencyResponseData`, whose labels name the places; its noise is unknown.
+
+        Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`.
+        """
+        omega, G = np.asarray(data.omega), np.moveaxis(np.asarray(data.frdata), 2, 0)
+        return cls(omega / (2 * np.pi), G, tuple(data.input_labels), tuple(data.output_labels), quantity, configuration)
+
+    def to_xarray(self) -> Any:
+        """An `xarray.Dataset` of G and the standard deviations that are known, over freq_hz, output and input.
+
+        ElastidError where xarray is not installed.
+        """
+        axes = ("freq_hz", "output", "input")
+        stds = {"noise_std": self.noise, "total_std": self.total}
+        known = {name: np.sqrt(covariance.variance) for name, covariance in stds.items() if covariance is not None}
+        return notebook_package("xarray").Dataset(
+            {name: (axes, values) for name, values in {"G": self.G, **known}.items()},
+            {"freq_hz": self.freq_hz, "output": list(self.outputs), "input": list(self.inputs)},
+            {"unit": self.unit, "quantity": self.quantity, "configuration": self.configuration.name},
+        )
+
 
 def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyResponse:
     r"""The same response in position, velocity or acceleration per torque, its covariance with it.
@@ -236,16 +192,9 @@ def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyRespo
         response,
         G=gain * response.G,
         quantity=quantity,
-        noise=_scaled(response.noise, power),
-        total=_scaled(response.total, power),
-        distortion=_scaled(response.distortion, power),
+        noise=scaled(response.noise, power),
+        total=scaled(response.total, power),
+        distortion=scaled(response.distortion, power),
         quality=None,  # it belongs to the outputs as they were measured
         bias=None if response.bias is None else gain * response.bias,
     )
-
-
-def _scaled(covariance: Covariance | None, power: FloatArray) -> Covariance | None:
-    if covariance is None:
-        return None
-    left, matrix = (None if part is None else part * power for part in (covariance.left, covariance.matrix))
-    return replace(covariance, variance=covariance.variance * power, left=left, matrix=matrix)

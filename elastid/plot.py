@@ -1,0 +1,66 @@
+"""Figures of a notebook: values in, matplotlib figures out, which a notebook shows and `savefig` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from elastid.fit.result import FitResult
+from elastid.friction_fit.result import FrictionResult
+from elastid.linear.fitted_model import FittedModel
+from elastid.report.figures import bode as bode_figure
+from elastid.report.figures.friction_curve import friction_curve as curve_figure
+from elastid.report.figures.parameters import forest
+from elastid.report.parameter_rows import parameter_rows
+from elastid.response import FrequencyResponse, in_quantity
+
+# Lines on which a model is drawn, beside those that were measured.
+N_LINES = 1000
+
+
+def bode(
+    measured: FrequencyResponse, model: FittedModel | FrequencyResponse | None = None, *, band: bool = True
+) -> Figure:
+    """Magnitude and phase of a measured response beside a model, element by element.
+
+    model: a fitted model is drawn on lines of its own, dense enough for its resonances, with a band of two standard
+    deviations unless `band` is False; a response on the lines that it has.
+    Raises ValueError where inputs or outputs of the two differ.
+    """
+    if model is None:
+        return bode_figure.bode(measured, None, None)
+    modelled, std = (model, None) if isinstance(model, FrequencyResponse) else _on_dense_lines(model, measured, band)
+    if (modelled.inputs, modelled.outputs) != (measured.inputs, measured.outputs):
+        raise ValueError(
+            f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
+            f"measured response {', '.join(measured.inputs)} and {', '.join(measured.outputs)}"
+        )
+    return bode_figure.bode(measured, in_quantity(modelled, measured.quantity), std)
+
+
+def parameters(result: FitResult, truth: Mapping[str, float] | None = None) -> Figure:
+    """Start, estimate and 95 % interval of each free parameter; truth: numbers in SI by name, where they are known."""
+    return forest(parameter_rows(result, truth))
+
+
+def friction_curve(result: FrictionResult, joint: str) -> Figure:
+    """Levels and law of friction of one joint over speed, with the 95 % band.
+
+    KeyError for a joint that was not identified; ValueError where its data tell no law.
+    """
+    law = result.at(joint).static
+    if law is None:
+        raise ValueError(f"the data tell no law of friction over speed of joint {joint}: {result.message}")
+    return curve_figure(law)
+
+
+def _on_dense_lines(
+    model: FittedModel, measured: FrequencyResponse, band: bool
+) -> tuple[FrequencyResponse, np.ndarray | None]:
+    """Response of a model, and its standard deviation, on the measured lines and many between them."""
+    low, high = measured.freq_hz[[0, -1]]
+    lines = np.union1d(measured.freq_hz, np.geomspace(low, high, N_LINES))
+    same = model.linear.quantity == measured.quantity
+    return model.response(lines), model.response_std(lines) if band and same else None

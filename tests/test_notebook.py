@@ -1,0 +1,135 @@
+"""What a notebook needs: public names, values shown in a few lines, figures, and the forms of other libraries."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from plants.elastic_arm import arm, measure, started_elsewhere
+from plants.friction_study import friction_result
+from plants.report_values import TRUTH, fit_result, plan
+from plants.steady_record import steady_record
+
+import elastid
+from elastid.base.errors import ElastidError
+from elastid.fit.result import FitResult
+
+CONFIGS = Path(__file__).parents[1] / "configs"
+MAX_SHOWN = 2500  # characters, about 25 lines of a prompt
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[elastid.FrequencyResponse, ...]:
+    return tuple(measure(arm(), rng=np.random.default_rng(4)))
+
+
+@pytest.fixture(scope="module")
+def result(measured) -> FitResult:
+    return elastid.identify(measured, started_elsewhere(arm(), 1.3), elastid.FitSpec(starts=1))
+
+
+def test_every_public_name_is_listed_and_there() -> None:
+    """Before any of them is used, and without loading what they need."""
+    assert {"load_study", "FitSpec", "read_fit", "FittedModel", "plot", "__version__"} <= set(dir(elastid))
+    assert all(getattr(elastid, name) is not None for name in elastid.__all__)
+    code = "import sys, elastid; dir(elastid); print(*{'numpy', 'casadi', 'scipy', 'matplotlib'} & set(sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+    with pytest.raises(AttributeError, match="no attribute 'fitt'"):
+        _ = elastid.fitt
+
+
+def test_values_show_themselves_in_a_few_lines(measured, result) -> None:
+    """Text for a prompt and a table for a notebook, with the numbers that one asks for first."""
+    study = elastid.load_study(str(CONFIGS / "linkage_arm.yml"))
+    model = result.model("c1")
+    friction = friction_result()
+    for value, says in (
+        (study, "linkage_arm.yml: Study linkage_arm, simulated"),
+        (study.study, "k_*, d_*, fm_*"),
+        (plan(), "RMS of motor 1, motor 2, motor 3 in N*m"),
+        (steady_record(), "periods of"),
+        (measured[0], "2 x 2 at 60 lines, 2 to 60 Hz"),
+        (result, "k_1        299730   230      299270 to 300190"),
+        (model, "natural frequency in Hz"),
+        (friction, "partly"),
+    ):
+        assert says in repr(value)
+        assert len(repr(value)) < MAX_SHOWN
+        assert value._repr_html_().count("<table>") == 1
+    strange = replace(measured[0], outputs=("motor <1>", "motor 2"))
+    assert "motor &lt;1&gt;" in strange._repr_html_()
+
+
+def test_a_response_without_covariance_says_that_its_noise_is_unknown(measured, result) -> None:
+    """In the response, and in message, status and table of its fit, whose intervals come from the residuals."""
+    bare = [replace(G, noise=None, total=None) for G in measured]
+    assert "its noise is unknown" in repr(bare[0])
+    assert "motor 1  motor 1  0.00135 to 0.103    unknown" in repr(bare[0])
+    found = elastid.identify(bare, started_elsewhere(arm(), 1.3), elastid.FitSpec(starts=1))
+    assert (result.status, found.status) == ("converged", "noise_unknown")
+    assert "the noise is unknown" in found.message
+    assert "std, of the residuals" in repr(found)
+    assert "measure two periods or more" in found.meaning
+
+
+def test_figures_are_drawn_of_values(measured, result) -> None:
+    """Bode with the model dense and its band, parameters, friction curve; a notebook shows each as a picture."""
+    model = result.model("c1")
+    figure = elastid.plot.bode(measured[0], model)
+    assert len(figure.axes) == 8
+    points, line = figure.axes[0].lines[0], figure.axes[0].lines[-1]
+    assert (points.get_label(), line.get_label()) == ("measured", "model")
+    assert len(line.get_xdata()) > 900
+    assert len(figure.axes[0].collections) == 1
+    assert not elastid.plot.bode(measured[0], model, band=False).axes[0].collections
+    assert isinstance(elastid.plot.friction_curve(friction_result(), "elbow"), Figure)
+    assert elastid.plot.parameters(fit_result(), TRUTH)._repr_png_().startswith(b"\x89PNG")
+
+
+def test_figures_refuse_what_does_not_belong_together(measured, result) -> None:
+    """A model of other places, a joint that was not identified: the message has the names there are."""
+    other = replace(measured[0], inputs=("motor 1", "motor 7"))
+    with pytest.raises(
+        ValueError, match=r"the model has inputs motor 1, motor 2 .* measured response motor 1, motor 7"
+    ):
+        elastid.plot.bode(other, result.model("c1"))
+    with pytest.raises(KeyError, match="no friction of joint nose; there are"):
+        elastid.plot.friction_curve(friction_result(), "nose")
+
+
+@pytest.mark.slow
+def test_responses_and_models_go_to_python_control_and_back(measured, result) -> None:
+    """To rounding, with the names of their channels; a response from there has no noise."""
+    back = elastid.FrequencyResponse.from_control(measured[0].to_control(), measured[0].configuration)
+    np.testing.assert_allclose(back.freq_hz, measured[0].freq_hz, rtol=1e-14)
+    np.testing.assert_array_equal(back.G, measured[0].G)
+    assert (back.inputs, back.outputs, back.uncertainty) == (measured[0].inputs, measured[0].outputs, None)
+    model = result.model("c1")
+    system, f = model.to_control(pade=4), measured[0].freq_hz
+    there = np.moveaxis(np.asarray(system(2j * np.pi * f, squeeze=False)), 2, 0)
+    np.testing.assert_allclose(there, model.response(f).G, rtol=1e-6, atol=1e-9)
+    assert tuple(system.input_labels) == model.linear.inputs
+
+
+@pytest.mark.slow
+def test_responses_and_results_become_labelled_tables(measured, result) -> None:
+    """xarray by frequency and channel, pandas by parameter; a held number has neither std nor interval."""
+    labelled = measured[0].to_xarray()
+    one = labelled.G.sel(output="motor 2", input="motor 1", freq_hz=measured[0].freq_hz[7])
+    assert complex(one) == measured[0].G[7, 1, 0]
+    assert labelled.attrs["unit"] == "(rad/s^2)/(N*m)"
+    table = result.to_dataframe()
+    assert table.loc["k_1", "value"] == result.values["k_1"]
+    assert (table.loc["k_1", "low"], table.loc["k_1", "high"]) == result.interval("k_1")
+    assert table[~table.free][["std", "low", "high"]].isna().all(axis=None)
+    assert table[table.free]["std"].notna().all()
+
+
+def test_a_package_that_is_missing_says_how_to_install_it(measured, monkeypatch) -> None:
+    """xarray and pandas are extras."""
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(ElastidError, match=r"xarray is not installed; .*--extra notebook"):
+        measured[0].to_xarray()
