@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import click
 
 from elastid import __version__
+from elastid.app.help import InOrderOfWork
 from elastid.app.process import insisting, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
 
@@ -106,7 +107,7 @@ _study = click.argument("study", type=click.Path(path_type=Path))
 _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=InOrderOfWork, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="elastid")
 def cli() -> None:
     """Identify the elasticity of industrial robots from frequency responses, with honest intervals."""
@@ -204,23 +205,6 @@ def run(study: Path, **options: Any) -> None:
 
 
 @cli.command()
-@_study
-@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
-@_stage_options
-def export(study: Path, target: str, **options: Any) -> None:
-    """Write the identified model for another tool: export/<target>/ in the run folder.
-
-    To robot: the robot's file with the identified numbers, of a study of elasticity or of friction.
-
-    Of a study without a robot: its measured responses, to control, matlab, csv or uff. To uff those of any study.
-    """
-    asked = _run(study, options)
-    from elastid.app.export import export as export_model
-
-    export_model(asked, target)
-
-
-@cli.command()
 @click.argument("studies", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="STUDY [STUDY ...]")
 @click.option("--search", is_flag=True, help="Search for the elastic gears, joints and rods.")
 @_stage_options
@@ -243,6 +227,23 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
         searching.search_elasticity(asked)
         return
     comparing.compare(asked, [load(study) for study in studies[1:]])
+
+
+@cli.command()
+@_study
+@click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
+@_stage_options
+def export(study: Path, target: str, **options: Any) -> None:
+    """Write the identified model for another tool: export/<target>/ in the run folder.
+
+    To robot: the robot's file with the identified numbers, of a study of elasticity or of friction.
+
+    Of a study without a robot: its measured responses, to control, matlab, csv or uff. To uff those of any study.
+    """
+    asked = _run(study, options)
+    from elastid.app.export import export as export_model
+
+    export_model(asked, target)
 
 
 @cli.command()
@@ -275,6 +276,15 @@ def inspect(file: Path) -> None:
     from elastid.app.inspection import described
 
     click.echo(described(file))
+
+
+@cli.command()
+@click.argument("key")
+def explain(key: str) -> None:
+    """Say what a key of a study means, with its unit and default: `elastid explain fit.criterion`."""
+    from elastid.study.explanation import explain as explanation
+
+    click.echo(explanation(key))
 
 
 @cli.command()

@@ -78,6 +78,17 @@ def test_demo_is_a_study_of_ones_own_and_one_call(here: Path, monkeypatch: pytes
     assert study.read_text().startswith("# mine")
 
 
+def test_help_lists_the_commands_in_the_order_of_the_work(capsys: pytest.CaptureFixture[str]) -> None:
+    """From the demo to the schema, each with its whole first sentence."""
+    assert cli.run_command(["--help"]) == 0
+    lines = capsys.readouterr().out.split("Commands:\n")[1].splitlines()
+    names = [line.split()[0] for line in lines if line[2] != " "]
+    assert names[:6] == ["demo", "new", "check", "design", "measure", "estimate"]
+    assert names.index("report") < names.index("run") < names.index("export") < names.index("inspect")
+    text = " ".join(" ".join(lines).split())
+    assert "Show all errors of a study with file, line and column, else a summary of the study and its stages." in text
+
+
 @pytest.mark.parametrize("command", [[], *[[c] for c in [*STAGES, "run", "demo", "new", "check", "inspect", "schema"]]])
 def test_every_command_has_help(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """With a sentence that says what it does."""

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from elastid.base.errors import StudyError
 from elastid.study import make_schema
+from elastid.study.explanation import explain
 from elastid.study.reference import list_keys, list_sections, texts_of
 
 ROOT = Path(__file__).parents[2]
@@ -72,3 +74,17 @@ def test_a_key_knows_its_places() -> None:
     paths = {key.path for key in list_keys()}
     assert {"seed", "experiment.recorded.files[].samples", "fit.parameters.<name>.tie.to"} <= paths
     assert {"robot.bodies[].joints[].motor.ratio", "robot.links[].joint.axis", "robot.urdf"} <= paths
+
+
+def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
+    """Text, type with unit, default and the keys below, with names and numbers as a study has them."""
+    band = explain("excitation.band_hz")
+    assert band.splitlines()[0] == "excitation.band_hz"
+    assert "each a number in Hz" in band
+    assert "none, it must be given" in band
+    assert explain("fit.parameters.k_1.start").startswith("fit.parameters.<name>.start")
+    assert "Keys below it: to, factor" in explain("fit.parameters.k_1.tie")
+    assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
+    assert explain("fit.criterion") in explain("criterion").split("\n\n")
+    with pytest.raises(StudyError, match=r"a study has no key fit\.critereon; did you mean 'criterion'"):
+        explain("fit.critereon")
