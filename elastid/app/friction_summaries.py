@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from elastid.app.json_values import all_finite, balance_entries, finite, note_entries
+from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries
 from elastid.base.note import grouped
 from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
@@ -51,7 +51,7 @@ def failed_friction(study: Study, message: str) -> dict[str, Any]:
 
 
 def _head(study: Study, status: str, message: str) -> dict[str, Any]:
-    return {"schema": 1, "study": study.name, "status": status, "message": message}
+    return {"schema": SCHEMA, "study": study.name, "status": status, "message": message}
 
 
 def _row(number: FrictionNumber) -> dict[str, Any]:

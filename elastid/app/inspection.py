@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from elastid.app.json_values import SCHEMA
 from elastid.base.errors import DataError, StudyError
 from elastid.base.value_range import shown_values
 from elastid.experiment.specs.recorded import TextFormatSpec
@@ -140,6 +141,8 @@ def _json_lines(path: Path) -> Iterator[str]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
         raise DataError(f"{path}: damaged, cut short or no JSON file ({error}); run its stage again") from None
+    if isinstance(content, dict) and content.get("schema", SCHEMA) > SCHEMA:
+        raise DataError(f"{path}: form {content['schema']}, written by a newer elastid; this one reads up to {SCHEMA}")
     yield from _json_value("", content, 0)
 
 

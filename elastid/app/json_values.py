@@ -10,6 +10,9 @@ from typing import Any
 from elastid.base.note import Note, grouped
 from elastid.validation.twin import TorqueBalance
 
+# Version of the form of summary.json and validation.json.
+SCHEMA = 1
+
 
 def finite(value: float) -> float | None:
     """JSON knows no infinity: null."""

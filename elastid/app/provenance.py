@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import platform
 from collections.abc import Iterable
 from dataclasses import asdict
+from functools import cache
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,6 +17,9 @@ from elastid import __version__
 from elastid.app.stage_table import Stage, function_of, stages_of_study
 from elastid.store import Stamp
 from elastid.study import LoadedStudy
+
+# Libraries that results depend on to the last digits.
+LIBRARIES = ("numpy", "scipy", "casadi")
 
 
 def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
@@ -28,7 +34,17 @@ def stamps(loaded: LoadedStudy) -> dict[str, Stamp]:
             document.append(function_of(stage.further)(loaded, inputs))
         # The order of keys counts: it is the order in which configurations are measured and patterns win.
         inputs[name] = hashlib.sha256(json.dumps(document).encode()).hexdigest()
-    return {name: Stamp(hash_, code, __version__, study.seed, loaded.text) for name, hash_ in inputs.items()}
+    return {
+        name: Stamp(hash_, code, __version__, study.seed, loaded.text, software()) for name, hash_ in inputs.items()
+    }
+
+
+@cache
+def software() -> str:
+    """Versions of elastid, Python and the libraries that results depend on, and the platform."""
+    found = [f"elastid {__version__}", f"Python {platform.python_version()}"]
+    found += [f"{name} {version(name)}" for name in LIBRARIES]
+    return ", ".join([*found, f"{platform.system()} {platform.machine()}"])
 
 
 def upstream(stages: dict[str, Stage], stage: Stage) -> tuple[str, ...]:
@@ -51,8 +67,8 @@ def file_hash(path: Path) -> str:
 
 
 def code_hash() -> str:
-    """SHA-256 of the package's own source: another version, another result."""
-    digest = hashlib.sha256(__version__.encode())
+    """SHA-256 of the package's own source and of the versions of what it computes with: others, another result."""
+    digest = hashlib.sha256("".join([__version__, *(version(name) for name in LIBRARIES)]).encode())
     root = Path(str(files("elastid")))
     for path in sorted(root.rglob("*")):
         name = path.relative_to(root).as_posix()

@@ -5,17 +5,19 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shlex
 import shutil
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from elastid import __version__
 from elastid.app.console import Console
-from elastid.app.provenance import file_hash, stamps, upstream
+from elastid.app.provenance import file_hash, software, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
@@ -129,14 +131,17 @@ class Run:
         if found.inputs != self.stamps[name].inputs:
             raise StudyError(f"{path} was made from another study, other data or other options: {command}")
         if found.code != self.stamps[name].code:
-            self.console.warn(f"{path} was made by another version of elastid ({found.version}) and is used as is")
+            made_by = found.software or f"elastid {found.version}"
+            self.console.warn(f"{path} was made by other versions ({made_by}) and is used as is")
 
     @contextmanager
     def logged(self) -> Iterator[None]:
         """Everything said goes to run.log in the folder too, and how the work ended."""
         with self.console.logging_to(self.folder):
             remove_leftovers(self.folder)
-            self.console.detail(f"elastid {__version__}, {self.loaded.path}, {self.jobs} processes")
+            command = shlex.join(["elastid", *sys.argv[1:]])
+            self.console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {self.jobs} processes")
+            self.console.detail(software())
             try:
                 yield
             except KeyboardInterrupt:

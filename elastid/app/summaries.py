@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
-from elastid.app.json_values import all_finite, balance_entries, finite, note_entries
+from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.modification_index import ModificationIndex
@@ -90,7 +90,7 @@ def summary(
     """The content of summary.json; notes of the fit come first, then those of friction and of measured responses."""
     every = (*result.notes, *(friction.notes if friction is not None else ()), *notes)
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "study": study.name,
         "status": result.status,
         "message": result.message,
@@ -135,7 +135,7 @@ def write_summary(path: Path, content: Mapping[str, Any]) -> None:
 def failure(study: Study, message: str) -> dict[str, Any]:
     """summary.json of a fit that found nothing: the same keys, no numbers."""
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "study": study.name,
         "status": "failed",
         "message": message,
@@ -179,7 +179,7 @@ def validation_summary(study: Study, validation: Validation, balances: Sequence[
     turn; verdict, cost, replayed and folded: the same in words.  torque: what each part of the model explains.
     """
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "study": study.name,
         "verdict": validation.verdict,
         "cost": validation.cost,

@@ -16,6 +16,8 @@ from elastid.base.errors import DataError
 from elastid.base.mapped import PIECE_VALUES, release
 from elastid.base.note import Note
 
+# Version of the layout of all artefacts; raised where a reader of before could not read or would misread a file.
+FORMAT = 1
 _TEXT = h5py.string_dtype()
 
 
@@ -23,7 +25,9 @@ _TEXT = h5py.string_dtype()
 class Stamp:
     """Provenance of an artefact: hashes of its inputs and of the code that made it, and the text of the study.
 
-    inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source.
+    inputs: hash of the sections of the study, of files and of earlier artefacts.  code: hash of the package's source
+    and of the versions of the libraries that results depend on.  software: these versions and the platform, in words.
+    Date and command are in run.log: the same study gives the same bytes.
     """
 
     inputs: str = ""
@@ -31,12 +35,13 @@ class Stamp:
     version: str = ""
     seed: int = 0
     study: str = ""
+    software: str = ""
 
     @property
     def shown(self) -> dict[str, str]:
         """What a page says of it."""
         return {
-            "elastid": self.version,
+            "made by": self.software or f"elastid {self.version}",
             "seed": str(self.seed),
             "hash of the inputs": self.inputs,
             "hash of the code": self.code,
@@ -57,6 +62,7 @@ def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
         try:
             with h5py.File(temporary, "w") as file:
                 file.attrs["elastid"] = kind
+                file.attrs["format"] = FORMAT
                 provenance = file.create_group("provenance")
                 for name, value in asdict(stamp).items():
                     if name == "study":  # an attribute holds 64 KB at most
@@ -110,11 +116,17 @@ def opened(path: Path, kind: str) -> Iterator[Any]:
         if found != kind:
             holds = f"holds {found}" if found else "was not written by elastid"
             raise DataError(f"{path}: {holds}, expected {kind}; delete it and run again")
+        if file.attrs.get("format", 0) > FORMAT:
+            raise DataError(
+                f"{path}: format {file.attrs['format']}, written by a newer elastid; this one reads up to {FORMAT}: "
+                "update it, or delete the file and run again"
+            )
         try:
             yield file
         except (KeyError, OSError) as error:
             raise DataError(
-                f"{path}: damaged or of another version ({_first_line(error)}); delete it and run again"
+                f"{path}: damaged, or of an older layout (format {file.attrs.get('format', 0)}: "
+                f"{_first_line(error)}); delete it and run again"
             ) from error
 
 
@@ -127,7 +139,7 @@ def read_stamp(path: Path) -> Stamp | None:
     except (OSError, KeyError):
         return None
     known = {field.name for field in fields(Stamp)}
-    return Stamp(**attributes) if set(attributes) == known else None
+    return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
 
 
 def scale(group: Any, name: str, values: Sequence[Any] | np.ndarray[Any, Any], long_name: str, units: str = "") -> Any:

@@ -192,6 +192,17 @@ def test_every_result_says_where_it_came_from(finished: Path) -> None:
         assert "one elastic joint" in stamp.study
         assert stamp.seed == 1
         assert len(stamp.inputs) == len(stamp.code) == 64
+        assert all(f"{name} " in stamp.software for name in ("elastid", "Python", "numpy", "scipy", "casadi"))
+    log = (finished / "run" / "run.log").read_text()
+    assert stamp.software in log
+    assert " UTC: elastid " in log
+
+
+def test_results_are_out_of_date_once_a_library_has_changed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hash of the code holds the versions of what it computes with."""
+    before = provenance.code_hash()
+    monkeypatch.setattr(provenance, "version", lambda name: "99" if name == "casadi" else "1")
+    assert provenance.code_hash() != before
 
 
 def test_a_stage_alone_asks_for_what_it_reads(finished: Path, copy: Path, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import time
 
 import h5py
 import pytest
-from plants.artefacts import STAMP, some_fit
+from plants.artefacts import STAMP, same, some_fit
 
 from elastid.base.errors import DataError
 from elastid.store import (
@@ -14,6 +14,7 @@ from elastid.store import (
     text_file,
     write_fit,
 )
+from elastid.store.files import FORMAT
 
 
 def test_the_same_value_gives_the_same_bytes(tmp_path):
@@ -73,3 +74,17 @@ def test_reading_does_not_touch_the_file(tmp_path):
     before = (path.read_bytes(), path.stat().st_mtime_ns)
     read_fit(path)
     assert (path.read_bytes(), path.stat().st_mtime_ns) == before
+
+
+def test_a_newer_format_is_refused_and_an_older_one_read(tmp_path):
+    """A file says the version of its layout; one without is of before there were versions."""
+    path = tmp_path / "fit.h5"
+    write_fit(path, some_fit(), STAMP)
+    with h5py.File(path, "r+") as file:
+        assert file.attrs["format"] == FORMAT
+        del file.attrs["format"]
+    assert same(read_fit(path), some_fit())
+    with h5py.File(path, "r+") as file:
+        file.attrs["format"] = FORMAT + 1
+    with pytest.raises(DataError, match=f"format {FORMAT + 1}, written by a newer elastid; this one reads up to"):
+        read_fit(path)
