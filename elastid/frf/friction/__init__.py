@@ -17,6 +17,7 @@ it is.
 - alternatives: which others fit nearly as well, and what the choice adds to the covariance
 - choice:       both for all motors, rates of bristles among them
 - reversals:    motion of a motor with what its samples do not show, under the friction that was found
+- accelerance:  of the motors as inertias, above the excited lines
 - net_torque:   record -> record whose u is the net torque
 - result:       what was found and taken out
 - bias:         what friction that is left does to G beyond viscous friction

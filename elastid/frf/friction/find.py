@@ -10,12 +10,12 @@ import numpy as np
 from elastid.base.arrays import FloatArray, IntArray
 from elastid.base.note import Note, Severity
 from elastid.frf.checks.records import refuse_mismatch
+from elastid.frf.friction.accelerance import accelerance_of_lines, with_inertial_accelerance
 from elastid.frf.friction.candidates import candidate_shapes, refusal
 from elastid.frf.friction.choice import Choice, choose
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.limits import limits_of
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.reversals import high_accelerance
 from elastid.frf.friction.selection import shares
 from elastid.frf.friction.shapes import Shape
 from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configuration, taken
@@ -75,8 +75,9 @@ def find_friction(
     raw = normal_equations(data, np.zeros(len(choice.shapes)), choice.motor_of)
     levels, found = find_levels(data, choice.motor_of, choice.taken)
     frictions = [taken(levels, each.Phi, choice.motor_of, len(first.inputs)) for each in data]
-    accelerance = high_accelerance(data, frictions, spec.quantity)
+    accelerance = accelerance_of_lines(data, frictions, spec.quantity)
     result = _result(first, tuple(names), choice, levels, accelerance, raw, found)
+    result = with_inertial_accelerance(result, records, float(data[-1].freq_hz[data[-1].excited][-1]))
     return replace(result, notes=(*result.notes, *limits.values()))
 
 

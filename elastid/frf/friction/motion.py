@@ -10,7 +10,7 @@ from scipy.fft import irfft, rfft
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER, Record
 
-# Cells of the fine grid in a sample.
+# Cells of the fine grid in a sample, where the motion above half the rate is not known.
 CELLS = 8
 # A line counts as motion where its power is so many times that of the noise: lines between those of the period, where a
 # transient is; and all others where the velocity has more noise than this part of its RMS. With less noise lines of the
@@ -22,14 +22,15 @@ _NOISE_BAND = 1 / 8
 
 @dataclass(frozen=True)
 class Motion:
-    """Angle and velocity (n CELLS + 1,) of a motor on the fine grid of a record of n samples; rad, rad/s (m, m/s).
+    """Angle and velocity (n cells + 1,) of a motor on the fine grid of a record of n samples; rad, rad/s (m, m/s).
 
-    velocity_noise: standard deviation of the noise in the velocity.
+    velocity_noise: standard deviation of the noise in the velocity.  cells: of the grid in a sample.
     """
 
     angle: FloatArray
     velocity: FloatArray
     velocity_noise: float
+    cells: int
 
     @property
     def swings(self) -> FloatArray:
@@ -43,30 +44,54 @@ class Motion:
         return float(np.sqrt(np.mean(self.velocity**2)))
 
 
-def motion_of(record: Record, place: str) -> Motion:
+def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> Motion:
     """The motion of a motor over all whole periods of a record, which it need not repeat.
 
     Lines that do not repeat with the period hold noise, or a transient that is stronger; without the noise, periods are
-    averaged as far as they agree.
+    averaged as far as they agree.  high (n cells // 2 + 1,): DFT of the angle above half the rate, 0 at lower lines, as
+    of n samples; its images are taken out of the record's own.
     """
-    column = record.outputs.index(place)
-    n = record.n_samples // record.period_samples * record.period_samples
-    y = record.y[:n, column]
-    order = MOTION_ORDER[record.quantities[column]]
-    gain = _gain(y, record.period_samples) if order == 0 else 0.0
-    Y = rfft(y - y[0] - gain * np.arange(n) / n)
+    n = whole_samples(record)
+    order = MOTION_ORDER[record.quantities[record.outputs.index(place)]]
+    Y, start, gain = own_spectrum(record, place)
+    cells = CELLS if high is None else 2 * (len(high) - 1) // n
+    fine_s = laplace(n * cells // 2 + 1, n, record.rate_hz)
+    s = fine_s[: len(Y)]
+    if high is not None:
+        Y = Y - folded(integrated(high, fine_s, -order), n)
     power = np.abs(Y) ** 2
     band = power[int((1 - _NOISE_BAND) * len(power)) :]
     noise = float(np.median(band)) / np.log(2)
-    s = np.asarray(2j * np.pi * record.rate_hz / n * np.arange(len(Y)), dtype=np.complex128)
     of_period = np.arange(len(Y)) % (n // record.period_samples) == 0
     Y[~of_period & (power < _MIN_SNR * noise)] = 0
     if _velocity_noise(Y, s, noise, n, order) > _NOISY * _rms(integrated(Y, s, order - 1), n):
         Y[of_period & (power < _MIN_SNR * noise)] = 0
-    angle, velocity = (fine(integrated(Y, s, k), n) for k in (order, order - 1))
-    angle = angle + (y[0] if order == 0 else 0.0) + gain * np.arange(n * CELLS + 1) / (n * CELLS)
-    velocity = velocity + gain * record.rate_hz / n
-    return Motion(angle, velocity, _velocity_noise(Y, s, noise, n, order))
+    angle, velocity = np.zeros((2, len(fine_s)), complex) if high is None else np.stack([high, fine_s * high])
+    angle[: len(s)] += integrated(Y, s, order)
+    velocity[: len(s)] += integrated(Y, s, order - 1)
+    return Motion(
+        _fine(angle, n, cells) + start + gain * np.arange(n * cells + 1) / (n * cells),
+        _fine(velocity, n, cells) + gain * record.rate_hz / n,
+        _velocity_noise(Y, s, noise, n, order),
+        cells,
+    )
+
+
+def whole_samples(record: Record) -> int:
+    """The samples of the whole periods of a record."""
+    return record.n_samples // record.period_samples * record.period_samples
+
+
+def own_spectrum(record: Record, place: str) -> tuple[ComplexArray, float, float]:
+    """DFT (n // 2 + 1,) of a motor's motion as it was logged, over whole periods; an angle's start, and its gain.
+
+    An angle is taken from its start on, without the ramp of its gain; both are 0 of other quantities.
+    """
+    y = record.y[: whole_samples(record), record.outputs.index(place)]
+    if record.quantities[record.outputs.index(place)] != "position":
+        return rfft(y), 0.0, 0.0
+    gain = _gain(y, record.period_samples)
+    return rfft(y - y[0] - gain * np.arange(len(y)) / len(y)), float(y[0]), gain
 
 
 def _gain(y: FloatArray, N: int) -> float:
@@ -90,10 +115,21 @@ def _rms(X: ComplexArray, n: int) -> float:
     return float(np.sqrt(2 * np.sum(np.abs(X) ** 2)) / n)
 
 
-def fine(X: ComplexArray, n: int) -> FloatArray:
+def _fine(X: ComplexArray, n: int, cells: int) -> FloatArray:
     """The signal of a spectrum of n samples at the points of the fine grid, its first point once more at the end."""
-    x = irfft(X, n * CELLS) * CELLS
+    x = irfft(X, n * cells) * cells
     return np.append(x, x[0])
+
+
+def folded(X: ComplexArray, n: int) -> ComplexArray:
+    """DFT (n // 2 + 1,) of the samples of a signal whose DFT X, as of n samples, goes on above half the rate."""
+    every = np.concatenate([X, X[-2:0:-1].conj()])
+    return np.asarray(every.reshape(-1, n).sum(axis=0)[: n // 2 + 1])
+
+
+def laplace(lines: int, n: int, rate_hz: float) -> ComplexArray:
+    """s = j omega (lines,) of the lines of n samples, from 0 on."""
+    return np.asarray(2j * np.pi * rate_hz / n * np.arange(lines), dtype=np.complex128)
 
 
 def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:

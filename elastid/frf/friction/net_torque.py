@@ -1,8 +1,13 @@
-r"""Records whose torque is the net one: the friction that was found is taken out of u.
+r"""Records whose torque is the net one: the friction that was found is taken out of u, and its images out of y.
 
 The torque of a record is held between its samples, friction is not; so friction is divided by the hold as samples:
 
-.. math:: u_{net} = u - IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
+.. math:: u_{net} = u - u_\phi, \qquad u_\phi = IDFT\{ H^{-1}\, DFT\{ \textstyle\sum_i f_i \phi_i \} \}
+
+Sampled angles contain images of a held torque, and friction's are others than those of u_phi, which a model of held
+torques adds. Above half the rate a motor moves as an inertia, so that its samples become those of the net torque by
+
+.. math:: y_{net} = y + \Big[\frac{a}{s^2} \big(\textstyle\sum_i f_i \phi_i - H u_\phi\big)_{high}\Big]_{folded}
 """
 
 from __future__ import annotations
@@ -11,14 +16,20 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.fft import irfft, rfft
+from scipy.fft import irfft
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.excitation.grids import line_frequencies
+from elastid.frf.friction.motion import folded, whole_samples
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.reversals import sharp_motion
+from elastid.frf.friction.reversals import (
+    friction_spectrum,
+    held_spectrum,
+    sharp_motion,
+    shows_images,
+    twice_integrated,
+)
 from elastid.frf.friction.shafts import on_links, on_shafts
-from elastid.frf.friction.shapes import samples
 from elastid.record import Record
 
 # Near a zero of the hold the torque's samples say nothing of the torque.
@@ -43,23 +54,23 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     """The same record over its whole periods with the net torque as u; itself where nothing was taken out."""
     if not friction.shapes:
         return record
-    torque = friction_torque(record, friction)
-    n = len(torque)
-    freq_hz = line_frequencies(np.arange(n // 2 + 1), record.rate_hz, n)
-    H = record.hold_response(freq_hz)
-    spectrum = rfft(torque, axis=0)
-    held = np.divide(spectrum, H, out=np.zeros_like(spectrum), where=np.abs(H) > _MIN_HOLD)
-    u = record.u[:n] - irfft(held, n, axis=0)
-    r = None if record.r is None else record.r[:n]
-    return replace(record, u=u, y=record.y[:n], r=r)
-
-
-def friction_torque(record: Record, friction: FrictionTakenOut) -> FloatArray:
-    """Sum (n, n_u) of f_i phi_i at the samples of all whole periods of a record, Nm on the link side."""
-    n = record.n_samples // record.period_samples * record.period_samples
-    torque = np.zeros((n, len(record.inputs)))
+    n = whole_samples(record)
+    u, y = record.u[:n].copy(), record.y[:n].copy()
     for place in friction.taken_places():
-        shapes, levels = zip(*friction.taken_shapes(place), strict=True)
-        phi = samples(record, {place: sharp_motion(record, place, friction)}, shapes)
-        torque[:, record.inputs.index(place)] = phi @ np.array(levels)
-    return torque
+        torque = friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
+        held = _as_held(torque, record, place)
+        u[:, record.inputs.index(place)] -= held
+        accelerance = friction.accelerance[friction.places.index(place)]
+        if accelerance > 0 and shows_images(record, place):
+            other = accelerance * twice_integrated(torque - held_spectrum(held), record)
+            y[:, record.outputs.index(place)] += irfft(folded(other, n), n)
+    return replace(record, u=u, y=y, r=None if record.r is None else record.r[:n])
+
+
+def _as_held(torque: ComplexArray, record: Record, place: str) -> FloatArray:
+    """Samples (n,) of a torque that is held as u is, of the spectrum that `torque` has below half the rate."""
+    n = whole_samples(record)
+    lines = np.arange(n // 2 + 1)
+    H = record.hold_response(line_frequencies(lines, record.rate_hz, n))[:, record.inputs.index(place)]
+    low = torque[: len(lines)]
+    return np.asarray(irfft(np.divide(low, H, out=np.zeros_like(low), where=np.abs(H) > _MIN_HOLD), n))

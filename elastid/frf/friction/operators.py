@@ -16,6 +16,9 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 
+# tanh(x) is 1 to rounding from here on.
+_SATURATED = 20.0
+
 
 def stop(q: FloatArray, D: float) -> FloatArray:
     """s (n,) of a stop operator along q (n,), from s = 0."""
@@ -42,13 +45,18 @@ def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
 
     By its integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
     """
-    integral = np.abs(v)
+    found = np.sign(v[:-1])
+    slow = np.abs(v) <= _SATURATED * v_s
+    turning = np.flatnonzero(slow[:-1] | slow[1:] | (found != np.sign(v[1:])))
+    ends = np.stack([v[turning], v[turning + 1]])
+    integral = np.abs(ends)
     if v_s > 0:
         integral = integral + v_s * np.log1p(np.exp(-2 * integral / v_s))
-    step, middle = np.diff(v), (v[:-1] + v[1:]) / 2
-    small = np.abs(step) <= 1e-6 * (np.abs(v[:-1]) + np.abs(v[1:]))
+    step, middle = ends[1] - ends[0], ends.mean(axis=0)
+    small = np.abs(step) <= 1e-6 * np.abs(ends).sum(axis=0)
     inside = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
-    return np.asarray(np.where(small, inside, np.diff(integral) / np.where(small, 1.0, step)))
+    found[turning] = np.where(small, inside, (integral[1] - integral[0]) / np.where(small, 1.0, step))
+    return np.asarray(found)
 
 
 def _monotonous(q: FloatArray) -> tuple[list[float], IntArray, FloatArray]:

@@ -8,15 +8,15 @@ gradually, as oil or noise in the velocity make it. A rate is the damping of a b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.fft import irfft, rfft
+from scipy.fft import rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray, IntArray
-from elastid.frf.friction.motion import CELLS, Motion
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
+from elastid.frf.friction.motion import Motion, whole_samples
 from elastid.frf.friction.operators import bristle, mean_sign, stop
 from elastid.record import Record
 
@@ -56,49 +56,42 @@ class Shape:
 
 def amplitudes(record: Record, motion: Motion, shape: Shape, periods: IntArray, lines: IntArray) -> ComplexArray:
     """Amplitudes (F,) of a shape at lines (F,), in the mean over some repetitions of a record."""
-    L = record.repeat_samples * CELLS
+    L = record.repeat_samples * motion.cells
     means = _cell_means(record, motion, shape).reshape(-1, L)[periods]
     if record.half_wave:
         means = means * (-1.0) ** periods[:, None]
     mean = means.mean(axis=0)
     if record.half_wave:
         mean = np.concatenate([mean, -mean])
-    found = rfft(mean)[lines] * _of_cells(lines, len(mean)) * (2 / record.period_samples)
+    found = rfft(mean)[lines] * _of_cells(len(mean), motion.cells)[lines] * (2 / record.period_samples)
     return np.asarray(found * _derivative(record, shape, lines, record.period_samples))
 
 
-def samples(record: Record, motions: Mapping[str, Motion], shapes: Sequence[Shape]) -> FloatArray:
-    """The shapes (n, n_f) at the samples of all whole periods of a record, without frequencies above half the rate."""
-    n = record.n_samples // record.period_samples * record.period_samples
-    lines = np.arange(n // 2 + 1)
-    columns = []
-    for shape in shapes:
-        columns.append(irfft(spectrum(record, motions[shape.place], shape, n, lines), n))
-    return np.stack(columns, axis=1)
-
-
-def spectrum(record: Record, motion: Motion, shape: Shape, n: int, lines: IntArray) -> ComplexArray:
-    """DFT (F,), as of n samples, of a shape over the whole periods of a record; lines may be above n / 2."""
-    found = rfft(_cell_means(record, motion, shape))[lines]
-    return np.asarray(found * _of_cells(lines, n * CELLS) * _derivative(record, shape, lines, n))
+def spectrum(record: Record, motion: Motion, shape: Shape) -> ComplexArray:
+    """DFT (n cells // 2 + 1,), as of n samples, of a shape over the whole periods of a record."""
+    n = whole_samples(record)
+    found = rfft(_cell_means(record, motion, shape)) * _of_cells(n * motion.cells, motion.cells)
+    return np.asarray(found * _derivative(record, shape, np.arange(len(found)), n))
 
 
 def _cell_means(record: Record, motion: Motion, shape: Shape) -> FloatArray:
-    """The mean (n CELLS,) in each cell of a shape, or of the bristle whose rate it is."""
+    """The mean (n cells,) in each cell of a shape, or of the bristle whose rate it is."""
     if shape.kind == "sign":
         return mean_sign(motion.velocity, shape.threshold)
     # Its state at the start is not known: the first period is run over twice.
-    before = motion.angle[: record.period_samples * CELLS]
+    before = motion.angle[: record.period_samples * motion.cells]
     q = np.concatenate([before - before[-1] + motion.angle[0], motion.angle])
     operator = stop if shape.kind.startswith("stop") else bristle
     s = operator(q, shape.threshold)[len(before) :]
     return np.asarray((s[:-1] + s[1:]) / (2 * shape.threshold))
 
 
-def _of_cells(lines: IntArray, n: int) -> ComplexArray:
-    """From the DFT of the means over n cells to that of samples: a mean is the middle value, filtered by sinc."""
-    x = lines / n
-    return np.asarray(np.exp(-1j * np.pi * x) / (np.sinc(x) * CELLS))
+@lru_cache(maxsize=4)
+def _of_cells(n: int, cells: int) -> ComplexArray:
+    """From the DFT (n // 2 + 1,) of the means over n cells to that of samples: a mean is the middle value, filtered by
+    sinc."""
+    x = np.arange(n // 2 + 1) / n
+    return frozen(np.exp(-1j * np.pi * x) / (np.sinc(x) * cells), np.complex128)
 
 
 def _derivative(record: Record, shape: Shape, lines: IntArray, n: int) -> ComplexArray | float:

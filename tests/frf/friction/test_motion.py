@@ -1,5 +1,7 @@
 """The motion of a motor is known between its samples, in steady state or not."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from elastid.frf.friction.motion import CELLS, Motion, motion_of
@@ -24,6 +26,14 @@ def test_a_periodic_motion_is_exact_between_its_samples() -> None:
     np.testing.assert_allclose(motion.angle, 1.2 + 0.1 * np.sin(omega * FINE), atol=1e-4)
     np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
     np.testing.assert_allclose(motion.swings, 0.2, atol=1e-3)
+
+
+def test_a_logged_velocity_keeps_its_value_at_the_start() -> None:
+    """A swing that is fastest there."""
+    omega = 2 * np.pi * 37 * RATE / N
+    logged = replace(record_of(0.1 * omega * np.cos(omega * TIME)), quantities=("velocity",))
+    motion = motion_of(logged, "motor 1")
+    np.testing.assert_allclose(motion.velocity, 0.1 * omega * np.cos(omega * FINE), atol=0.01)
 
 
 def test_a_transient_and_a_drift_keep_their_velocity() -> None:

@@ -5,7 +5,9 @@ from functools import cache
 
 import numpy as np
 
-from elastid.frf.friction.motion import CELLS, Motion, motion_of
+from elastid.frf.friction.accelerance import with_inertial_accelerance
+from elastid.frf.friction.motion import Motion, folded, laplace, motion_of
+from elastid.frf.friction.net_torque import net_record
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.reversals import sharp_motion
 from elastid.frf.friction.shapes import Shape
@@ -52,20 +54,20 @@ def lateness(motion: Motion) -> np.ndarray:
     _, turning = simulated()
     v = motion.velocity
     at = np.flatnonzero(v[1:] * v[:-1] < 0)
-    found = (at + v[at] / (v[at] - v[at + 1])) / CELLS
+    found = (at + v[at] / (v[at] - v[at + 1])) / motion.cells
     late = np.array([found[np.argmin(np.abs(found - RATE * time))] - RATE * time for time in turning])
     # Those that stick for a moment have no time of their own.
     return late[np.abs(late) < 0.5]
 
 
 def test_reversals_are_late_between_samples_and_found_with_the_part_above_half_the_rate() -> None:
-    """Late by some 2 % of a sample; by < 1 / 4 of that, in mean and scatter, with the part above half the rate."""
+    """Late by some 2 % of a sample; by < 1 / 10 of that, in mean and scatter, with the part above half the rate."""
     record, _ = simulated()
     without, found = (lateness(sharp_motion(record, "motor 1", friction_of(a))) for a in (0.0, 1 / J))
     assert len(found) == len(without) > 50
     assert 0.015 < without.mean() < 0.04
-    assert abs(found.mean()) < 0.25 * without.mean()
-    assert found.std() < 0.25 * without.std()
+    assert abs(found.mean()) < 0.1 * without.mean()
+    assert found.std() < 0.1 * without.std()
 
 
 def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
@@ -73,3 +75,32 @@ def test_a_torque_that_is_not_held_leaves_the_motion_as_it_is() -> None:
     record = replace(simulated()[0], hold="band-limited")
     sharp, plain = sharp_motion(record, "motor 1", friction_of(1 / J)), motion_of(record, "motor 1")
     np.testing.assert_array_equal(sharp.velocity, plain.velocity)
+
+
+def test_the_net_record_is_that_of_a_held_torque_without_friction() -> None:
+    """At high lines its angle is that of the plant under the net torque, images included, to 1 % of friction's part.
+
+    The angle that was logged is off by a fifth of that: friction has other images than a held torque.
+    """
+    record, _ = simulated()
+    n = record.n_samples
+    net = net_record(record, friction_of(1 / J))
+    s = laplace(n * 64 // 2 + 1, n, RATE)
+
+    def angle(torque: np.ndarray) -> np.ndarray:
+        held = np.tile(np.fft.fft(torque), 33)[: len(s)] * record.hold_response(s.imag / (2 * np.pi))[:, 0]
+        return folded(held / (J * s**2 + D * s + K), n)
+
+    high = np.arange(n // 4, n // 2, PERIODS)
+    logged, mended = (np.fft.rfft(each.y[:, 0])[high] for each in (record, net))
+    of_friction = np.linalg.norm(angle(record.u[:, 0])[high] - logged)
+    expected = angle(net.u[:, 0])[high]
+    assert np.linalg.norm(expected - logged) > 0.2 * of_friction
+    assert np.linalg.norm(expected - mended) < 0.01 * of_friction
+
+
+def test_the_inertia_of_a_motor_is_found_above_the_excited_lines() -> None:
+    """To 1 %, from an accelerance that is 10 % off."""
+    record, _ = simulated()
+    found = with_inertial_accelerance(friction_of(1.1 / J), [record], 12.5)
+    np.testing.assert_allclose(found.accelerance, 1 / J, rtol=0.01)
