@@ -102,7 +102,7 @@ def _search(
     problems += [assembly.search_problem(fit, spec.criterion)] if first is not fit else []
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    return assembly, starts, hits
+    return assembly.with_modelled_bias(fit, starts[0].x), starts, hits
 
 
 def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:

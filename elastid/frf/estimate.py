@@ -209,7 +209,7 @@ def _with_covariances(
     distortion, stochastic, bias = None, None, None
     if total is not None and error is not None:
         of_noise = C_V * np.mean(1 / data.periods)
-        bias = friction_bias(spectra, lines, found.G, response.quantity, error[0], of_noise)
+        bias = friction_bias(spectra, lines, found.G, response.quantity, error[0], of_noise, error[1])
         distortion = distortion_covariance(noise, total, len(blocks))
         excess = np.einsum("fii->fi", error[0] - of_noise).real
         stochastic = np.sqrt(np.maximum(excess, 0.0))

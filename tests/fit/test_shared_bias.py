@@ -10,7 +10,7 @@ from plants.three_mass import FREQ, NO_FLOOR, TRUTH, measured, noise_of, paramet
 
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
 from elastid.fit.problem.residuals import as_real
-from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors
+from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors, with_modelled_bias
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weights.weights import weigh
@@ -88,6 +88,20 @@ def test_a_factor_that_the_data_show_is_found() -> None:
     x, covariance, c = solved(data(3, 0.1, 1.0))
     assert c == pytest.approx(1.0, abs=0.1)
     assert np.all(np.abs(x - X) < 3.5 * np.sqrt(np.diag(covariance)))
+
+
+def test_an_error_formed_of_a_noisy_response_is_that_of_the_model() -> None:
+    """z G^2 of the measured G is correlated with its noise, which drives the factor off; that of the model is exact."""
+    G, off = frequency_response(plant(), plant().theta_ref, FREQ), []
+    for seed in range(4):
+        exact = data(seed, 0.01, 1.0)
+        assert exact.bias is not None
+        formed = replace(exact, bias=exact.bias * (exact.G / G) ** 2)
+        modelled = with_modelled_bias(formed, G).bias
+        assert modelled is not None
+        np.testing.assert_allclose(modelled, exact.bias, rtol=1e-9)
+        off.append(solved(formed)[2] - solved(exact)[2])
+    assert abs(np.mean(off)) > 6 * np.std(off) / 2
 
 
 def test_an_assembly_without_systematic_errors_is_left_as_it_is() -> None:

@@ -6,12 +6,14 @@ r"""Systematic errors of measured responses of which only the size is known, suc
 for motor b in configuration q: factors that all configurations share, and the difference of one of each by itself
 from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
 estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
-`FrequencyResponse.bias`.
+`FrequencyResponse.bias`, with the model's response in place of the measured one: delta G = G e_j z e_j^T G of a noisy
+G would be correlated with its noise, and the factors with it, a bias many times the noise of a few realisations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
@@ -52,6 +54,18 @@ def bias_of(response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexAr
             count = sum(one[0] == name and one[2] != "" for one in factors)
             bias[b] = ((configuration == response.configuration.name) - 1 / count) * error
     return bias
+
+
+def with_modelled_bias(response: FrequencyResponse, G: ComplexArray) -> FrequencyResponse:
+    """The same with the systematic errors that the response G (F, n_y, n_u) of a model would have.
+
+    Measured with fewer outputs than inputs it keeps those that it has.
+    """
+    _, n_y, n_u = G.shape
+    if response.bias is None or n_y < n_u:
+        return response
+    inverse = np.linalg.pinv(response.G)
+    return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
 
 
 def bias_slopes(part: Part, response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:

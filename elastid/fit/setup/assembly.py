@@ -17,7 +17,7 @@ from elastid.fit.problem.inertia_barrier import moved_inertias
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import RelinearisedFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
-from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors
+from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
 from elastid.fit.solve.ending import distance
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import solve
@@ -119,6 +119,11 @@ class Assembly:
         factors = robust_factors(self.at(x, self.spec.criterion), self.weights, x, self.spec.weights)
         weights = (replace(w, factor=w.factor * factor) for w, factor in zip(self.weights, factors, strict=True))
         return replace(self, weights=tuple(weights))
+
+    def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
+        """The same with the systematic errors of its responses as the model has them at x (n_x,)."""
+        modelled = (part.kernel.response(fit.theta(part, x)) for part in fit.parts)
+        return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
     def unbiased(self, c: FloatArray) -> Assembly:
         """The same without the systematic errors of its responses, for their factors c (n_b,)."""

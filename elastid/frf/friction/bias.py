@@ -29,8 +29,9 @@ from elastid.frf.matrices import adjoint, power
 from elastid.frf.spectra import RecordSpectra
 from elastid.record import MOTION_ORDER, Motion, Record
 
-# Power of the distortion beside that of the noise, as torque at a motor, from which on friction is looked for.
-MIN_DISTORTION = 1.0
+# Distortion of the torque at a motor in its standard deviations, over all lines, from which on friction is looked for:
+# below, its second order is lost in the noise as well.
+MIN_SIGNIFICANCE = 3.0
 # The velocity is formed up to so many times the highest line: above, an encoder's noise would decide its sign.
 VELOCITY_BAND = 4
 # Lags in a period of the highest line, and moments of a period at which the carrier is looked at.
@@ -47,13 +48,14 @@ def friction_bias(
     quantity: Motion,
     error: ComplexArray,
     noise: ComplexArray,
+    dof: float,
 ) -> ComplexArray | None:
     """delta G (2, n_u, F, n_y, n_u) by the friction of each input's motor, zero where there is none.
 
     First the second order, which configurations share, then the part of the first that each has by itself.
     G (F, n_y, n_u) at DFT lines (F,), in `quantity`.  error, noise (F, n_y, n_y): of Y - G U in one experiment, by
-    noise and distortion and by noise alone.  None where nothing exceeds the noise, or a motor's own motion was not
-    logged.
+    noise and distortion, of dof complex degrees of freedom, and by noise alone.  None where nothing exceeds the noise,
+    or a motor's own motion was not logged.
     """
     first = spectra[0][0].record
     if first.half_wave or any(place not in first.outputs for place in first.inputs):
@@ -66,16 +68,17 @@ def friction_bias(
         power(inverse @ each[:, rows][:, :, rows] @ adjoint(inverse)) for each in (error, noise)
     )
     excess = torque_error - torque_noise
-    is_distorted = np.median(torque_error, axis=0) > (1 + MIN_DISTORTION) * np.median(torque_noise, axis=0)
+    weight = 1 / (torque_noise + torque_error.mean(axis=0)) ** 2
+    scatter = np.sqrt(np.sum((weight * torque_error) ** 2, axis=0) / dof)
+    is_distorted = np.sum(weight * excess, axis=0) > MIN_SIGNIFICANCE * scatter
     if not is_distorted.any():
         return None
     V = _velocities([each for group in spectra for each in group], rows, lines)
     omega = 2j * np.pi * (lines * first.rate_hz / first.period_samples)
     bias = np.zeros((2, len(rows), *G.shape), complex)
     for j in np.flatnonzero(is_distorted):
-        weight = 1 / (torque_noise[:, j] + torque_error[:, j].mean()) ** 2
         unit = _unit_distortion(V[:, :, j], lines, first)
-        F_squared = max(0.0, float(weight @ excess[:, j] / (weight @ unit)))
+        F_squared = float(weight[:, j] @ excess[:, j] / (weight[:, j] @ unit))
         mobility = G[:, rows[j], j] * omega ** (1 - MOTION_ORDER[quantity])
         density, second = unit_impedance(V[:, :, j], mobility, lines, first)
         twice = -G[:, :, j, None] * G[:, rows[j], None, :] * omega[:, None, None] ** (1 - MOTION_ORDER[quantity])

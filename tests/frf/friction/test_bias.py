@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,17 @@ def test_without_friction_there_is_no_bias() -> None:
 def test_friction_far_below_the_noise_is_left_to_the_noise() -> None:
     """Its second order would be smaller still."""
     assert estimate(rubbing(0.02, 6, noise=1e-4), EstimatorSpec(), LINES).bias is None
+
+
+def test_friction_whose_distortion_is_a_part_of_the_noise_has_its_bias() -> None:
+    """Distortion below the noise of each line stands out over all of them, and with it the size of the second order."""
+    records, rng = rubbing(1.6, 12), np.random.default_rng(1)
+    disturbed = [replace(one, u=one.u + 6 * rng.standard_normal(one.u.shape)) for one in records]
+    clean, noisy = (estimate(each, EstimatorSpec(), LINES) for each in (records, disturbed))
+    assert noisy.noise is not None
+    assert noisy.total is not None
+    assert np.median(noisy.total.variance) < 2 * np.median(noisy.noise.variance)
+    assert clean.bias is not None
+    assert noisy.bias is not None
+    ratio = np.linalg.norm(noisy.bias[0]) / np.linalg.norm(clean.bias[0])
+    assert ratio == pytest.approx(1.0, abs=0.5)
