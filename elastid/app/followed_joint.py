@@ -48,9 +48,7 @@ def followable(robot: Robot, found: JointFriction, records: Sequence[FrictionRec
         for each in frictions(with_laws(robot, {found.joint: (found.friction, found.viscous)}))
         if each.place == f"motor {found.joint}"
     )
-    of_motor = next(joint.motor for joint in robot.driven if joint.name == found.joint)
-    ratio = 1.0 if of_motor is None else of_motor.ratio
-    joint = _joint(robot, found, records, spec, law, found.viscous * ratio**2)
+    joint = _joint(robot, found, records, spec, law, found.viscous)
     motions = tuple(_motion(record, _gravity(found), records[0].start_s) for record in records)
     angle = max(_count(record) for record in records) / np.sqrt(12)
     drift = {name: rate * (joint.coulomb if name == "offset" else 1.0) for name, rate in spec.drift_rates.items()}

@@ -17,7 +17,7 @@ bodies:
     joints:
       - name: 1
         axis: z
-        motor: {{inertia: {JOINT.motor_inertia}, ratio: 1, viscous: {VISCOUS}, coulomb: {COULOMB}}}
+        motor: {{inertia: {JOINT.motor_inertia / 4}, ratio: 2, viscous: {VISCOUS / 4}, coulomb: {COULOMB / 2}}}
         spring: {{stiffness: {JOINT.stiffness}, damping: {JOINT.damping}}}
     inertia: {JOINT.link_inertia}
 """
@@ -57,6 +57,7 @@ def test_friction_of_a_log_is_followed(study: Path) -> None:
     for stage in ("measure", "levels", "friction", "follow", "report"):
         assert run_command([stage, str(study), "--run", str(run), "-q"]) == 0
     (found,) = read_filter(run / "filter.h5")
+    assert 0.6 * VISCOUS < found.filtered.viscous < 1.2 * VISCOUS  # link side, as all of the joint
     end = dict(zip(found.names, found.values[-1].tolist(), strict=True))
     warmth, speed = 1 - np.exp(-1), 30.0
     true = COULOMB * (1 - 0.15 * warmth) + VISCOUS * (1 - 0.5 * warmth) * speed

@@ -1,0 +1,158 @@
+"""Does a fleet name the one robot that is soft or wears, without an alarm about the others, and what does it cost?
+
+Statistics at size: fits of 64 robots on 3 dates, drawn about the truth with their stated deviations; fleets that are
+all equal, and fleets in which one robot's spring is soft, or its spring, friction or backlash drifts. From YAML to
+page: 12 two-mass robots on 2 dates, one spring 5 % softer, really simulated and identified, by one and by two
+processes. Full size: some 4 CPU minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import math
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from elastid.app.console import Console
+from elastid.app.fleet import run_fleet
+from elastid.study.fleet import load_fleet
+from elastid.validation.fleet import Finding, FleetValue, find_changes
+
+ROOT = Path(__file__).parents[2]
+RATE = 0.05
+DAYS = (0.0, 180.0, 360.0)
+# True values and their relative deviations: spring, damper, backlash, Coulomb and viscous friction.
+PARAMETERS = {
+    "k_1": (1e5, 0.005),
+    "d_1": (40.0, 0.05),
+    "b_1": (2e-4, 0.03),
+    "Fc_m1": (20.0, 0.01),
+    "f_m1": (160.0, 0.02),
+}
+ODD = "r03"
+# What is wrong with one robot: the parameter, its change on all dates, and that from first to last, in std.
+FAULTS = {
+    "soft gear": ("k_1", -6.0, 0.0, ""),
+    "spring softens": ("k_1", 0.0, -8.0, "the spring softens"),
+    "friction grows": ("Fc_m1", 0.0, 8.0, "Coulomb friction grows"),
+    "backlash opens": ("b_1", 0.0, 8.0, "the backlash opens"),
+}
+STUDY = """\
+name: member
+robot: ROBOT
+excitation: {rate_hz: 500, period: 1 s, band_hz: [5, 100], torque_rms: 0.1}
+experiment:
+  configurations: {a: [0]}
+  simulated: {truth: {k_1: 60 N*m/rad}, noise: {torque_std: 1e-3, angle_std: 1e-6}}
+fit: {starts: 1, parameters: {k_1: {}, d_1: {}}}
+"""
+SOFTER = 0.95
+# Cluster sizes for which the time of a fleet is modelled.
+MODELLED = (8, 32, 64)
+
+
+def drawn(seed: int, robots: int, fault: tuple[str, float, float, str] | None) -> list[FleetValue]:
+    """The fits of a fleet about the truth, one robot with a fault."""
+    rng, values = np.random.default_rng(seed), []
+    for i in range(robots):
+        for day in DAYS:
+            for name, (true, part) in PARAMETERS.items():
+                off = 0.0
+                if fault is not None and f"r{i:02d}" == ODD and name == fault[0]:
+                    off = part * (fault[1] + fault[2] * day / DAYS[-1])
+                value = true * math.exp(off + part * rng.standard_normal())
+                values.append(FleetValue(f"r{i:02d}", day, name, value, part * value))
+    return values
+
+
+def is_named(finding: Finding, fault: tuple[str, float, float, str]) -> bool:
+    """Whether a finding is of the robot and parameter of a fault, and of its kind."""
+    kind = "drifts" if fault[2] else "differs"
+    return (finding.robot, finding.parameter, finding.kind, finding.meaning) == (ODD, fault[0], kind, fault[3])
+
+
+def statistics(fleets: int, robots: int) -> dict[str, Any]:
+    """False alarms of equal fleets, and how often each fault is named with what share of false findings."""
+    equal = [find_changes(drawn(seed, robots, None), RATE) for seed in range(fleets)]
+    found: dict[str, Any] = {"equal fleets with an alarm": float(np.mean([bool(findings) for findings in equal]))}
+    for name, fault in FAULTS.items():
+        named, false = [], []
+        for seed in range(fleets):
+            findings = find_changes(drawn(10_000 + seed, robots, fault), RATE)
+            own = [finding for finding in findings if finding.robot == ODD and finding.parameter == fault[0]]
+            named.append(any(is_named(finding, fault) for finding in findings))
+            false.append((len(findings) - len(own)) / max(1, len(findings)))
+        found[name] = {"named": float(np.mean(named)), "false share": float(np.mean(false))}
+    return found
+
+
+def really(robots: int, dates: tuple[str, ...], jobs: int, folder: Path) -> tuple[str, float, bytes]:
+    """The page's text, the seconds and the table of a fleet that is simulated and identified from YAML."""
+    robot = ROOT / "configs" / "robots" / "two_inertia_bench.yml"
+    folder.mkdir()
+    (folder / "study.yml").write_text(STUDY.replace("ROBOT", str(robot)))
+    with (folder / "members.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["robot", "date", "seed", "experiment.simulated.truth.k_1"])
+        for i in range(robots):
+            stiffness = 60 * (SOFTER if f"r{i:02d}" == ODD else 1.0)
+            rows.writerows([f"r{i:02d}", date, 100 * i + j, stiffness] for j, date in enumerate(dates))
+    (folder / "fleet.yml").write_text("name: line\nstudy: study.yml\ntable: members.csv\n")
+    began = time.perf_counter()
+    page = run_fleet(load_fleet(folder / "fleet.yml"), folder / "run", jobs, Console(-2))
+    text = page.read_text(encoding="utf-8")
+    verdict = text.partition('class="verdict">')[2].partition("</p>")[0]
+    return verdict, time.perf_counter() - began, (folder / "run" / "fleet.parquet").read_bytes()
+
+
+def scaling(robots: int, dates: tuple[str, ...], others: int) -> dict[str, Any]:
+    """A fleet by two processes, a part of it by one, and what a larger cluster would take by the same times."""
+    with tempfile.TemporaryDirectory() as temporary:
+        verdict, two_s, table = really(robots, dates, 2, Path(temporary) / "two")
+        _, one_s, one = really(others, dates[:1], 1, Path(temporary) / "one")
+        _, pair_s, pair = really(others, dates[:1], 2, Path(temporary) / "pair")
+    assert one == pair, "the table depends on the number of processes"
+    members = robots * len(dates)
+    each_s = one_s / others
+    modelled = {workers: math.ceil(192 / workers) * each_s for workers in MODELLED}
+    told = ", ".join(f"{workers} workers {seconds:.0f} s" for workers, seconds in modelled.items())
+    text = (
+        f"{others} members took {one_s:.0f} s by one process and {pair_s:.0f} s by two, at a load of "
+        f"{os.getloadavg()[0]:.1f} on {os.cpu_count()} cores; members are independent, so that 192 of them would take "
+        f"{192 * each_s:.0f} s by one and by ceil(192 / workers) times {each_s:.1f} s: {told}, beside the page"
+    )
+    return {"verdict": verdict, "members": members, "seconds": two_s, "rows": len(table), "scaling": text}
+
+
+def main() -> None:
+    """Print what was found, then one JSON line; assert the figures that texts quote."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--fleets", type=int, default=200)
+    parser.add_argument("--quick", action="store_true", help="10 fleets of 12 robots, 4 real members")
+    options = parser.parse_args()
+    fleets, robots = (10, 12) if options.quick else (options.fleets, 64)
+    found = statistics(fleets, robots)
+    for name, row in found.items():
+        print(f"{name:36} {row}")
+    spread = 3 * math.sqrt(RATE / fleets)
+    assert found["equal fleets with an alarm"] <= RATE + spread, found
+    for name in FAULTS:
+        assert found[name]["named"] >= (0.5 if options.quick else 0.9), (name, found)
+        assert found[name]["false share"] <= RATE + spread, (name, found)
+    dates = ("2026-01-31",) if options.quick else ("2026-01-31", "2026-07-31")
+    real = scaling(4 if options.quick else 12, dates, 2 if options.quick else 6)
+    print(real["verdict"], real["scaling"], sep="\n")
+    assert f"k_1 of {ODD} is -" in real["verdict"], real
+    assert real["verdict"].count(" of r") == 1, real
+    print(json.dumps({"fleets": fleets, "robots": robots, **found, **real}))
+
+
+if __name__ == "__main__":
+    main()
