@@ -18,8 +18,8 @@ from typing import Any
 
 from elastid.app.console import Console
 from elastid.app.run import Run, run_all
-from elastid.base.errors import ElastidError
-from elastid.base.execution import unordered
+from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
+from elastid.base.execution import surviving
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
 from elastid.store import replacing, text_file
 from elastid.study import load
@@ -27,8 +27,13 @@ from elastid.study.fleet import Fleet, Member
 from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
-# Rounds in which workers may die, as long as each finishes some member.
-MAX_ROUNDS = 20
+# Times that a member is begun whose worker dies.
+ATTEMPTS = 2
+DIED = f"its worker died {ATTEMPTS} times, perhaps for lack of memory; run it alone, or with fewer --jobs"
+# How studies end whose numbers are compared: of elasticity and of friction.
+COMPARED = ("converged", "at_bound", "identified", "partly")
+# Members that a message names.
+MAX_LISTED = 5
 
 
 @dataclass(frozen=True)
@@ -49,14 +54,19 @@ class FleetRow:
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     """All members, then fleet.parquet (fleet.csv without pyarrow) and fleet.html; the path of the page.
 
-    Raises StudyError where the study of a member is wrong, and ElastidError where no member could be identified.
+    Raises StudyError where the study of a member is wrong, and when all is written FitError where members failed,
+    MisfitError where some are misfits.
     """
-    for member in fleet.members:  # a wrong override is told before hours of work
-        load(fleet.study, member.overrides)
+    _check(fleet, folder)
     outcomes = _outcomes(fleet, folder, jobs, console)
-    rows = [row for member in fleet.members for row in _rows(folder, member)]
+    rows = [
+        row
+        for member, outcome in zip(fleet.members, outcomes, strict=True)
+        if not outcome.failed
+        for row in _rows(folder, member)
+    ]
     if not rows:
-        raise ElastidError(f"fleet {fleet.name}: no member was identified; {outcomes[0].robot}: {outcomes[0].message}")
+        raise FitError(f"fleet {fleet.name}: no member was identified: {_listed(outcomes)}")
     table = _write_table(folder, rows)
     values = _values(rows)
     findings = find_changes(values, fleet.false_discovery_rate)
@@ -66,27 +76,64 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     console.say(f"fleet: {content.verdict}")
     for path in (table, page):
         console.say(str(path))
+    _raise_for(fleet.name, outcomes)
     return page
 
 
+def _check(fleet: Fleet, folder: Path) -> None:
+    """Wrong overrides, and a folder that cannot be written, are told before hours of work; StudyError."""
+    wrong = []
+    for member in fleet.members:
+        try:
+            load(fleet.study, member.overrides)
+        except StudyError as error:
+            wrong.append(f"{member.words}: {error}")
+    if wrong:
+        raise StudyError("\n".join([*wrong[:MAX_LISTED], *_and_more(len(wrong))]))
+    try:
+        (folder / MEMBERS).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise StudyError(
+            f"{folder}: no results can be written there ({reason}); give another folder by --run"
+        ) from None
+
+
+def _raise_for(name: str, outcomes: Sequence[Outcome]) -> None:
+    """FitError where members failed, MisfitError where some are misfits: all is written, and told by the exit code."""
+    failed = [outcome for outcome in outcomes if outcome.failed or outcome.status not in (*COMPARED, "misfit")]
+    misfits = [outcome for outcome in outcomes if outcome.status == "misfit"]
+    for kind, found, error in (("failed", failed, FitError), ("are misfits", misfits, MisfitError)):
+        if found:
+            raise error(
+                f"fleet {name}: {len(found)} of {len(outcomes)} members {kind} and are not compared with the others: "
+                f"{_listed(found)}"
+            )
+
+
+def _listed(outcomes: Sequence[Outcome]) -> str:
+    """Names and reasons of the first few."""
+    first = [f"{outcome.words}: {outcome.message}" for outcome in outcomes[:MAX_LISTED]]
+    return "\n".join([*first, *_and_more(len(outcomes))])
+
+
+def _and_more(count: int) -> list[str]:
+    return [f"and {count - MAX_LISTED} more"] if count > MAX_LISTED else []
+
+
 def _outcomes(fleet: Fleet, folder: Path, jobs: int, console: Console) -> tuple[Outcome, ...]:
-    """How each member ended; those whose worker died are tried again while others get done."""
+    """How each member ended; those whose worker died are tried again after the others."""
     work = partial(_identified, fleet.study, folder)
     done: dict[str, Outcome] = {}
-    for _ in range(MAX_ROUNDS):
+    for attempt in range(ATTEMPTS):
         todo = [member for member in fleet.members if member.name not in done]
-        before = len(done)
-        try:
-            with console.progress(f"fleet of {len(fleet.members)}") as progress:
-                for index, outcome in unordered(work, todo, jobs, progress):
+        if todo and attempt:
+            console.warn(f"fleet: workers died at {', '.join(member.words for member in todo)}: tried again")
+        with console.progress(f"fleet of {len(fleet.members)}") as progress:
+            for index, outcome in surviving(work, todo, jobs, progress):
+                if outcome is not None:
                     done[todo[index].name] = outcome
-        except ElastidError as error:
-            if len(done) == before:
-                raise
-            console.warn(f"fleet: {error}; {len(fleet.members) - len(done)} members are tried again")
-        else:
-            break
-    return tuple(done[member.name] for member in fleet.members)
+    return tuple(done.get(member.name, Outcome(member.robot, member.date, "died", DIED)) for member in fleet.members)
 
 
 def _identified(study: Path, folder: Path, member: Member) -> Outcome:
@@ -94,8 +141,10 @@ def _identified(study: Path, folder: Path, member: Member) -> Outcome:
     run = Run(load(study, member.overrides), folder / MEMBERS / member.name, 1, Console(-2))
     try:
         run_all(run)
-    except ElastidError as error:
+    except FitError as error:  # the summary says how the fit ended
         return Outcome(member.robot, member.date, _status(run.folder) or "failed", str(error))
+    except (ElastidError, OSError, MemoryError) as error:
+        return Outcome(member.robot, member.date, "failed", str(error))
     return Outcome(member.robot, member.date, _status(run.folder), "")
 
 
@@ -121,11 +170,11 @@ def _rows(folder: Path, member: Member) -> Iterator[FleetRow]:
 
 
 def _values(rows: Sequence[FleetRow]) -> tuple[FleetValue, ...]:
-    """Numbers that were identified, their dates as days."""
+    """Numbers that were identified and can be relied on, their dates as days."""
     return tuple(
         FleetValue(row.robot, float(date.fromisoformat(row.date).toordinal()), row.parameter, row.value, row.std)
         for row in rows
-        if row.std is not None
+        if row.std is not None and row.status in COMPARED
     )
 
 

@@ -9,7 +9,7 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -59,6 +59,21 @@ def unordered(
         for done, future in enumerate(as_completed(futures), start=1):
             yield futures[future], future.result()
             progress(done, len(items))
+
+
+def surviving(
+    function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
+) -> Iterator[tuple[int, Value | None]]:
+    """`unordered`, always in other processes: a worker that dies costs the item that it was at, (index, None).
+
+    For long work: each worker is a pool of its own. On a cluster the scheduler has then tried the item several times.
+    """
+    progress(0, len(items))
+    address = _SCHEDULER.get()
+    found = _survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
+    for done, result in enumerate(found, start=1):
+        yield result
+        progress(done, len(items))
 
 
 def resumed(
@@ -129,24 +144,67 @@ def on_dask(address: str) -> Iterator[None]:
 def _processes(count: int, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
     """Processes of this machine, ended at once where anything goes wrong."""
     # Pickled here, so that an error of pickling is reported as such.
-    work = pickle.dumps(function)
-    # Workers leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded there.
-    pool = ProcessPoolExecutor(count, mp_context=get_context("forkserver"), initializer=_start_worker, initargs=(work,))
+    pool = _pool(count, pickle.dumps(function))
     try:
         yield lambda item: pool.submit(_work, item)
     except (BrokenProcessPool, BrokenPipeError) as error:
-        raise ElastidError(
-            "a script that works in several processes is read by each of them: put what it does under "
-            "if __name__ == '__main__':, or take jobs=1"
-            if _main_is_unguarded()
-            else "a worker process died, perhaps for lack of memory; try again with fewer --jobs"
-        ) from error
+        if _main_is_unguarded():
+            raise ElastidError(_UNGUARDED) from error
+        raise ElastidError("a worker process died, perhaps for lack of memory; try again with fewer --jobs") from error
     except BaseException:
-        for process in list((pool._processes or {}).values()):
-            process.terminate()
+        _end(pool)
         raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _survived(
+    function: Callable[[Item], Value], items: Sequence[Item], jobs: int
+) -> Iterator[tuple[int, Value | None]]:
+    """By pools of one process each; a pool whose process died is replaced."""
+    work, waiting = pickle.dumps(function), iter(enumerate(items))
+    running: dict[Future[Value], tuple[int, ProcessPoolExecutor]] = {}
+
+    def take(pool: ProcessPoolExecutor) -> None:
+        """The next item, or the end of the pool."""
+        following = next(waiting, None)
+        if following is None:
+            pool.shutdown(wait=False)
+        else:
+            running[pool.submit(_work, following[1])] = following[0], pool
+
+    try:
+        for _ in range(min(jobs, len(items))):
+            take(_pool(1, work))
+        while running:
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                index, pool = running.pop(future)
+                died = isinstance(future.exception(), BrokenProcessPool)
+                if died and _main_is_unguarded():
+                    raise ElastidError(_UNGUARDED)
+                take(_pool(1, work) if died else pool)
+                yield index, None if died else future.result()
+    finally:
+        for _, pool in running.values():
+            _end(pool)
+
+
+def _pool(count: int, work: bytes) -> ProcessPoolExecutor:
+    """Workers that leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded."""
+    return ProcessPoolExecutor(count, get_context("forkserver"), initializer=_start_worker, initargs=(work,))
+
+
+def _end(pool: ProcessPoolExecutor) -> None:
+    """At once."""
+    for process in list((pool._processes or {}).values()):
+        process.terminate()
+    pool.shutdown(wait=True, cancel_futures=True)
+
+
+_UNGUARDED = (
+    "a script that works in several processes is read by each of them: put what it does under "
+    "if __name__ == '__main__':, or take jobs=1"
+)
 
 
 def _main_is_unguarded() -> bool:
@@ -160,7 +218,29 @@ def _main_is_unguarded() -> bool:
 
 @contextmanager
 def _on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
-    """The workers of a Dask cluster; ElastidError where none answers."""
+    """The workers of a Dask cluster, each with the function."""
+    with _client(address) as client:
+        there = client.scatter(function, broadcast=True, hash=False)
+        yield partial(client.get_executor(pure=False).submit, _applied, there)
+
+
+def _survived_on_cluster(
+    address: str, function: Callable[[Item], Value], items: Sequence[Item]
+) -> Iterator[tuple[int, Value | None]]:
+    """The function goes with each item, so that no worker's death loses it."""
+    from distributed import KilledWorker
+
+    with _client(address) as client:
+        submit = client.get_executor(pure=False).submit
+        futures = {submit(function, item): index for index, item in enumerate(items)}
+        for future in as_completed(futures):
+            died = isinstance(future.exception(), KilledWorker)
+            yield futures[future], None if died else future.result()
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    """A Dask cluster; ElastidError where no scheduler answers."""
     from distributed import Client
 
     try:
@@ -168,8 +248,7 @@ def _on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Sub
     except OSError as error:
         raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
     try:
-        there = client.scatter(function, broadcast=True, hash=False)
-        yield partial(client.get_executor(pure=False).submit, _applied, there)
+        yield client
     finally:
         client.close()
 

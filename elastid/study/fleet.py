@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date
@@ -81,6 +82,11 @@ class Member:
         """Of its run folder."""
         return f"{self.robot}_{self.date}"
 
+    @property
+    def words(self) -> str:
+        """As messages name it."""
+        return f"{self.robot} on {self.date}"
+
 
 @dataclass(frozen=True)
 class Fleet:
@@ -104,9 +110,14 @@ def load_fleet(path: Path) -> Fleet:
     if not study.is_file():
         raise make_error(source, [Problem(("study",), f"no such file (looked for {study})")])
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
-    names = [member.name for member in members]
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise StudyError(f"{path}: {twice[0].replace('_', ' on ')} is given twice; leave one out, or correct its date")
+    if not members:
+        raise StudyError(f"{path.parent / (spec.table or path.name)}: there are no members; give a row for each")
+    names = Counter(member.words for member in members)
+    if twice := [words for words, count in names.items() if count > 1]:
+        raise StudyError(
+            f"{path}: {', '.join(twice)} {'is' if len(twice) == 1 else 'are'} given twice; leave one out, or correct "
+            "its date"
+        )
     return Fleet(spec.name, study, tuple(members), spec.false_discovery_rate)
 
 

@@ -1,11 +1,13 @@
 r"""Parameters over a fleet: which robots differ from the others, and which numbers drift, beyond their intervals.
 
-.. math:: z_r = \frac{\bar x_r - \mathrm{med}_{s \ne r}\, \bar x_s}{\sqrt{\sigma_r^2 + \tfrac{\pi}{2}
-          \overline{\sigma_s^2} / (R - 1)}}, \qquad z_{slope} = \hat b / \sigma_b
+.. math:: z_r = \frac{\bar x_r - \mathrm{med}_s\, \bar x_s}
+          {\sqrt{\sigma_r^2 + \tfrac{\pi}{2} \overline{\sigma_s^2} / R}}, \qquad z_{slope} = \hat b / \sigma_b
 
-of the logarithms of positive parameters, with the weighted mean over a robot's dates and a weighted line over them.
-The false discovery rate of all differences, and that of all trends, is held by Benjamini and Hochberg (Journal of the
-Royal Statistical Society B 57, 1995).
+of the logarithms of positive parameters, with the weighted mean over a robot's dates and a weighted line over them. The
+median is of all R robots, so that one odd robot of three does not make the others odd; since the robot itself is one of
+them, the std is a little too large, never too small.
+The false discovery rate of all differences and trends together is held by Benjamini and Hochberg (Journal of the Royal
+Statistical Society B 57, 1995).
 """
 
 from __future__ import annotations
@@ -21,6 +23,16 @@ from scipy.stats import norm
 from elastid.base.arrays import FloatArray
 
 Kind: TypeAlias = Literal["differs", "drifts"]
+
+# What a drift means, by the letters of the parameter and whether it grows.
+MEANINGS = {
+    ("k", False): "the spring softens",
+    ("b", True): "the backlash opens",
+    ("Fc", True): "Coulomb friction grows",
+    ("Fs", True): "stiction grows",
+    ("f", True): "viscous friction grows",
+    ("fm", True): "viscous friction grows",
+}
 
 # Robots below which none can be told from the others.
 MIN_ROBOTS = 3
@@ -41,7 +53,7 @@ class FleetValue:
 class Finding:
     """A robot whose parameter differs from the others', or drifts.
 
-    change: relative to the others', or from first to last date; where a parameter is not positive absolute.
+    change: relative to the median, or from first to last date; where a parameter is not positive absolute.
     z: over its std.  p: chance of as much without a difference.
     """
 
@@ -54,43 +66,45 @@ class Finding:
     p: float
 
     @property
+    def meaning(self) -> str:
+        """What wears where a spring, a friction or a backlash drifts; empty for others."""
+        return MEANINGS.get((self.parameter.partition("_")[0], self.z > 0), "") if self.kind == "drifts" else ""
+
+    @property
     def words(self) -> str:
         """The finding in a sentence."""
         size = f"{self.change:+.2%}" if self.is_relative else f"{self.change:+.3g}"
         if self.kind == "drifts":
-            return (
-                f"{self.parameter} of {self.robot} drifts: {size} from the first date to the last ({self.z:+.1f} std)"
-            )
-        return f"{self.parameter} of {self.robot} is {size} off those of the others ({self.z:+.1f} std)"
+            how = f"{self.meaning}, {size}" if self.meaning else size
+            return f"{self.parameter} of {self.robot} drifts: {how} from the first date to the last ({self.z:+.1f} std)"
+        return f"{self.parameter} of {self.robot} is {size} off the median of the fleet ({self.z:+.1f} std)"
 
 
 def find_changes(values: Sequence[FleetValue], false_discovery_rate: float) -> tuple[Finding, ...]:
     """Differences and trends, the surest first.  Numbers without a std are left out."""
     known = [value for value in values if math.isfinite(value.std) and value.std > 0]
     names = list(dict.fromkeys(value.parameter for value in known))
-    differences, trends = [], []
+    tests: list[Finding] = []
     for name in names:
         own = [value for value in known if value.parameter == name]
-        differences += _differences(name, own)
-        trends += _trends(name, own)
-    chosen = [*_discovered(differences, false_discovery_rate), *_discovered(trends, false_discovery_rate)]
+        tests += [*_differences(name, own), *_trends(name, own)]
+    chosen = _discovered(tests, false_discovery_rate)
     return tuple(sorted(chosen, key=lambda finding: (finding.p, finding.parameter, finding.robot)))
 
 
 def _differences(name: str, values: Sequence[FleetValue]) -> list[Finding]:
-    """Every robot against the median of the others."""
+    """Every robot against the median of all."""
     robots = list(dict.fromkeys(value.robot for value in values))
     if len(robots) < MIN_ROBOTS:
         return []
     is_relative = all(value.value > 0 for value in values)
     means = np.array([_mean([v for v in values if v.robot == robot], is_relative) for robot in robots])
-    found = []
-    for i, robot in enumerate(robots):
-        others = np.delete(means, i, axis=0)
-        off = float(means[i, 0] - np.median(others[:, 0]))
-        std = math.sqrt(means[i, 1] + math.pi / 2 * float(others[:, 1].mean()) / len(others))
-        found.append(_finding("differs", robot, name, off, std, is_relative))
-    return found
+    off = means[:, 0] - np.median(means[:, 0])
+    std = np.sqrt(means[:, 1] + math.pi / 2 * means[:, 1].mean() / len(robots))
+    return [
+        _finding("differs", robot, name, change, deviation, is_relative)
+        for robot, change, deviation in zip(robots, off.tolist(), std.tolist(), strict=True)
+    ]
 
 
 def _trends(name: str, values: Sequence[FleetValue]) -> list[Finding]:

@@ -1,7 +1,14 @@
 """elastid fleet: one study over robots and dates, restarted, told what is wrong, and the same bytes again."""
 
 import csv
+import os
+import shutil
+import signal
+import time
+from collections.abc import Callable
+from multiprocessing import active_children
 from pathlib import Path
+from threading import Thread
 
 import pyarrow.parquet
 import pytest
@@ -25,23 +32,46 @@ def fleet_of(study: Path, robots: int, dates: tuple[str, ...], k: float, name: s
     return path
 
 
+def killed_in_the_middle(folder: Path, pids: Callable[[], list[int]]) -> Thread:
+    """A thread that kills one of the workers as soon as one member is done."""
+
+    def kill() -> None:
+        while not list(folder.glob("members/*/fit.h5")):
+            time.sleep(0.05)
+        os.kill(pids()[0], signal.SIGKILL)
+
+    thread = Thread(target=kill, daemon=True)
+    thread.start()
+    return thread
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> tuple[Path, Path]:
+    """A fleet of three robots and two dates, and its folder: run by two processes, of which one was killed."""
+    home = tmp_path_factory.mktemp("fleet")
+    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
+        (home / name).write_text(text)
+    path, folder = fleet_of(home / "study.yml", 3, ("2026-01-31", "2026-07-31"), 60.0), home / "line"
+    killing = killed_in_the_middle(folder, lambda: [child.pid or 0 for child in active_children()])
+    assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "2"]) == 0
+    killing.join()
+    return path, folder
+
+
 @pytest.mark.slow
 def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
-    tiny: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    finished: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By name on page and terminal; the table is the same, whatever --jobs says."""
-    path = fleet_of(tiny, 3, ("2026-01-31", "2026-07-31"), 60.0)
-    folder = tmp_path / "line"
-    assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "2"]) == 0
-    told = capsys.readouterr().out
-    assert f"k_1 of {SOFT} is -" in told
+    """By name on page and terminal; the table is the same, whatever --jobs says and although a worker was killed."""
+    path, folder = finished
     page = (folder / "fleet.html").read_text(encoding="utf-8")
     assert f"k_1 of {SOFT}" in page
     first = (folder / "fleet.parquet").read_bytes()
     stamps = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert len(stamps) == 6
     (folder / "members" / "r0_2026-01-31" / "fit.h5").unlink()
-    assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "1", "-q"]) == 0
+    assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "1"]) == 0
+    assert f"k_1 of {SOFT} is -" in capsys.readouterr().out
     again = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert sum(again[file] != stamps[file] for file in stamps) == 1
     assert (folder / "fleet.parquet").read_bytes() == first
@@ -49,10 +79,56 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
     assert {"robot", "date", "parameter", "value", "std", "low", "high"} <= set(table.column_names)
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
+    finished: tuple[Path, Path], tmp_path: Path
+) -> None:
+    """Two workers; table, page and summaries are those of processes."""
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra dask)")
+    path, folder = finished
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+    ) as cluster:
+        killing = killed_in_the_middle(tmp_path, lambda: [nanny.pid for nanny in cluster.workers.values()])
+        command = ["fleet", str(path), "--run", str(tmp_path), "--dask", cluster.scheduler_address, "-q"]
+        assert run_command(command) == 0
+        killing.join()
+    names = ["fleet.parquet", "fleet.html", *(f"members/{file.name}/summary.json" for file in folder.glob("members/*"))]
+    assert len(names) == 8
+    assert all((tmp_path / name).read_bytes() == (folder / name).read_bytes() for name in names)
+
+
+@pytest.mark.slow
+def test_members_that_fail_are_named_and_the_others_go_on(
+    finished: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 1 and its reason for one that cannot be written, 3 for a misfit, neither compared with the others."""
+    path, folder = finished
+    shutil.copytree(folder / "members", tmp_path / "members")
+    summary = tmp_path / "members" / "r1_2026-01-31" / "summary.json"
+    summary.write_text(summary.read_text().replace('"converged"', '"misfit"', 1))
+    assert run_command(["fleet", str(path), "--run", str(tmp_path), "--jobs", "2"]) == 3
+    told = capsys.readouterr()
+    assert "1 of 6 members are misfits and are not compared with the others: r1 on 2026-01-31" in told.err
+    broken = tmp_path / "members" / "r0_2026-07-31"
+    shutil.rmtree(broken)
+    broken.write_text("no folder")
+    assert run_command(["fleet", str(path), "--run", str(tmp_path), "--jobs", "2"]) == 1
+    told = capsys.readouterr()
+    assert "1 of 6 members failed and are not compared with the others: r0 on 2026-07-31: " in told.err
+    assert "3 robots, 5 of 6 measurements identified" in told.out
+    table = pyarrow.parquet.read_table(tmp_path / "fleet.parquet").to_pylist()
+    assert ("r0", "2026-07-31") not in {(row["robot"], row["date"]) for row in table}
+
+
 def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """File and line: a date that is none, a missing study, two sources of members, a key that no study has."""
     path = tiny.parent / "fleet.yml"
     member = "members: [{robot: a, date: 2026-13-01}]"
+    (tiny.parent / "empty.csv").write_text("robot,date,seed\n")
+    (tiny.parent / "twice.csv").write_text("robot,date\nmy_arm,2026-01-01\nmy_arm,2026-01-01\n")
+    (tiny.parent / "wrong.csv").write_text("robot,date,seed\na,2026-01-01,1\nb,2026-01-01,x\nc,2026-01-01,y\n")
     for text, words in (
         (f"name: f\nstudy: study.yml\n{member}\n", "year-month-day"),
         ("name: f\nstudy: other.yml\nmembers: [{robot: a, date: '2026-01-01'}]\n", "no such file"),
@@ -61,11 +137,48 @@ def test_a_fleet_says_what_is_wrong_with_it(tiny: Path, capsys: pytest.CaptureFi
             "one of members, table",
         ),
         ("name: f\nstudy: study.yml\nmembers: [{robot: a, date: 2026-01-01, set: {nothing: 1}}]\n", "nothing"),
+        ("name: f\nstudy: study.yml\ntable: t.csv\n", "cannot be read as a table"),
+        ("name: f\nstudy: study.yml\ntable: empty.csv\n", "empty.csv: there are no members; give a row for each"),
+        ("name: f\nstudy: study.yml\ntable: twice.csv\n", "my_arm on 2026-01-01 is given twice"),
+        ("name: f\nstudy: study.yml\ntable: wrong.csv\n", "c on 2026-01-01: "),
+        ("name: f\nstudy: study.yml\nfolders: logs/{robot}/{date}\n", "no folder is like logs/{robot}/{date}"),
     ):
         path.write_text(text)
         assert run_command(["fleet", str(path)]) == 2, text
         said = capsys.readouterr().err
         assert words in said, said
+
+
+def test_a_folder_that_cannot_be_written_is_told_before_work(tiny: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Here a file stands in its place."""
+    path = fleet_of(tiny, 1, ("2026-01-31",), 60.0)
+    (tiny.parent / "taken").write_text("")
+    assert run_command(["fleet", str(path), "--run", str(tiny.parent / "taken" / "line")]) == 2
+    assert "no results can be written there (Not a directory)" in capsys.readouterr().err
+
+
+def test_logs_that_a_table_names_and_that_are_missing_are_told_before_work(
+    tiny: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each with its robot and date."""
+    recorded = """
+rate_hz: 500, period: 1 s, channels: [{role: u, at: motor 1, channel: u, quantity: torque, unit: N*m},
+{role: y, at: motor 1, channel: y, quantity: position, unit: rad}], files: [{path: LOG, configuration: a}]
+"""
+    text = tiny.read_text()
+    i, j = text.index("  simulated:"), text.index("fit:")
+    tiny.write_text(text[:i] + "  recorded: {" + " ".join(recorded.split()) + "}\n" + text[j:])
+    path = tiny.parent / "fleet.yml"
+    path.write_text("name: f\nstudy: study.yml\ntable: t.csv\n")
+    files = "experiment.recorded.files"
+    with (tiny.parent / "t.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["robot", "date", files])
+        rows.writerows([[robot, "2026-01-31", f"[{{path: {robot}.csv, configuration: a}}]"] for robot in "ab"])
+    assert run_command(["fleet", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert all(f"{robot} on 2026-01-31: " in said for robot in "ab"), said
+    assert "no such file" in said
 
 
 def test_folders_name_their_members(tiny: Path) -> None:

@@ -1,5 +1,6 @@
 """Work in processes: what is to be done travels once to each, what it is done with every time."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ from pickle import PicklingError
 
 import pytest
 
-from elastid.base.execution import ordered
+from elastid.base.execution import ordered, surviving
 
 
 class Heavy:
@@ -43,3 +44,23 @@ def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tm
     assert "ElastidError: a script that works in several processes is read by each of them: put what it" in run.stderr
     script.write_text(f"from elastid.base.execution import ordered\nif __name__ == '__main__':\n    {work}")
     assert subprocess.run([sys.executable, str(script)], capture_output=True, text=True).stdout == "[1, 2]\n"
+
+
+def killed_at_two(item: int) -> int:
+    """As if the system had killed the worker for lack of memory."""
+    if item == 2:
+        os._exit(9)
+    return item * item
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_worker_that_dies_costs_the_item_that_it_was_at(jobs: int):
+    """None in its place, and all others as they are."""
+    found = dict(surviving(killed_at_two, [1, 2, 3, 4, 5], jobs))
+    assert found == {0: 1, 1: None, 2: 9, 3: 16, 4: 25}
+
+
+def test_an_error_of_long_work_arrives_as_it_is():
+    """And ends the other workers."""
+    with pytest.raises(ZeroDivisionError):
+        list(surviving((1).__divmod__, [1, 0, 2], 2))

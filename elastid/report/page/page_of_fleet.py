@@ -21,6 +21,16 @@ class Outcome:
     status: str
     message: str
 
+    @property
+    def failed(self) -> bool:
+        """Whether it left no numbers."""
+        return self.status in ("failed", "died")
+
+    @property
+    def words(self) -> str:
+        """As messages name it."""
+        return f"{self.robot} on {self.date}"
+
 
 @dataclass(frozen=True)
 class FleetContent:
@@ -37,7 +47,7 @@ class FleetContent:
     def verdict(self) -> str:
         """What was found, in a sentence."""
         robots = len({each.robot for each in self.outcomes})
-        done = sum(each.status not in ("failed", "died") for each in self.outcomes)
+        done = sum(not each.failed for each in self.outcomes)
         told = f"{robots} robots, {done} of {len(self.outcomes)} measurements identified: "
         if not self.findings:
             return told + "no parameter differs or drifts beyond its interval."
