@@ -23,7 +23,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.frf.friction.operators import stop
+from elastid.frf.friction.operators import Path, stop
 from elastid.robot.presliding import MaxwellSlip
 
 # Thresholds of the spectrum.
@@ -139,7 +139,8 @@ def _smoothed(loops: Loops) -> Iterator[FloatArray]:
 
 def operators(q: FloatArray, thresholds: FloatArray) -> FloatArray:
     """The stop operators (n, J) of a motion (n,), at rest at its first point."""
-    return np.stack([stop(q, float(D)) for D in thresholds], axis=1)
+    path = Path.of(q)
+    return np.stack([stop(path, float(D)) for D in thresholds], axis=1)
 
 
 def _fit(q: FloatArray, u: FloatArray, thresholds: FloatArray, used: BoolArray) -> Elements:

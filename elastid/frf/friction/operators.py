@@ -11,6 +11,7 @@ turning points need to be followed one after the other, and s is exact where q i
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,24 +21,45 @@ from elastid.base.arrays import FloatArray, IntArray
 _SATURATED = 20.0
 
 
-def stop(q: FloatArray, D: float) -> FloatArray:
-    """s (n,) of a stop operator along q (n,), from s = 0."""
-    steps, last, moved = _monotonous(q)
+@dataclass(frozen=True)
+class Path:
+    """A motion q (n,) by its turning points: steps between them, the last one (n,) before each q, q (n,) from it on."""
+
+    steps: list[float]
+    last: IntArray
+    moved: FloatArray
+
+    @classmethod
+    def of(cls, q: FloatArray) -> Path:
+        """The turning points of q (n,), its ends among them."""
+        rising = np.diff(q)
+        is_turning = rising[1:] * rising[:-1] <= 0
+        turning = np.concatenate([[0], np.flatnonzero(is_turning) + 1, [len(q) - 1]])
+        counts = np.diff(turning)
+        last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
+        return cls(np.diff(q[turning]).tolist(), last, np.asarray(q - q[turning[last]]))
+
+    def without(self, n: int) -> Path:
+        """The same without the points of its first n q, whose steps it still has."""
+        return Path(self.steps, self.last[n:], self.moved[n:])
+
+
+def stop(path: Path, D: float) -> FloatArray:
+    """s (n,) of a stop operator along a path, from s = 0."""
     states = [0.0]
-    for step in steps:
+    for step in path.steps:
         states.append(min(max(states[-1] + step, -D), D))
-    return np.asarray(np.clip(np.array(states)[last] + moved, -D, D))
+    return np.asarray(np.clip(np.array(states)[path.last] + path.moved, -D, D))
 
 
-def bristle(q: FloatArray, D: float) -> FloatArray:
-    """s (n,) of a bristle along q (n,), from s = 0."""
-    steps, last, moved = _monotonous(q)
+def bristle(path: Path, D: float) -> FloatArray:
+    """s (n,) of a bristle along a path, from s = 0."""
     states = [0.0]
-    for step in steps:
+    for step in path.steps:
         end = math.copysign(D, step)
         states.append(end + (states[-1] - end) * math.exp(-abs(step) / D))
-    ends = np.copysign(D, moved)
-    return np.asarray(ends + (np.array(states)[last] - ends) * np.exp(-np.abs(moved) / D))
+    ends = np.copysign(D, path.moved)
+    return np.asarray(ends + (np.array(states)[path.last] - ends) * np.exp(-np.abs(path.moved) / D))
 
 
 def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
@@ -57,12 +79,3 @@ def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
     inside = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
     found[turning] = np.where(small, inside, (integral[1] - integral[0]) / np.where(small, 1.0, step))
     return np.asarray(found)
-
-
-def _monotonous(q: FloatArray) -> tuple[list[float], IntArray, FloatArray]:
-    """Steps from turning point to turning point; the last one (n,) before each q, and how far q (n,) is from it."""
-    direction = np.sign(np.diff(q))
-    turning = np.concatenate([[0], np.flatnonzero(direction[1:] * direction[:-1] <= 0) + 1, [len(q) - 1]])
-    counts = np.diff(turning)
-    last = np.append(np.repeat(np.arange(len(counts)), counts), len(counts) - 1)
-    return np.diff(q[turning]).tolist(), last, np.asarray(q - q[turning[last]])

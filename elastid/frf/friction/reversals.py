@@ -18,7 +18,7 @@ from scipy.fft import fft
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.frf.friction.motion import Motion, integrated, laplace, motion_of, whole_samples
 from elastid.frf.friction.result import FrictionTakenOut
-from elastid.frf.friction.shapes import spectrum
+from elastid.frf.friction.shapes import spectra
 from elastid.record import Record
 
 # Cells in a sample: with 8 of them k and d are off by up to 2.5 standard deviations of a good measurement.
@@ -33,9 +33,10 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
     if not shows_images(record, place) or accelerance == 0:
         return motion_of(record, place)
     held = held_spectrum(record.u[: whole_samples(record), record.inputs.index(place)])
-    motion = motion_of(record, place, accelerance * twice_integrated(held, record))
+    motion = motion_of(record, place)
     for _ in range(_ITERATIONS):
-        torque = held - friction_spectrum(record, place, motion, friction)
+        own = friction_spectrum(record, place, motion, friction)
+        torque = held - np.pad(own, (0, len(held) - len(own)))
         motion = motion_of(record, place, accelerance * twice_integrated(torque, record))
     return motion
 
@@ -51,8 +52,9 @@ def shows_images(record: Record, place: str) -> bool:
 def friction_spectrum(record: Record, place: str, motion: Motion, friction: FrictionTakenOut) -> ComplexArray:
     """DFT (n cells // 2 + 1,), as of n samples, of the friction of a motor along its motion."""
     torque = np.zeros(whole_samples(record) * motion.cells // 2 + 1, complex)
-    for shape, level in friction.taken_shapes(place):
-        torque += level * spectrum(record, motion, shape)
+    shapes, levels = zip(*friction.taken_shapes(place), strict=True)
+    for level, of_shape in zip(levels, spectra(record, motion, shapes), strict=True):
+        torque += level * of_shape
     return torque
 
 

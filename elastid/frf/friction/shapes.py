@@ -8,6 +8,7 @@ gradually, as oil or noise in the velocity make it. A rate is the damping of a b
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, TypeAlias
@@ -17,7 +18,7 @@ from scipy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.frf.friction.motion import Motion, whole_samples
-from elastid.frf.friction.operators import bristle, mean_sign, stop
+from elastid.frf.friction.operators import Path, bristle, mean_sign, stop
 from elastid.record import Record
 
 Kind: TypeAlias = Literal["sign", "stop", "bristle", "stop rate", "bristle rate"]
@@ -54,36 +55,43 @@ class Shape:
         return np.asarray(np.tanh(velocity / self.threshold) if gradual else np.sign(velocity))
 
 
-def amplitudes(record: Record, motion: Motion, shape: Shape, periods: IntArray, lines: IntArray) -> ComplexArray:
-    """Amplitudes (F,) of a shape at lines (F,), in the mean over some repetitions of a record."""
-    L = record.repeat_samples * motion.cells
-    means = _cell_means(record, motion, shape).reshape(-1, L)[periods]
-    if record.half_wave:
-        means = means * (-1.0) ** periods[:, None]
-    mean = means.mean(axis=0)
-    if record.half_wave:
-        mean = np.concatenate([mean, -mean])
-    found = rfft(mean)[lines] * _of_cells(len(mean), motion.cells)[lines] * (2 / record.period_samples)
-    return np.asarray(found * _derivative(record, shape, lines, record.period_samples))
+def amplitudes(
+    record: Record, motion: Motion, shapes: Sequence[Shape], periods: IntArray, lines: IntArray
+) -> ComplexArray:
+    """Amplitudes (n_f, F) of the shapes of a motor at lines (F,), in the mean over some repetitions of a record."""
+    L, n = record.repeat_samples * motion.cells, record.period_samples * motion.cells
+    found = np.zeros((len(shapes), len(lines)), complex)
+    for shape, of_shape, means in zip(shapes, found, _cell_means(record, motion, shapes), strict=True):
+        each = means.reshape(-1, L)[periods]
+        mean = ((-1.0) ** periods @ each if record.half_wave else each.sum(axis=0)) / len(periods)
+        if record.half_wave:
+            mean = np.concatenate([mean, -mean])
+        of_shape[:] = rfft(mean)[lines] * _derivative(record, shape, lines, record.period_samples)
+    return np.asarray(found * _of_cells(n, motion.cells)[lines] * (2 / record.period_samples))
 
 
-def spectrum(record: Record, motion: Motion, shape: Shape) -> ComplexArray:
-    """DFT (n cells // 2 + 1,), as of n samples, of a shape over the whole periods of a record."""
+def spectra(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[ComplexArray]:
+    """DFT (n cells // 2 + 1,), as of n samples, of each of the shapes of a motor over the whole periods of a record."""
     n = whole_samples(record)
-    found = rfft(_cell_means(record, motion, shape)) * _of_cells(n * motion.cells, motion.cells)
-    return np.asarray(found * _derivative(record, shape, np.arange(len(found)), n))
+    lines = np.arange(n * motion.cells // 2 + 1)
+    for shape, means in zip(shapes, _cell_means(record, motion, shapes), strict=True):
+        found = rfft(means) * _of_cells(n * motion.cells, motion.cells)
+        yield np.asarray(found * _derivative(record, shape, lines, n))
 
 
-def _cell_means(record: Record, motion: Motion, shape: Shape) -> FloatArray:
-    """The mean (n cells,) in each cell of a shape, or of the bristle whose rate it is."""
-    if shape.kind == "sign":
-        return mean_sign(motion.velocity, shape.threshold)
-    # Its state at the start is not known: the first period is run over twice.
+def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
+    """The mean (n cells,) in each cell of each shape, or of the bristle whose rate it is."""
+    # The state of a bristle at the start is not known: the first period is run over twice.
     before = motion.angle[: record.period_samples * motion.cells]
-    q = np.concatenate([before - before[-1] + motion.angle[0], motion.angle])
-    operator = stop if shape.kind.startswith("stop") else bristle
-    s = operator(q, shape.threshold)[len(before) :]
-    return np.asarray((s[:-1] + s[1:]) / (2 * shape.threshold))
+    bends = any(shape.kind != "sign" for shape in shapes)
+    q = np.concatenate([before - before[-1] + motion.angle[0], motion.angle]) if bends else motion.angle
+    path = Path.of(q).without(len(before)) if bends else None
+    for shape in shapes:
+        if path is None or shape.kind == "sign":
+            yield mean_sign(motion.velocity, shape.threshold)
+        else:
+            s = (stop if shape.kind.startswith("stop") else bristle)(path, shape.threshold)
+            yield (s[:-1] + s[1:]) / (2 * shape.threshold)
 
 
 @lru_cache(maxsize=4)

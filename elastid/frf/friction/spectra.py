@@ -119,11 +119,13 @@ def gather_configuration(
         used = found.only(kept)
         Y.append(used.Y.mean(axis=0)[:, columns])
         U.append(used.U.mean(axis=0))
-        motions = {place: motion_of(each.record, place) for place in dict.fromkeys(shape.place for shape in shapes)}
         # A last half period without its other half is no part of the motion.
         whole = kept[kept < each.record.n_periods * first.period_samples // first.repeat_samples]
-        phi = [amplitudes(each.record, motions[shape.place], shape, whole, lines) for shape in shapes]
-        Phi.append(np.array(phi, dtype=np.complex128).reshape(len(shapes), len(lines)).T)
+        Phi.append(np.zeros((len(lines), len(shapes)), complex))
+        for place in dict.fromkeys(shape.place for shape in shapes):
+            own = [i for i, shape in enumerate(shapes) if shape.place == place]
+            motion = motion_of(each.record, place)
+            Phi[-1][:, own] = amplitudes(each.record, motion, [shapes[i] for i in own], whole, lines).T
     return ConfigurationSpectra(
         lines=lines,
         freq_hz=line_frequencies(lines, first.rate_hz, first.period_samples),

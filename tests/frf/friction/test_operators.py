@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis.extra.numpy import arrays
 
-from elastid.frf.friction.operators import bristle, mean_sign, stop
+from elastid.frf.friction.operators import Path, bristle, mean_sign, stop
 
 
 @settings(max_examples=50)
@@ -17,7 +17,7 @@ def test_a_stop_operator_follows_its_recursion(q: np.ndarray, D: float) -> None:
     expected = [0.0]
     for step in np.diff(q):
         expected.append(min(max(expected[-1] + step, -D), D))
-    np.testing.assert_allclose(stop(q, D), expected, atol=1e-12)
+    np.testing.assert_allclose(stop(Path.of(q), D), expected, atol=1e-12)
 
 
 def test_a_bristle_follows_its_differential_equation() -> None:
@@ -27,7 +27,7 @@ def test_a_bristle_follows_its_differential_equation() -> None:
     s = [0.0]
     for step in np.diff(q):
         s.append(s[-1] + step - abs(step) * s[-1] / 0.2)
-    np.testing.assert_allclose(bristle(q, 0.2), s, atol=1e-3)
+    np.testing.assert_allclose(bristle(Path.of(q), 0.2), s, atol=1e-3)
 
 
 @pytest.mark.parametrize("v_s", [0.0, 1e-3, 0.5])

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from elastid.frf.friction.motion import motion_of
-from elastid.frf.friction.operators import stop
-from elastid.frf.friction.shapes import Shape, amplitudes, spectrum
+from elastid.frf.friction.operators import Path, stop
+from elastid.frf.friction.shapes import Shape, amplitudes, spectra
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -26,7 +26,7 @@ def swinging(line: int, amplitude: float, quantity: Motion = "position", periods
 
 def amplitudes_of(record: Record, shape: Shape, lines: list[int]) -> np.ndarray:
     periods = np.arange(record.n_samples // record.repeat_samples)
-    return amplitudes(record, motion_of(record, "motor 1"), shape, periods, np.array(lines))
+    return amplitudes(record, motion_of(record, "motor 1"), [shape], periods, np.array(lines))[0]
 
 
 @pytest.mark.parametrize("quantity", ["position", "velocity", "acceleration"])
@@ -42,8 +42,10 @@ def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: i
 def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) -> None:
     """At the lines of a period, of which the record has two."""
     record = swinging(3, 0.2)
-    found = spectrum(record, motion_of(record, "motor 1"), shape) / N
-    np.testing.assert_allclose(found[[6, 18]], amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max())
+    (found,) = spectra(record, motion_of(record, "motor 1"), [shape])
+    np.testing.assert_allclose(
+        found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
+    )
 
 
 def test_half_periods_are_repetitions_with_the_other_sign() -> None:
@@ -58,7 +60,7 @@ def test_half_periods_are_repetitions_with_the_other_sign() -> None:
 def test_a_stop_operator_of_a_sinusoid_has_its_first_harmonic() -> None:
     """By quadrature over one turn."""
     angle = 2 * np.pi * np.arange(200_000) / 100_000
-    s = stop(0.2 * np.cos(angle), 0.1)[100_000:] / 0.1
+    s = stop(Path.of(0.2 * np.cos(angle)), 0.1)[100_000:] / 0.1
     expected = np.mean(s * np.exp(-1j * angle[100_000:])) * 2
     (found,) = amplitudes_of(swinging(3, 0.2), Shape("motor 1", "stop", 0.1), [3])
     np.testing.assert_allclose(found, expected, atol=1e-3)
