@@ -1,5 +1,6 @@
 """What a notebook needs: public names, values shown in a few lines, figures, and the forms of other libraries."""
 
+import inspect
 import subprocess
 import sys
 from dataclasses import replace
@@ -133,3 +134,14 @@ def test_a_package_that_is_missing_says_how_to_install_it(measured, monkeypatch)
     monkeypatch.setitem(sys.modules, "xarray", None)
     with pytest.raises(ElastidError, match=r"xarray is not installed; .*--extra notebook"):
         measured[0].to_xarray()
+
+
+def test_every_public_function_takes_a_path_as_text(tmp_path, result) -> None:
+    """By its signature, and where it counts: what is written under a text is read under it."""
+    functions = [value for value in (getattr(elastid, name) for name in elastid.__all__) if inspect.isfunction(value)]
+    paths = [p.annotation for f in functions for p in inspect.signature(f).parameters.values() if "Path" in str(p)]
+    assert len(paths) >= 9
+    assert set(paths) == {"Path | str"}
+    elastid.write_fit(f"{tmp_path}/fit.h5", result)
+    assert elastid.read_fit(f"{tmp_path}/fit.h5").values == result.values
+    assert elastid.load_robot(f"{CONFIGS}/robots/linkage_arm.yml").name == "linkage arm"

@@ -109,11 +109,11 @@ class FrictionResult:
     @property
     def display(self) -> Display:
         """How it ended, and the table of numbers."""
-        rows = [
-            (n.name, n.meaning, f"{number(n.value, digits(n.value, n.std))} {n.unit}", " to ".join(interval_of(ends)))
-            for n in self.numbers
-            for ends in [(n.low, n.high)]
-        ]
+        rows = []
+        for each in self.numbers:
+            kept = digits(each.value, each.std)
+            value, ends = number(each.value, kept), " to ".join(interval_of((each.low, each.high), kept))
+            rows.append((each.name, each.meaning, f"{value} {each.unit}", ends))
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 
     def at(self, joint: str) -> JointFriction:

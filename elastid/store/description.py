@@ -16,7 +16,7 @@ from elastid.store.files import attributes, kind_of, opened
 _BLOCK_VALUES = 1 << 20
 
 
-def described(path: Path) -> str:
+def described(path: Path | str) -> str:
     """Groups, variables with axes, shapes, units and values, and the provenance of a file."""
     kind = kind_of(path) or ""
     with opened(path, kind) as file:

@@ -40,7 +40,7 @@ _FORECAST = "forecast"
 
 
 def write_plan(
-    path: Path,
+    path: Path | str,
     plan: Plan,
     stamp: Stamp = NO_STAMP,
     references: tuple[Reference, ...] = (),
@@ -80,7 +80,7 @@ def write_plan(
             _write_rehearsal(file, nearest, axes[4])
 
 
-def read_plan(path: Path) -> Plan:
+def read_plan(path: Path | str) -> Plan:
     """The plan in plan.h5."""
     with opened(path, "plan") as file:
         known = attributes(file)
@@ -122,7 +122,7 @@ def _write_peaks(file: Any, peaks: LimitUse, configurations: Any, inputs: Any) -
     write_notes(group, peaks.notes)
 
 
-def read_peaks(path: Path) -> LimitUse:
+def read_peaks(path: Path | str) -> LimitUse:
     """The peaks of the rehearsal in plan.h5."""
     with opened(path, "plan") as file:
         group = file["peaks"]
@@ -151,7 +151,7 @@ def _write_rehearsal(file: Any, run: Rehearsal, inputs: Any) -> None:
     variable(group, "torque", run.torque, [time, inputs], "torque of each motor, link side", "N*m")
 
 
-def read_rehearsal(path: Path) -> Rehearsal:
+def read_rehearsal(path: Path | str) -> Rehearsal:
     """The run that comes closest to a limit."""
     with opened(path, "plan") as file:
         group = file["rehearsal"]
@@ -186,7 +186,7 @@ def _write_forecast(group: Any, forecast: Forecast) -> None:
         group.attrs["choice"] = forecast.choice
 
 
-def read_forecast(path: Path) -> Forecast | None:
+def read_forecast(path: Path | str) -> Forecast | None:
     """The forecast in plan.h5; None where there is none."""
     from elastid.design.forecast import Forecast  # brings the fit, which a reader of the plan does not need
 

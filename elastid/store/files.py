@@ -56,7 +56,7 @@ NO_STAMP = Stamp()
 
 
 @contextmanager
-def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
+def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
     """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary:
         try:
@@ -75,15 +75,16 @@ def created(path: Path, kind: str, stamp: Stamp) -> Iterator[Any]:
 
 
 @contextmanager
-def text_file(path: Path) -> Iterator[TextIO]:
+def text_file(path: Path | str) -> Iterator[TextIO]:
     """A new text file; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary, temporary.open("w", encoding="utf-8", newline="\n") as file:
         yield file
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[Path]:
+def replacing(path: Path | str) -> Iterator[Path]:
     """Another path to write to; the file takes its name only when it is complete and on the disk."""
+    path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.unfinished")
     try:
@@ -103,7 +104,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 @contextmanager
-def opened(path: Path, kind: str) -> Iterator[Any]:
+def opened(path: Path | str, kind: str) -> Iterator[Any]:
     """An artefact, read-only; DataError where it is missing, truncated or of another kind."""
     try:
         file = h5py.File(path, "r")
@@ -130,7 +131,7 @@ def opened(path: Path, kind: str) -> Iterator[Any]:
             ) from error
 
 
-def read_stamp(path: Path) -> Stamp | None:
+def read_stamp(path: Path | str) -> Stamp | None:
     """Provenance of an artefact; None where it is missing, truncated or foreign."""
     try:
         with h5py.File(path, "r") as file:
@@ -239,7 +240,7 @@ def read_input_units(group: Any) -> tuple[str, ...]:
     return texts(group, "input_units") if "input_units" in group else ()
 
 
-def kind_of(path: Path) -> str | None:
+def kind_of(path: Path | str) -> str | None:
     """The kind of artefact in a file; None where it is none of elastid."""
     try:
         with h5py.File(path, "r") as file:

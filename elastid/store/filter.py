@@ -18,7 +18,7 @@ def write_filter(path: Path, joints: Sequence[FollowedFriction], stamp: Stamp = 
         write_value(file, "joints", tuple(joints))
 
 
-def read_filter(path: Path) -> tuple[FollowedFriction, ...]:
+def read_filter(path: Path | str) -> tuple[FollowedFriction, ...]:
     """The joints in filter.h5."""
     with opened(path, FILTER) as file:
         return tuple(

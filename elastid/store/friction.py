@@ -36,7 +36,7 @@ def write_friction(file: Any, friction: FrictionTakenOut) -> None:
     write_notes(group, friction.notes)
 
 
-def read_friction(path: Path) -> FrictionTakenOut | None:
+def read_friction(path: Path | str) -> FrictionTakenOut | None:
     """The friction that was taken out of the responses in frf.h5; None where the study asked for none."""
     with opened(path, "frf") as file:
         if _GROUP not in file:

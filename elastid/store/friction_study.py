@@ -27,7 +27,7 @@ def write_friction_plan(path: Path, plan: FrictionPlan, stamp: Stamp = NO_STAMP)
         write_value(file, "plan", plan)
 
 
-def read_friction_plan(path: Path) -> FrictionPlan:
+def read_friction_plan(path: Path | str) -> FrictionPlan:
     """The plan in plan.h5."""
     with opened(path, PLAN) as file:
         return read_dataclass(file, "plan", FrictionPlan)
@@ -85,7 +85,7 @@ def _label_signals(group: Any, record: FrictionRecord) -> None:
             group[name].attrs["units"], group[name].attrs["long_name"] = unit, what
 
 
-def read_friction_records(path: Path) -> FrictionRecords:
+def read_friction_records(path: Path | str) -> FrictionRecords:
     """Everything in records.h5."""
     with opened(path, RECORDS) as file:
         records = (read_dataclass(file, f"record-{i:05d}", FrictionRecord) for i in range(int(file.attrs["records"])))
@@ -99,7 +99,7 @@ def write_levels(path: Path, levels: Sequence[JointLevels], stamp: Stamp = NO_ST
         write_value(file, "joints", tuple(levels))
 
 
-def read_levels(path: Path) -> tuple[JointLevels, ...]:
+def read_levels(path: Path | str) -> tuple[JointLevels, ...]:
     """The joints in levels.h5."""
     with opened(path, LEVELS) as file:
         return tuple(
@@ -127,7 +127,7 @@ def write_friction_result(
         write_balances(file, balances)
 
 
-def read_friction_result(path: Path) -> FrictionResult:
+def read_friction_result(path: Path | str) -> FrictionResult:
     """The result in friction.h5."""
     with opened(path, FRICTION) as file:
         return read_dataclass(file, "result", FrictionResult)

@@ -44,7 +44,7 @@ _COVARIANCES = {
 }
 
 
-def write_records(path: Path, records: Iterable[Record], stamp: Stamp = NO_STAMP) -> None:
+def write_records(path: Path | str, records: Iterable[Record], stamp: Stamp = NO_STAMP) -> None:
     """records.h5: a group for each record, written one at a time, uncompressed (reading would cost twice the FFT)."""
     with created(path, "records", stamp) as file:
         names: list[str] = []
@@ -54,7 +54,7 @@ def write_records(path: Path, records: Iterable[Record], stamp: Stamp = NO_STAMP
         scale(file, "record", names, "record, in the order measured")
 
 
-def read_records(path: Path, configuration: str | None = None) -> Iterator[Record]:
+def read_records(path: Path | str, configuration: str | None = None) -> Iterator[Record]:
     """The records in records.h5, of one configuration or all, one at a time."""
     with opened(path, "records") as file:
         for name in texts(file, "record"):
@@ -63,7 +63,7 @@ def read_records(path: Path, configuration: str | None = None) -> Iterator[Recor
                 yield _read_record(group, name)
 
 
-def read_configurations(path: Path) -> tuple[str, ...]:
+def read_configurations(path: Path | str) -> tuple[str, ...]:
     """The names of the configurations in records.h5, in the order measured."""
     with opened(path, "records") as file:
         names = [str(file[key(name)].attrs["configuration"]) for name in texts(file, "record")]
@@ -134,7 +134,7 @@ def _read_record(group: Any, name: str) -> Record:
 
 
 def write_responses(
-    path: Path,
+    path: Path | str,
     responses: Sequence[FrequencyResponse],
     stamp: Stamp = NO_STAMP,
     friction: FrictionTakenOut | None = None,
@@ -148,7 +148,7 @@ def write_responses(
             _write_response(file.create_group(key(response.configuration.name)), response)
 
 
-def read_responses(path: Path) -> tuple[FrequencyResponse, ...]:
+def read_responses(path: Path | str) -> tuple[FrequencyResponse, ...]:
     """The responses in frf.h5."""
     with opened(path, "frf") as file:
         return tuple(_read_response(file[key(name)]) for name in texts(file, "configuration"))

@@ -33,7 +33,7 @@ from elastid.validation.twin import TorqueBalance
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion", "cost_dof")
 
 
-def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
+def write_fit(path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
     """fit.h5: the parameters as a table, x with its covariance, every start."""
     with created(path, "fit", stamp) as file:
         for name in _FIT_ATTRIBUTES:
@@ -56,7 +56,7 @@ def write_fit(path: Path, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
         write_notes(file, result.notes)
 
 
-def read_fit(path: Path) -> FitResult:
+def read_fit(path: Path | str) -> FitResult:
     """The result in fit.h5."""
     with opened(path, "fit") as file:
         known = attributes(file)
@@ -136,7 +136,7 @@ _PEAK_TEXTS, _PEAK_NUMBERS = ("output", "input", "kind"), ("measured_hz", "model
 
 
 def write_validation(
-    path: Path, validation: Validation, stamp: Stamp = NO_STAMP, balances: tuple[TorqueBalance, ...] = ()
+    path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, balances: tuple[TorqueBalance, ...] = ()
 ) -> None:
     """validation.h5: a group for each configuration, arrays by element (output, input), records replayed in it."""
     with created(path, "validation", stamp) as file:
@@ -152,7 +152,7 @@ def write_validation(
         write_balances(file, balances)
 
 
-def read_validation(path: Path) -> Validation:
+def read_validation(path: Path | str) -> Validation:
     """The validation in validation.h5."""
     with opened(path, "validation") as file:
         names, known = texts(file, "configuration"), attributes(file)

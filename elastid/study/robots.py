@@ -18,8 +18,9 @@ from elastid.study.messages import Problem, make_error, validate
 from elastid.study.yaml_source import YamlSource, read_source
 
 
-def load_robot(path: Path) -> Robot:
+def load_robot(path: Path | str) -> Robot:
     """The robot of a YAML file; StudyError with a line `file:line:col: key: message` for each error."""
+    path = Path(path)
     source = with_robot(read_robot(path), path.parent)
     robot = source.data["robot"]
     return robot if isinstance(robot, Robot) else _validated(source, Robot)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Literal, TypeAlias
 
@@ -19,6 +19,7 @@ from elastid.friction_fit.spec import FrictionSpec
 from elastid.model.spec import ModelSpec
 from elastid.observer.spec import FilterSpec
 from elastid.report.spec import ReportSpec
+from elastid.response import FrequencyResponse
 from elastid.robot import Joint, Robot
 from elastid.validation.spec import CompareSpec, ValidationSpec
 
@@ -118,6 +119,10 @@ class Study:
         if self.robot is not None:
             return self.experiment.kind
         return "frf-responses" if self.experiment.responses is not None else "frf"
+
+    def fitted(self, responses: Iterable[FrequencyResponse]) -> tuple[FrequencyResponse, ...]:
+        """The responses that the fit sees: those of configurations that are not left out for validation."""
+        return tuple(one for one in responses if one.configuration.name not in self.validation.left_out)
 
     @property
     def seeded_fit(self) -> FitSpec:

@@ -31,7 +31,7 @@ def fit(run: Run) -> None:
     """
     study, path = run.study, run.summary("fit")
     responses = read_responses(run.path("estimate"))
-    fitted = [response for response in responses if response.configuration.name not in study.validation.left_out]
+    fitted = study.fitted(responses)
     if not run.is_current("validate"):  # of another fit; nobody is to read it beside this one's summary
         run.summary("validate").unlink(missing_ok=True)
     unfinished = run.resumed("fit")

@@ -1,0 +1,15 @@
+"""Example 4: the gain margin of a motor controller on a fitted model, by python-control."""
+
+from __future__ import annotations
+
+import control
+import ex03_responses_of_python_control as fitted
+
+model = fitted.result.model("home")
+plant = model.to_control()  # from motor torque to motor acceleration
+velocity = plant * control.tf([1.0], [1.0, 0.0])
+loop = 100.0 * velocity * control.tf([1.0], [2e-3, 1.0]) * control.tf([1.0], [2e-3, 1.0])
+gain_margin, phase_margin, _, _ = control.margin(loop)
+
+if __name__ == "__main__":
+    print(f"gain margin {gain_margin:.3g}, phase margin {phase_margin:.3g} deg, modes {model.modes().freq_hz} Hz")

@@ -1,0 +1,22 @@
+"""Example 6: the friction of one axis from passes at constant speeds, chosen, simulated and identified in Python.
+
+The study is that of `elastid new friction --template friction`, whose text says what each number means.
+"""
+
+from __future__ import annotations
+
+from importlib.resources import files
+
+import elastid as ei
+
+study = ei.load_study(str(files("elastid") / "app" / "templates" / "friction" / "study.yml")).study
+robot, spec, joints = study.as_robot(), study.as_friction(), study.friction_joints
+plan = ei.design_friction(spec, joints, study.experiment, robot, study.seed)
+rig = ei.SimulatedFrictionRig(robot, study.experiment, plan, study.seed)
+records = ei.FrictionRecords(tuple(rig.measure(motion) for motion in plan.motions))
+result = ei.identify_friction(robot, ei.find_joint_levels(robot, joints, records), records, spec)
+found = {number.name: (number.low, number.high) for number in result.numbers}
+
+if __name__ == "__main__":
+    print(result)
+    ei.plot.friction_curve(result, joints[0].name).savefig("ex06.png")

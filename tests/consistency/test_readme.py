@@ -1,0 +1,118 @@
+"""Every block of the README is executed in a copy with nothing beside it, in the order in which a reader meets them."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from elastid.app import scaffold
+from elastid.store import read_plan
+from elastid.study import load
+
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+# `pip` and `uv` of a reader: the programs of this environment, without the network; the tests do not run themselves.
+STAND_INS = {
+    "pip": "exit 0",
+    "uv": f'shift; [ "$1" != --group ] || shift 2; [ "$1" != pytest ] || exit 0; exec "{sys.executable}" -m "$@"',
+}
+
+
+def blocks(language: str) -> list[str]:
+    return [text for of, text in BLOCKS if of == language]
+
+
+def test_every_block_says_its_language() -> None:
+    """So that it is known how each is executed."""
+    assert {language for language, _ in BLOCKS} == {"bash", "python", "yaml"}
+    assert README.count("```") == 2 * len(BLOCKS)
+
+
+def test_the_study_of_the_readme_is_one_and_its_links_lead_somewhere(tmp_path: Path) -> None:
+    """Beside the robot and the logs that its template brings; every linked file is there."""
+    study = scaffold.new(tmp_path / "mystudy", "recorded")
+    (text,) = blocks("yaml")
+    study.write_text(text)
+    assert list(load(study).study.fit.parameters) == ["k_1", "d_1", "Jm_1", "I_load", "fm_1"]
+    linked = re.findall(r"\]\(([^)#:]+)\)", README)
+    assert [path for path in linked if not (ROOT / path).exists()] == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
+    """The commands, the study that is printed and the Python, in this order and in one copy of the repository."""
+    folder = tmp_path / "elastid"
+    shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "runs", "__pycache__"))
+    for name, line in STAND_INS.items():
+        program = tmp_path / "bin" / name
+        program.parent.mkdir(exist_ok=True)
+        program.write_text(f"#!/bin/sh\n{line}\n")
+        program.chmod(0o755)
+    for text in blocks("bash"):
+        run(folder, "bash", "-e", "-o", "pipefail", "-c", text)
+    check_demo(folder / "runs" / "demo")
+    check_library(folder)
+    check_printed_study(folder)
+    assert (folder / "runs" / "friction_of_an_axis" / "report.html").stat().st_size > 50_000
+
+
+def run(folder: Path, *command: str) -> str:
+    """What a command prints; it ends well."""
+    path = f"{folder.parent / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    done = subprocess.run(
+        command, cwd=folder, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, (command, done.stdout[-2000:], done.stderr[-2000:])
+    return done.stdout
+
+
+def check_demo(folder: Path) -> None:
+    """Each stiffness within 3 standard deviations of 0.1 % at most, and friction, in a run with noise and gravity."""
+    summary = json.loads((folder / "summary.json").read_text())
+    Q, M, E, _, n_u = read_plan(folder / "plan.h5").R.shape
+    assert Q >= 4
+    assert M >= 2
+    assert E == n_u == 3
+    springs = {name: p for name, p in summary["parameters"].items() if name.startswith("k_")}
+    assert len(springs) >= 6
+    for name, p in springs.items():
+        assert p["start"] != p["truth"], name
+        assert abs(p["value"] - p["truth"]) < 3 * p["std"], name
+        assert p["std"] < 1e-3 * p["value"], name
+        assert p["interval95"][0] < p["value"] < p["interval95"][1]
+    viscous = {name: p for name, p in summary["parameters"].items() if name.startswith("fm_")}
+    assert len(viscous) == n_u
+    for name, p in viscous.items():  # without the Coulomb friction, which is several times as large
+        assert abs(p["value"] - p["truth"]) < 3 * p["std"] < 0.2 * p["truth"], name
+    for motor, level in zip(summary["friction"], (9.68, 15.0, 8.8), strict=True):
+        assert motor["F_c"] == pytest.approx(level, rel=0.005), motor["motor"]
+    assert summary["status"] == "converged"
+    assert (folder / "report.html").stat().st_size > 100_000
+
+
+def check_library(folder: Path) -> None:
+    """The Python fits what the demo fits, to the last digit; the example for a run folder reads it."""
+    (text,) = blocks("python")
+    summary = json.loads((folder / "runs" / "demo" / "summary.json").read_text())
+    said = run(folder, sys.executable, "-c", text + "print(repr(result.values['k_1']))\n")
+    assert float(said.splitlines()[-1]) == summary["parameters"]["k_1"]["value"]
+    assert (folder / "bode.png").stat().st_size > 10_000
+    said = run(folder, sys.executable, "scripts/examples/ex05_run_folder_in_a_notebook.py", "runs/demo")
+    assert "Fit: converged" in said
+    assert "natural frequency in Hz" in said
+
+
+def check_printed_study(folder: Path) -> None:
+    """The YAML beside the template's robot and logs finds what the template finds."""
+    (text,) = blocks("yaml")
+    (folder / "mystudy" / "short.yml").write_text(text.replace("name: recorded", "name: short"))
+    run(folder, "uv", "run", "elastid", "run", "mystudy/short.yml")
+    printed, own = (json.loads((folder / "runs" / of / "summary.json").read_text()) for of in ("short", "recorded"))
+    assert printed["parameters"] == own["parameters"]
