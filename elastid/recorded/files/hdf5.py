@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from elastid.base.own_data import require_own_data
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
@@ -33,10 +34,11 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 
 @contextmanager
 def opened_file(path: Path) -> Iterator[Any]:
-    """An HDF5 file of another program; those of elastid are read by its store."""
+    """An HDF5 file of another program that holds its own data; those of elastid are read by its store."""
     import h5py
 
     with h5py.File(path, "r") as file:
+        require_own_data(file)
         yield file
 
 
