@@ -6,6 +6,7 @@ import io
 import shlex
 import sys
 from collections.abc import Callable, Sequence
+from errno import EDQUOT, EFBIG, ENOSPC
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -15,6 +16,7 @@ from elastid import __version__
 from elastid.app.help import InOrderOfWork
 from elastid.app.process import insisting, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
+from elastid.base.printable import printable
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
@@ -66,7 +68,9 @@ def _explained(error: Exception) -> int:
             return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
         case OSError():
             where = f"{error.filename}: " if error.filename else ""
-            return _ended(f"{where}{error.strerror or error}", 1)
+            full = error.errno in (ENOSPC, EDQUOT, EFBIG)
+            advice = "; make room, and the same command goes on where it was" if full else ""
+            return _ended(f"{where}{error.strerror or error}{advice}", 1)
     raise error
 
 
@@ -76,7 +80,7 @@ def _interrupted(arguments: Sequence[str]) -> int:
 
 
 def _ended(message: str, code: int) -> int:
-    click.echo(message, err=True)
+    click.echo(printable(message), err=True)
     return code
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from elastid.base.execution import Progress, silent
 from elastid.base.note import Note, grouped
+from elastid.base.printable import printable
 
 LOG_NAME = "run.log"
 # Where the output is no terminal, a line of progress at most this often.
@@ -30,7 +31,7 @@ class Console:
     def logging_to(self, folder: Path) -> Iterator[None]:
         """Append to run.log in the folder, Python's own warnings included."""
         folder.mkdir(parents=True, exist_ok=True)
-        handler = logging.FileHandler(folder / LOG_NAME, encoding="utf-8")
+        handler = _LogFile(folder / LOG_NAME, encoding="utf-8", errors="backslashreplace")
         handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
         python_warnings = logging.getLogger("py.warnings")
         python_warnings.propagate = False
@@ -50,19 +51,19 @@ class Console:
         """What was done."""
         self._log.info(text)
         if self.verbosity >= 0:
-            print(text, flush=True)
+            print(printable(text), flush=True)
 
     def detail(self, text: str) -> None:
         """What only the curious want to know."""
         self._log.debug(text)
         if self.verbosity >= 1:
-            print(f"  {text}", flush=True)
+            print(f"  {printable(text)}", flush=True)
 
     def warn(self, text: str) -> None:
         """What does not stop the work and must be read."""
         self._log.warning(text)
         if self.verbosity >= -1:
-            print(f"warning: {text}", file=sys.stderr, flush=True)
+            print(f"warning: {printable(text)}", file=sys.stderr, flush=True)
 
     def notes(self, notes: Iterable[Note]) -> None:
         """Notes on data, plan or result, the same from many places as one line."""
@@ -94,6 +95,13 @@ class Console:
             yield _lines(title)
 
 
+class _LogFile(logging.FileHandler):
+    """run.log; on a full disk its lines are lost without a word: the result that cannot be written is named."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        """Nothing: the work goes on."""
+
+
 @contextmanager
 def _bar(title: str) -> Iterator[Progress]:
     from rich.console import Console as Terminal
@@ -114,7 +122,7 @@ def _print_table(rows: Sequence[Sequence[str]]) -> None:
     for i, heading in enumerate(rows[0]):
         table.add_column(heading, justify="left" if i < 2 else "right", overflow="fold")
     for row in rows[1:]:
-        table.add_row(*row)
+        table.add_row(*map(printable, row))
     # A pipe has no width of its own, and a table folded at 80 columns is hard to read by program or eye.
     terminal = Terminal(highlight=False, width=None if sys.stdout.isatty() else 160)
     terminal.print(table)

@@ -21,7 +21,7 @@ from elastid.app.provenance import file_hash, software, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution
-from elastid.store import Stamp, read_stamp, remove_leftovers
+from elastid.store import Stamp, is_intact, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 if TYPE_CHECKING:
@@ -161,10 +161,17 @@ def run_all(run: Run) -> None:
                 # Of a stage that was killed after its result was written and before it had tidied up.
                 shutil.rmtree(run.partial(name), ignore_errors=True)
             else:
+                _tell_of_damage(run, run.path(name))
                 function_of(stage.function)(run)
         for stage in run.stages.values():
             if stage.conclude:
                 function_of(stage.conclude)(run)
+
+
+def _tell_of_damage(run: Run, path: Path) -> None:
+    """Say that a result is made again because its file has changed."""
+    if path.suffix == ".h5" and path.is_file() and not is_intact(path):
+        run.console.warn(f"{path} has changed since it was written; it is made again")
 
 
 def run_stage(run: Run, name: str) -> None:

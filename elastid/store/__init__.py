@@ -21,6 +21,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from elastid.store.checksum import is_intact
     from elastid.store.description import described
     from elastid.store.design import (
         read_forecast,
@@ -47,6 +48,7 @@ _HOME = {
     "Checkpoint": "elastid.store.unfinished",
     "Stamp": "elastid.store.files",
     "described": "elastid.store.description",
+    "is_intact": "elastid.store.checksum",
     "kind_of": "elastid.store.files",
     "read_configurations": "elastid.store.measured",
     "read_fit": "elastid.store.results",
@@ -75,6 +77,7 @@ __all__ = [
     "Checkpoint",
     "Stamp",
     "described",
+    "is_intact",
     "kind_of",
     "read_configurations",
     "read_fit",

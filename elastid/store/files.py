@@ -12,9 +12,12 @@ from typing import Any, TextIO
 import h5py
 import numpy as np
 
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, ElastidError
 from elastid.base.mapped import PIECE_VALUES, release
 from elastid.base.note import Note
+from elastid.base.own_data import require_own_data
+from elastid.store.checksum import USER_BLOCK, is_intact, write_checksum
+from elastid.store.disk import DiskFile
 
 # Version of the layout of all artefacts; raised where a reader of before could not read or would misread a file.
 FORMAT = 1
@@ -59,19 +62,17 @@ NO_STAMP = Stamp()
 def created(path: Path | str, kind: str, stamp: Stamp) -> Iterator[Any]:
     """A new HDF5 file to fill; it takes its name only when it is complete and on the disk."""
     with replacing(path) as temporary:
-        try:
-            with h5py.File(temporary, "w") as file:
-                file.attrs["elastid"] = kind
-                file.attrs["format"] = FORMAT
-                provenance = file.create_group("provenance")
-                for name, value in asdict(stamp).items():
-                    if name == "study":  # an attribute holds 64 KB at most
-                        provenance.create_dataset(name, data=value, dtype=_TEXT)
-                    else:
-                        provenance.attrs[name] = value
-                yield file
-        except RuntimeError as error:  # what h5py raises when the disk fills up while it closes a file
-            raise OSError(f"{path}: cannot be written ({error})") from error
+        with DiskFile(temporary) as disk, h5py.File(disk, "w", userblock_size=USER_BLOCK) as file:
+            file.attrs["elastid"] = kind
+            file.attrs["format"] = FORMAT
+            provenance = file.create_group("provenance")
+            for name, value in asdict(stamp).items():
+                if name == "study":  # an attribute holds 64 KB at most
+                    provenance.create_dataset(name, data=value, dtype=_TEXT)
+                else:
+                    provenance.attrs[name] = value
+            yield file
+        write_checksum(temporary)
 
 
 @contextmanager
@@ -92,9 +93,22 @@ def replacing(path: Path | str) -> Iterator[Path]:
         with temporary.open("r+b") as file:
             os.fsync(file.fileno())
         temporary.replace(path)
-    except BaseException:
+        _flush_folder(path.parent)
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.filename in (None, str(temporary)):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
+
+
+def _flush_folder(folder: Path) -> None:
+    """Have the new name of a file on the disk, too, where the system can do that."""
+    if hasattr(os, "O_DIRECTORY"):
+        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -113,6 +127,9 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     except OSError as error:
         raise DataError(f"{path}: not a readable HDF5 file ({_first_line(error)}); delete it and run again") from None
     with file:
+        if not is_intact(path):
+            raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
+        require_own_data(file)
         found = file.attrs.get("elastid")
         if found != kind:
             holds = f"holds {found}" if found else "was not written by elastid"
@@ -124,7 +141,9 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
             )
         try:
             yield file
-        except (KeyError, OSError) as error:
+        except (ElastidError, MemoryError):
+            raise
+        except Exception as error:  # what a damaged file makes h5py and NumPy raise
             raise DataError(
                 f"{path}: damaged, or of an older layout (format {file.attrs.get('format', 0)}: "
                 f"{_first_line(error)}); delete it and run again"
@@ -134,6 +153,8 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 def read_stamp(path: Path | str) -> Stamp | None:
     """Provenance of an artefact; None where it is missing, truncated or foreign."""
     try:
+        if not is_intact(path):
+            return None
         with h5py.File(path, "r") as file:
             attributes = {name: _plain(value) for name, value in file["provenance"].attrs.items()}
             attributes["study"] = file["provenance/study"].asstr()[()]

@@ -121,6 +121,21 @@ def test_a_study_in_its_own_run_folder_keeps_the_robot_that_it_reads(copy: Path)
     assert (copy / "run" / "identified_robot.yml").read_text() != before
 
 
+def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One bit of a response: `run` says so and ends with the bytes that were there; the fit alone refuses it."""
+    path = copy / "run" / "frf.h5"
+    before = path.read_bytes()
+    spoilt = bytearray(before)
+    spoilt[len(before) // 2] ^= 4
+    path.write_bytes(spoilt)
+    run = run_of(copy / "study.yml", copy / "run")
+    with pytest.raises(StudyError, match=r"frf\.h5 cannot be read"):
+        run_stage(run, "fit")
+    run_all(Run(run.loaded, run.folder, 1, Console(0)))
+    assert "frf.h5 has changed since it was written; it is made again" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
 def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, worked_on: list[str]) -> None:
     """Content counts, not dates; a comment reaches the report alone, which shows the study's text."""
     study = copy / "study.yml"

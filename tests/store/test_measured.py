@@ -21,6 +21,7 @@ from elastid.store import (
     write_records,
     write_responses,
 )
+from elastid.store.checksum import write_checksum
 
 CONFIGURATION = st.builds(Configuration, NAME, finite(2))
 
@@ -177,6 +178,7 @@ def test_a_record_of_an_earlier_version_has_a_period(tmp_path) -> None:
     write_records(tmp_path / "records.h5", [record])
     with h5py.File(tmp_path / "records.h5", "a") as file:
         del file["a"].attrs["is_periodic"]
+    write_checksum(tmp_path / "records.h5")
     assert next(read_records(tmp_path / "records.h5")).is_periodic
 
 
