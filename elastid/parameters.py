@@ -16,6 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import index_of
 
 
 @dataclass(frozen=True)
@@ -149,9 +150,7 @@ class ParameterSet:
 
     def index(self, name: str) -> int:
         """The place of a name in theta; KeyError lists the names there are."""
-        if name not in self.names:
-            raise KeyError(f"no parameter {name}; there are {', '.join(self.names)}")
-        return self.names.index(name)
+        return index_of(name, self.names, "parameter")
 
     @cached_property
     def names(self) -> tuple[str, ...]:

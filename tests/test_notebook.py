@@ -15,8 +15,10 @@ from plants.report_values import TRUTH, fit_result, plan
 from plants.steady_record import steady_record
 
 import elastid
-from elastid.base.errors import ElastidError
+from elastid.base.errors import DataError, ElastidError
 from elastid.fit.result import FitResult
+from elastid.linear.modes import antiresonances
+from elastid.response import in_quantity
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 MAX_SHOWN = 2500  # characters, about 25 lines of a prompt
@@ -145,3 +147,34 @@ def test_every_public_function_takes_a_path_as_text(tmp_path, result) -> None:
     elastid.write_fit(f"{tmp_path}/fit.h5", result)
     assert elastid.read_fit(f"{tmp_path}/fit.h5").values == result.values
     assert elastid.load_robot(f"{CONFIGS}/robots/linkage_arm.yml").name == "linkage arm"
+
+
+def test_a_mistake_is_answered_with_the_names_there_are(measured, result) -> None:
+    """No index of a tuple, no shape inside CasADi: parameter, place, configuration, quantity, size."""
+    robot = arm()
+    model = elastid.serial(robot)
+    home = elastid.Configuration("home", np.zeros(2))
+    linear = elastid.linearise(model, home, model.theta, robot.motor_locations, "acceleration")
+    theta = np.append(model.theta, 0.0)
+    for wrong, error, says in (
+        (
+            lambda: elastid.frequency_response(linear, model.theta, np.ones(1)),
+            ValueError,
+            "30 numbers for 31",
+        ),
+        (lambda: elastid.linearise(model, home, theta, ("motor 1",), "position"), ValueError, "31 numbers for 30"),
+        (
+            lambda: elastid.linearise(model, home, model.theta, ("motor 1",), "speed"),
+            KeyError,
+            "there are position",
+        ),
+        (lambda: antiresonances(linear, theta, "motor 9", "motor 1"), KeyError, "no output motor 9; there are motor 1"),
+        (lambda: linear.number(theta, "k_99"), KeyError, "no parameter k_99; there are k_1, d_1"),
+        (lambda: in_quantity(measured[0], "speed"), KeyError, "no quantity speed"),
+        (lambda: measured[0].lines(np.ones(3, bool)), ValueError, "the response has 60 lines"),
+        (lambda: plan().torque(replace(plan().experiments[0], configuration=home)), KeyError, "there are c1"),
+        (lambda: elastid.estimate([], elastid.EstimatorSpec()), DataError, "there is no record"),
+        (lambda: replace(result, linear=()).model("c1"), ValueError, "this result holds no models"),
+    ):
+        with pytest.raises(error, match=says):
+            wrong()

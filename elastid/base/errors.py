@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence, Sized
 from difflib import get_close_matches
 
 
@@ -30,6 +30,26 @@ class MisfitError(FitError):
     """The identification is done and written, but not to be believed as it stands: exit code 3."""
 
     exit_code = 3
+
+
+def index_of(name: str, names: Sequence[str], noun: str) -> int:
+    """The place of a name; KeyError that lists those there are.
+
+    >>> index_of("k_2", ("k_1", "k_2"), "parameter")
+    1
+    >>> index_of("k_3", ("k_1", "k_2"), "parameter")
+    Traceback (most recent call last):
+    KeyError: 'no parameter k_3; there are k_1, k_2'
+    """
+    if name not in names:
+        raise KeyError(f"no {noun} {name}; there are {', '.join(names)}")
+    return names.index(name)
+
+
+def check_theta(theta: Sized, names: Sequence[str]) -> None:
+    """ValueError where numbers are not one for each parameter."""
+    if len(theta) != len(names):
+        raise ValueError(f"theta has {len(theta)} numbers for {len(names)} parameters: {', '.join(names)}")
 
 
 def did_you_mean(name: str, known: Iterable[str], further: Iterable[str] = ()) -> str:

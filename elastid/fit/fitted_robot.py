@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.errors import index_of
 from elastid.fit.problem.elastic import linear_model
 from elastid.fit.result import FitResult
 from elastid.fit.setup.groups import group_labels
@@ -80,7 +81,8 @@ class FittedRobot:
 
     def at(self, configuration: str) -> LinearModel:
         """The linear model of a configuration; KeyError where it was not measured."""
-        return {linear.configuration.name: linear for linear in self.linear}[configuration]
+        names = [linear.configuration.name for linear in self.linear]
+        return self.linear[index_of(configuration, names, "configuration")]
 
     @property
     def responses(self) -> tuple[FrequencyResponse, ...]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.errors import index_of
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.base.numbers import digits, interval_of, number
@@ -194,12 +195,15 @@ class FitResult:
         return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
 
     def model(self, configuration: str) -> FittedModel:
-        """The fitted model in one configuration that was fitted: response, modes, state space; KeyError names them."""
-        for linear in self.linear:
-            if linear.configuration.name == configuration:
-                return FittedModel(linear, self.parameters, self.x, self.covariance)
-        known = ", ".join(linear.configuration.name for linear in self.linear) or "no models in this result, fit again"
-        raise KeyError(f"no fitted model of configuration {configuration}; there are {known}")
+        """The fitted model in one configuration that was fitted: response, modes, state space.
+
+        KeyError names the configurations there are; ValueError for a result without models.
+        """
+        if not self.linear:
+            raise ValueError("this result holds no models: it only compares fits, or was written by an older elastid")
+        names = [linear.configuration.name for linear in self.linear]
+        linear = self.linear[index_of(configuration, names, "fitted model of configuration")]
+        return FittedModel(linear, self.parameters, self.x, self.covariance)
 
     @property
     def correlation(self) -> FloatArray:

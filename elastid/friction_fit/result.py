@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.errors import index_of
 from elastid.base.note import Note
 from elastid.base.numbers import digits, interval_of, number
 from elastid.friction_fit.at_rest import AtRest
@@ -118,10 +119,7 @@ class FrictionResult:
 
     def at(self, joint: str) -> JointFriction:
         """The friction of a joint; KeyError names those there are."""
-        for each in self.joints:
-            if each.joint == joint:
-                return each
-        raise KeyError(f"no friction of joint {joint}; there are {', '.join(each.joint for each in self.joints)}")
+        return self.joints[index_of(joint, [each.joint for each in self.joints], "friction of joint")]
 
     @property
     def numbers(self) -> tuple[FrictionNumber, ...]:

@@ -18,8 +18,9 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen, frozen_value
+from elastid.base.errors import check_theta, index_of
 from elastid.linear.measurement_chain import Element
-from elastid.record import Configuration, HeldTorque, Motion
+from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.robot import gain_name
 
 DELAY = "delay"
@@ -82,6 +83,7 @@ class LinearModel:
         for name, shape in expected.items():
             if getattr(self, name).shape != shape:
                 raise ValueError(f"{name} has shape {getattr(self, name).shape}, expected {shape}")
+        index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
 
     @property
     def tilt(self) -> FloatArray:
@@ -99,8 +101,8 @@ class LinearModel:
         return tuple(name for name, slope in self.slopes.items() if slope.C is not None or slope.T is not None)
 
     def number(self, theta: FloatArray, name: str) -> float:
-        """The value of one parameter in theta (n_theta,)."""
-        return float(theta[self.parameters.index(name)])
+        """The value of one parameter in theta (n_theta,); KeyError names those there are."""
+        return float(theta[index_of(name, self.parameters, "parameter")])
 
     def channel_gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """g_y (n_y,) and 1 / g_u (n_u,): factors of rows and columns of G where channels are not calibrated, or 1."""
@@ -137,7 +139,8 @@ class LinearModel:
         return replace(self, C=self.C[kept], T=self.tilt[kept], outputs=outputs, slopes=slopes, hold=hold)
 
     def matrices(self, theta: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """M, D, K (n, n) at theta (n_theta,) in SI."""
+        """M, D, K (n, n) at theta (n_theta,) in SI; ValueError where theta is not one number for each parameter."""
+        check_theta(theta, self.parameters)
         change = dict(zip(self.parameters, np.asarray(theta) - self.theta_ref, strict=True))
         M, D, K = self.M.copy(), self.D.copy(), self.K.copy()
         for name, slope in self.slopes.items():

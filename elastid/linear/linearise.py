@@ -27,6 +27,7 @@ import casadi as ca
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.errors import check_theta
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.measurement_chain import elements
@@ -89,6 +90,7 @@ class Linearisation:
     ) -> LinearModel:
         """The LinearModel about the equilibrium of a configuration; arguments and errors as `linearise`."""
         model = self.model
+        check_theta(theta, model.parameters)
         point = equilibrium(model, theta, configuration)
         triangles, slopes = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
@@ -140,7 +142,8 @@ def linearise(
 
     theta (n_theta,): model.parameters in SI, without the delay, which LinearModel adds at the end.
     outputs: places such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: measured there.
-    StudyError where the configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
+    ValueError where theta is not one number for each parameter, KeyError for an unknown quantity, StudyError where the
+    configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
     """
     return Linearisation.of(model).at(configuration, theta, outputs, quantity)
 

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.errors import index_of
 from elastid.linear.linear_model import LinearModel
 
 # |lambda| below this part of the largest is a rigid-body mode: rounding splits a double zero by the root of epsilon.
@@ -44,14 +45,15 @@ def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
 
 
 def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: str) -> Modes:
-    """Zeros of one element of the response, at theta (n_theta,); ValueError for a name that the model does not have.
+    """Zeros of one element of the response, at theta (n_theta,); KeyError for a name that the model does not have.
 
     Motion q = N_c x that the output does not see, under forces that the input alone supplies:
     N_b^T (s^2 M + s D + K) N_c x = 0, N_c and N_b the null spaces of the output's row and the input's column. Where
     output and input coincide these are the modes with that motor locked.
     """
     M, D, K = model.matrices(theta)
-    B, C = model.B[:, [model.inputs.index(input)]], model.readout(theta)[0][[model.outputs.index(output)]]
+    column, row = index_of(input, model.inputs, "input"), index_of(output, model.outputs, "output")
+    B, C = model.B[:, [column]], model.readout(theta)[0][[row]]
     N_b, N_c = scipy.linalg.null_space(B.T), scipy.linalg.null_space(C)
     highest = MAX_ZERO_RATIO * float(np.abs(_eigenvalues(M, D, K)[0]).max())
     return _modes(N_b.T @ M @ N_c, N_b.T @ D @ N_c, N_b.T @ K @ N_c, basis=N_c, highest=highest)

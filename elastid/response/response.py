@@ -16,6 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
+from elastid.base.errors import index_of
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
@@ -129,7 +130,9 @@ class FrequencyResponse:
         return self.total if self.total is not None else self.noise
 
     def lines(self, keep: BoolArray) -> FrequencyResponse:
-        """The same response on some of its lines; keep (F,) is True where a line stays."""
+        """The same response on some of its lines; keep (F,) is True where a line stays, ValueError for another size."""
+        if np.shape(keep) != (self.n_lines,):
+            raise ValueError(f"keep has shape {np.shape(keep)}; the response has {self.n_lines} lines")
 
         def cut(covariance: Covariance | None) -> Covariance | None:
             return None if covariance is None else covariance.lines(keep)
@@ -183,7 +186,7 @@ def in_quantity(response: FrequencyResponse, quantity: Motion) -> FrequencyRespo
 
     .. math:: G' = (j\omega)^k G, \qquad cov(vec\, G') = \omega^{2k} cov(vec\, G)
     """
-    k = MOTION_ORDER[quantity] - MOTION_ORDER[response.quantity]
+    k = index_of(quantity, tuple(MOTION_ORDER), "quantity") - MOTION_ORDER[response.quantity]
     if k == 0:
         return response
     gain = ((2j * np.pi * response.freq_hz) ** k)[:, None, None]

@@ -127,7 +127,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     except OSError as error:
         raise DataError(f"{path}: not a readable HDF5 file ({_first_line(error)}); delete it and run again") from None
     with file:
-        if not is_intact(path):
+        if not is_intact(Path(path)):
             raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
         require_own_data(file)
         found = file.attrs.get("elastid")
@@ -153,7 +153,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
 def read_stamp(path: Path | str) -> Stamp | None:
     """Provenance of an artefact; None where it is missing, truncated or foreign."""
     try:
-        if not is_intact(path):
+        if not is_intact(Path(path)):
             return None
         with h5py.File(path, "r") as file:
             attributes = {name: _plain(value) for name, value in file["provenance"].attrs.items()}

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen_value
 from elastid.base.display import Display, as_html, as_text, degrees
-from elastid.base.errors import StudyError
+from elastid.base.errors import StudyError, index_of
 from elastid.excitation.grids import line_frequencies
 from elastid.excitation.lines import planned_lines
 from elastid.excitation.multisine import synthesise
@@ -113,7 +113,7 @@ class Plan:
 
     def torque(self, experiment: Experiment) -> FloatArray:
         """One period of the torque to inject (period_samples, n_u), link-side Nm."""
-        q = [c.name for c in self.configurations].index(experiment.configuration.name)
+        q = index_of(experiment.configuration.name, [c.name for c in self.configurations], "configuration")
         return synthesise(self.lines, self.R[q, experiment.realisation, experiment.experiment], self.period_samples)
 
     @property

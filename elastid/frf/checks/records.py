@@ -13,7 +13,9 @@ _MAX_CLOCK_DIFFERENCE = 1e-4
 
 
 def refuse_mismatch(records: Sequence[Record]) -> None:
-    """DataError where the records of a configuration do not fit together."""
+    """DataError where the records of a configuration do not fit together, or there are none."""
+    if not records:
+        raise DataError("there is no record to estimate a response from; measure at least one experiment")
     first = records[0]
     for record in records:
         names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "inputs", "outputs", "quantities"]
