@@ -101,6 +101,15 @@ def weakest_direction(track: Track, prior_std: FloatArray) -> Direction:
     return Direction(weights, float(np.sqrt(values[-1])))
 
 
+def most_correlated(track: Track) -> tuple[tuple[str, str], float]:
+    """The two followed numbers that the end of a track tells apart least, and their correlation; 0 for one number."""
+    names, P = track.joint.followed, track.followed_covariance[-1]
+    std = np.sqrt(np.diag(P))
+    correlation = np.triu(P / np.outer(std, std), 1)
+    i, j = np.unravel_index(np.argmax(np.abs(correlation)), correlation.shape)
+    return (names[i], names[j]), float(correlation[i, j])
+
+
 def unknown(track: Track, prior_std: FloatArray) -> BoolArray:
     """Where each followed number is no better known than before (n, p): hold it there, and say so.
 

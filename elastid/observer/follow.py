@@ -6,14 +6,22 @@ its covariance grown by the drift of the time between.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
 from elastid.base.note import Note
-from elastid.observer.consistency import NIS_BAND, Consistency, Direction, consistency, unknown, weakest_direction
+from elastid.observer.consistency import (
+    NIS_BAND,
+    Consistency,
+    Direction,
+    consistency,
+    most_correlated,
+    unknown,
+    weakest_direction,
+)
 from elastid.observer.joint import FollowedJoint
 from elastid.observer.kalman import Estimate, JointSamples, KalmanFilter, Track, first_estimate
 from elastid.observer.noise import FilterNoise
@@ -25,6 +33,16 @@ SHOWN = 2000
 NOISE_STRETCH_S = 60.0
 # Lags of the autocorrelation.
 LAGS = 50
+# A direction is weakly known whose std is above this part of what it was before the log.
+WEAKLY_KNOWN = 0.5
+# Correlation beyond which two numbers cannot be distinguished.
+DISTINCT_CORRELATION = 0.9
+# Standard deviations of what was known before, beyond which a filter has diverged.
+DIVERGED_STDS = 5.0
+REVERSALS = (
+    "reversals tell Coulomb friction from an offset, several speeds tell it from viscous friction; move both ways, at "
+    "several speeds"
+)
 
 
 @frozen_value
@@ -154,37 +172,56 @@ def _shown(track: Track, lengths: Sequence[int]) -> tuple[FloatArray, FloatArray
 
 def _notes(name: str, track: Track, judged: Consistency, weakest: Direction, prior: FloatArray) -> tuple[Note, ...]:
     """What an engineer must hear of a filter before its bands are believed."""
-    place, notes = f"joint {name}", []
-    held = [
-        of
-        for of, never in zip(track.joint.followed, np.all(unknown(track, prior), axis=0).tolist(), strict=True)
-        if never
-    ]
+    place = f"joint {name}"
+    return (*_excitation(place, track, weakest, prior), *_divergence(place, track, prior), *_noise(place, judged))
+
+
+def _excitation(place: str, track: Track, weakest: Direction, prior: FloatArray) -> Iterator[Note]:
+    """Numbers that the motion does not tell, alone or from each other."""
+    never = np.all(unknown(track, prior), axis=0).tolist()
+    held = [of for of, is_unknown in zip(track.joint.followed, never, strict=True) if is_unknown]
+    pair, correlation = most_correlated(track)
     if held:
         text = f"the motion tells nothing of {', '.join(held)}, held where it began: move both ways, at several speeds"
-        notes.append(Note("not-excited", text, place))
-    elif weakest.ratio > 0.5:
+        yield Note("not-excited", text, place)
+    elif weakest.ratio > WEAKLY_KNOWN:
+        text = f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: {REVERSALS}"
+        yield Note("weakly-excited", text, place)
+    if abs(correlation) > DISTINCT_CORRELATION:
+        text = f"{' and '.join(pair)} cannot be distinguished (correlation {correlation:.2f}): {REVERSALS}"
+        yield Note("not-distinguished", text, place, severity="warning")
+
+
+def _divergence(place: str, track: Track, prior: FloatArray) -> Iterator[Note]:
+    """Numbers that ended where nobody expected them."""
+    names = track.joint.followed
+    p, start = len(names), first_estimate(track.joint, 0.0).x[-len(names) :]
+    for i in np.flatnonzero(np.abs(track.last.x[-p:] - start) > DIVERGED_STDS * prior):
+        of = names[i]
         text = (
-            f"{weakest.words} is known to {weakest.ratio:.0%} of what it was before: reversals tell Coulomb friction "
-            "from an offset, several speeds tell it from viscous friction"
+            f"{of} went to {track.values(of)[-1]:.4g}, {DIVERGED_STDS:g} standard deviations from what the joint was "
+            "known by: the filter has lost the log; correct inertia, spring and friction of the joint, or give "
+            "filter.torque_std"
         )
-        notes.append(Note("weakly-excited", text, place))
+        yield Note("diverged", text, place, severity="warning")
+
+
+def _noise(place: str, judged: Consistency) -> Iterator[Note]:
+    """Innovations that are correlated, or larger or smaller than the filter expects."""
     if not judged.is_white:
         text = (
-            f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample: the torque noise is "
-            f"not white, {judged.n_eff:.3g} of {len(track.innovation)} samples are independent and the bands are too "
-            "narrow; give filter.correlation_time"
+            f"innovations are correlated by {judged.autocorrelation[1]:.2f} from sample to sample, and only "
+            f"{judged.n_eff:.3g} samples are independent: the torque noise is not white or the model is wrong, and the "
+            "bands are too narrow; give filter.correlation_time, or correct inertia, spring and bristles"
         )
-        notes.append(Note("coloured-innovations", text, place, severity="warning"))
-    outside = [
-        f"{words} {mean:.2f}"
-        for words, mean in (("", judged.nis), ("at stops", judged.nis_at_stops))
-        if not np.isnan(mean) and not NIS_BAND[0] <= mean <= NIS_BAND[1]
-    ]
-    if outside and judged.is_white:
+        yield Note("coloured-innovations", text, place, severity="warning")
+    means = {"over all": judged.nis, "around stops": judged.nis_at_stops}
+    low, high = NIS_BAND
+    outside = {words: mean for words, mean in means.items() if not np.isnan(mean) and not low <= mean <= high}
+    for words, mean in list(outside.items())[:1]:
+        than, bands = ("larger", "narrow") if mean > 1 else ("smaller", "wide")
         text = (
-            f"mean NIS{' and '.join(outside)}, outside {NIS_BAND[0]} to {NIS_BAND[1]}: inertia, spring or bristles of "
-            "the joint, or the noise, are other than the filter takes them for; its bands are not to be relied on"
+            f"mean NIS {words} is {mean:.2f}, outside {low} to {high}: innovations are {than} than expected and the "
+            f"bands too {bands}; correct inertia, spring or bristles of the joint, or give filter.torque_std"
         )
-        notes.append(Note("inconsistent-filter", text, place, severity="warning"))
-    return tuple(notes)
+        yield Note("inconsistent-filter", text, place, severity="warning" if mean > 1 else "note")

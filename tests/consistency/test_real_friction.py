@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from elastid.app import cli
+from elastid.observer.kalman import JointSamples, KalmanFilter, first_estimate
+from elastid.store.filter import read_filter
+from elastid.store.friction_study import read_friction_records
 from elastid.study import load_robot
 
 ROOT = Path(__file__).parents[2]
@@ -51,6 +56,38 @@ def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> 
     (refused,) = (each["reason"] for each in summary["not_identified"] if each["part"] == "stribeck")
     assert refused.startswith("the motion dwells at 3 speeds")
     assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
+
+
+@pytest.mark.slow
+@needs_axis
+def test_friction_of_a_prismatic_axis_is_followed_by_direction(tmp_path: Path) -> None:
+    """Within 2 std of the regression of the whole motion; NIS in its band; a law without bristles is less likely.
+
+    That law ends near the 171.5 and 248.5 N s/m of a filter whose friction switches with the direction, +- 2.6 and 2.1.
+    """
+    study = ROOT / "configs" / "real" / "emps_follow.yml"
+    for stage in ("measure", "levels", "friction", "follow"):
+        assert cli.run_command([stage, str(study), "--run", str(tmp_path), "-q"]) == 0
+    (found,) = read_filter(tmp_path / "filter.h5")
+    assert found.filtered.viscous == pytest.approx(203.3, abs=0.5)
+    regression = {"Fc": 20.4, "f+": 166.4, "f-": 240.2}
+    for i, (name, value) in enumerate(zip(found.names, found.values[-1].tolist(), strict=True)):
+        half = (found.high[-1, i] - found.low[-1, i]) / 2
+        if name in regression:
+            assert abs(value - regression[name]) < max(half, 0.05 * value), name
+    assert 0.9 < found.consistency.nis < 1.1
+    assert found.consistency.is_white
+    (record,) = read_friction_records(tmp_path / "records.h5").records
+    samples = JointSamples(record.torque[:-1], np.zeros(len(record.torque) - 1), record.position[1:])
+    unlikely = {}
+    for bend in (1e-6, 25e-6):
+        joint = replace(found.filtered, bristle_stiffness=found.filtered.coulomb / bend)
+        track = KalmanFilter(joint, found.rate_hz).run(samples, found.noise, first_estimate(joint, samples.angle[0]))
+        unlikely[bend] = float(np.sum((np.log(track.variance) + track.nis)[1000:]))
+        if bend < 5e-6:
+            ends = [track.values(name)[-1] for name in ("f+", "f-")]
+            assert ends == pytest.approx([171.5, 248.5], abs=4)
+    assert unlikely[1e-6] > unlikely[25e-6] + 100
 
 
 @pytest.mark.slow

@@ -56,6 +56,7 @@ def test_friction_that_warms_up_is_followed_through_stops(kalman: KalmanFilter) 
     assert judged.is_honest
 
 
+@pytest.mark.slow
 def test_a_bristle_taken_for_certain_is_seen_at_stops(kalman: KalmanFilter) -> None:
     """Without the slip's noise the filter is many std off, and its innovations at stops say so."""
     run = simulate(stops_and_moves(20), seed=1)
