@@ -224,4 +224,4 @@ def _noise(place: str, judged: Consistency) -> Iterator[Note]:
             f"mean NIS {words} is {mean:.2f}, outside {low} to {high}: innovations are {than} than expected and the "
             f"bands too {bands}; correct inertia, spring or bristles of the joint, or give filter.torque_std"
         )
-        yield Note("inconsistent-filter", text, place, severity="warning" if mean > 1 else "note")
+        yield Note("inconsistent-filter", text, place, severity="warning" if mean > 1 else "information")

@@ -24,10 +24,10 @@ def write_checksum(path: Path) -> None:
         file.write((_MARK + digest + b"\n").ljust(USER_BLOCK, b"\0"))
 
 
-def is_intact(path: Path) -> bool:
+def is_intact(path: Path | str) -> bool:
     """Whether a file is as it was written; also of one without a checksum. Each version of a file is read once."""
     found = os.stat(path)
-    return _is_intact(path, found.st_ino, found.st_size, found.st_mtime_ns)
+    return _is_intact(Path(path), found.st_ino, found.st_size, found.st_mtime_ns)
 
 
 @lru_cache(maxsize=256)
