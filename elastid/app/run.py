@@ -8,7 +8,7 @@ import os
 import shlex
 import shutil
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 from elastid.app.console import Console
 from elastid.app.provenance import file_hash, software, stamps, upstream
-from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, stages_of, stages_of_study
+from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, module_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution
+from elastid.base.execution import Execution, load_for_workers
 from elastid.store import Stamp, is_intact, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
@@ -154,6 +154,7 @@ class Run:
 
 def run_all(run: Run) -> None:
     """All stages in order, but for those whose result is current; FitError where the fit cannot be trusted."""
+    _load_for_workers(run, [stage for name, stage in run.stages.items() if not run.is_current(name)])
     with run.logged():
         for name, stage in run.stages.items():
             if run.is_current(name):
@@ -186,10 +187,17 @@ def run_stage(run: Run, name: str) -> None:
         )
     stage = run.stages[name]
     run.require(name)
+    _load_for_workers(run, [stage])
     with run.logged():
         function_of(stage.function)(run)
         if stage.conclude:
             function_of(stage.conclude)(run)
+
+
+def _load_for_workers(run: Run, stages: Sequence[Stage]) -> None:
+    """What the stages work with, where several processes will."""
+    if run.jobs > 1 and stages:
+        load_for_workers([module_of(stage.function) for stage in stages])
 
 
 def all_cores() -> int:

@@ -235,6 +235,10 @@ def help_of(name: str) -> str:
 
 def function_of(text: str) -> Any:
     """The function that a row names as "module:name"."""
-    module, _, name = text.partition(":")
-    home = module if "." in module else f"elastid.app.stages.{module}"
-    return getattr(import_module(home), name)
+    return getattr(import_module(module_of(text)), text.partition(":")[2])
+
+
+def module_of(text: str) -> str:
+    """The module of the function that a row names as "module:name"."""
+    module = text.partition(":")[0]
+    return module if "." in module else f"elastid.app.stages.{module}"

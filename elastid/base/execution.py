@@ -16,9 +16,9 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
-from multiprocessing import get_context, parent_process
+from multiprocessing import forkserver, get_context, parent_process
 from pathlib import Path
-from signal import SIG_IGN, SIGINT, signal
+from signal import SIG_BLOCK, SIG_IGN, SIG_SETMASK, SIGINT, pthread_sigmask, signal
 from threading import Thread
 from typing import Any, TypeAlias, TypeVar
 
@@ -138,6 +138,20 @@ def on_dask(address: str) -> Iterator[None]:
         yield
     finally:
         _SCHEDULER.reset(token)
+
+
+def load_for_workers(modules: Sequence[str]) -> None:
+    """Begin to load modules in the process of which workers are copies, so that none of them loads them again.
+
+    Once: where that process is there already, nothing changes. This process goes on meanwhile.
+    """
+    forkserver.set_forkserver_preload(["__main__", *modules])
+    # Ctrl-C while it loads is for the parent alone; workers ignore it later.
+    before = pthread_sigmask(SIG_BLOCK, {SIGINT})
+    try:
+        forkserver.ensure_running()
+    finally:
+        pthread_sigmask(SIG_SETMASK, before)
 
 
 @contextmanager
