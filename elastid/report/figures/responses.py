@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MultipleLocator
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.report.figures import style
+from elastid.report.figures.panel_matrix import PanelMatrix, empty_panels, name_panels
 from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import above_2sigma, sigma_of, smoothed_std
 
@@ -41,10 +41,52 @@ def frf_magnitude(
     and nonlinear distortion, and of the model: dashed and dotted.  |Ghat - G|: thin.
     std (F, n_y, n_u): of the model, due to the uncertainty of its parameters.
     """
-    above = above_2sigma(measured)
-    f = measured.freq_hz
+    above, f = above_2sigma(measured), measured.freq_hz
     Ghat_db = style.in_db(measured.G)
-    model = None if modelled is None else (style.in_db(modelled.G), style.in_db(measured.G - modelled.G))
+    model_db = None if modelled is None else style.in_db(modelled.G)
+    levels = _levels(measured, std)
+    shown = [np.where(above, curve, np.nan) for curve in (Ghat_db, *(() if model_db is None else (model_db,)))]
+    low, high = _db_range(shown, [std_db for std_db, _, _ in levels.values()])
+    matrix = PanelMatrix(f, (low, high), *Ghat_db.shape[1:])
+    ticks = style.db_ticks(low, high, most=6 if len(measured.outputs) <= 3 else 4)
+    figure, axes = _empty(measured, matrix, ticks, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
+    if modelled is not None and std is not None:
+        axes.fill_between(*matrix.band(*_band_db(modelled.G, std)), color=style.FITTED, alpha=0.25, lw=0)
+    style.plot_points(axes, *matrix.placed(f, Ghat_db), above, matrix.inside(Ghat_db))
+    if model_db is not None and modelled is not None:
+        axes.plot(*matrix.curve(f, model_db), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+        left = matrix.curve(f, style.in_db(measured.G - modelled.G))
+        axes.plot(*left, color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
+    for label, (std_db, color, dashes) in levels.items():
+        axes.plot(*matrix.curve(f, std_db), color=color, lw=1.0, ls=dashes, zorder=1.5, label=label)
+    style.add_legend(figure, (axes,), markerscale=2.0)
+    return figure
+
+
+def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
+    """Phase of G in degrees of every element, wrapped to (-180, 180]; the model's line is broken where it wraps."""
+    phase = np.degrees(np.angle(measured.G))
+    matrix = PanelMatrix(measured.freq_hz, (-190.0, 190.0), *phase.shape[1:])
+    ticks = np.arange(-180.0, 181.0, 90.0 if len(measured.outputs) <= 3 else 180.0).tolist()
+    figure, axes = _empty(measured, matrix, ticks, title, "phase of G in degrees")
+    everywhere = np.ones(phase.shape, bool)
+    style.plot_points(axes, *matrix.placed(measured.freq_hz, phase), above_2sigma(measured), everywhere)
+    if modelled is not None:
+        axes.plot(*matrix.curve(*_unwrapped(modelled)), color=style.FITTED, lw=1.1, label="fitted model")
+    style.add_legend(figure, (axes,), markerscale=2.0)
+    return figure
+
+
+def _unwrapped(modelled: FrequencyResponse) -> tuple[FloatArray, FloatArray]:
+    """Every line twice, (2 F,), and the phase (2 F, n_y, n_u) in degrees: NaN the second time where it wraps."""
+    phase = np.degrees(np.angle(modelled.G))
+    again = phase.copy()
+    again[:-1][np.abs(np.diff(phase, axis=0)) > 180] = np.nan
+    return np.repeat(modelled.freq_hz, 2), np.stack([phase, again], axis=1).reshape(-1, *phase.shape[1:])
+
+
+def _levels(measured: FrequencyResponse, std: FloatArray | None) -> dict[str, tuple[FloatArray, str, str]]:
+    """Standard deviations in dB (F, n_y, n_u) with colour and dashes, by their label."""
     levels = {
         label: (style.in_db(smoothed_std(measured, covariance)[0]), color, dashes)
         for covariance, label, color, dashes in (
@@ -53,45 +95,7 @@ def frf_magnitude(
         )
         if covariance is not None
     }
-    band = None if std is None or modelled is None else _band_db(modelled.G, std)
-    if std is not None:
-        levels["std of the model"] = (style.in_db(std), style.START, "-.")
-
-    def draw(axes: Axes, i: int, j: int) -> None:
-        style.plot_points(axes, f, Ghat_db[:, i, j], above[:, i, j])
-        if band is not None:
-            axes.fill_between(f, band[0][:, i, j], band[1][:, i, j], color=style.FITTED, alpha=0.25, lw=0)
-        if model is not None:
-            axes.plot(f, model[0][:, i, j], color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
-            axes.plot(f, model[1][:, i, j], color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
-        for label, (std_db, color, dashes) in levels.items():
-            axes.plot(f, std_db[:, i, j], color=color, lw=1.0, ls=dashes, zorder=1.5, label=label)
-
-    figure, corner = _matrix(measured, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}", draw)
-    stds_db = [std_db for std_db, _, _ in levels.values()]
-    shown = [np.where(above, curve, np.nan) for curve in (Ghat_db, *(() if model is None else model[:1]))]
-    low, high = _db_range(shown, stds_db)
-    style.set_db_ticks(corner, low, high, most=6 if len(measured.outputs) <= 3 else 4)
-    return figure
-
-
-def frf_phase(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
-    """Phase of G in degrees of every element, wrapped to (-180, 180]; the model's line is broken where it wraps."""
-    above, f = above_2sigma(measured), measured.freq_hz
-
-    def draw(axes: Axes, i: int, j: int) -> None:
-        style.plot_points(axes, f, np.degrees(np.angle(measured.G[:, i, j])), above[:, i, j])
-        if modelled is None:
-            return
-        phase = np.degrees(np.angle(modelled.G[:, i, j]))
-        wraps = np.flatnonzero(np.abs(np.diff(phase)) > 180) + 1
-        broken = np.insert(f, wraps, np.nan), np.insert(phase, wraps, np.nan)
-        axes.plot(*broken, color=style.FITTED, lw=1.1, label="fitted model")
-
-    figure, corner = _matrix(measured, title, "phase of G in degrees", draw)
-    corner.set_ylim(-190, 190)
-    corner.yaxis.set_major_locator(MultipleLocator(90 if len(measured.outputs) <= 3 else 180))
-    return figure
+    return levels if std is None else levels | {"std of the model": (style.in_db(std), style.START, "-.")}
 
 
 def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str) -> Figure:
@@ -119,28 +123,17 @@ def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | N
     return figure
 
 
-def _matrix(
-    response: FrequencyResponse, title: str, y_label: str, draw: Callable[[Axes, int, int], None]
+def _empty(
+    response: FrequencyResponse, matrix: PanelMatrix, ticks: Sequence[float], title: str, y_label: str
 ) -> tuple[Figure, Axes]:
-    """A panel for each element, inputs across, outputs down, axes shared, one legend; and the corner panel."""
-    n_y, n_u = len(response.outputs), len(response.inputs)
-    panel_width, panel_height = float(np.clip(8.6 / n_u, 1.5, 6.0)), float(np.clip(5.4 / n_y, 1.1, 3.2))
-    left, right, top, bottom = margins = 0.75, 0.3, 1.0, 0.55
-    size = left + n_u * panel_width + right, top + n_y * panel_height + bottom
-    figure, panels = style.panels(n_y, n_u, size, margins, (0.06, 0.09), sharex=True, sharey=True)
-    for (i, j), axes in np.ndenumerate(panels):
-        draw(axes, i, j)
-        style.lighten(axes)
-    for axes, output in zip(panels[:, -1], response.outputs, strict=True):
-        style.label_row(axes, f"{response.quantity} at {output}" if n_y <= 3 else output)
-    for axes, source, unit in zip(panels[0], response.inputs, response.units_of_inputs, strict=True):
-        style.label(axes, title=f"{INPUT_NOUN.get(unit, 'torque')} at {source}")
-    corner: Axes = panels[0, 0]
-    style.set_log_frequency(corner, response.freq_hz, most=6 if n_u <= 3 else 3)
+    """A panel for each element, inputs across, outputs down, with names and title, and without curves."""
+    figure, axes = empty_panels(matrix, ticks)
+    outputs = [f"{response.quantity} at {output}" if matrix.rows <= 3 else output for output in response.outputs]
+    inputs = zip(response.inputs, response.units_of_inputs, strict=True)
+    name_panels(axes, matrix, outputs, [f"{INPUT_NOUN.get(unit, 'torque')} at {source}" for source, unit in inputs])
     style.label_figure(figure, style.frequency_label(response.rate_is_known), y_label)
     style.add_title(figure, title)
-    style.add_legend(figure, panels.flat, markerscale=2.0)
-    return figure, corner
+    return figure, axes
 
 
 def _band_db(G: ComplexArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,7 @@ from matplotlib.axis import Axis
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.ticker import FixedLocator, MaxNLocator, MultipleLocator, NullLocator, StrMethodFormatter
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
@@ -155,13 +155,17 @@ def lighten(axes: Axes) -> None:
     axes.tick_params(labelsize=SMALL, length=2.5, width=0.6)
 
 
-def plot_points(axes: Axes, freq_hz: FloatArray, values: FloatArray, above: BoolArray) -> None:
-    """Measured values (F,) as points, grey where they are not above 2 sigma."""
-    size = 2.4 if len(freq_hz) <= MAX_LARGE_POINTS else 1.6
+def plot_points(
+    axes: Axes, x: FloatArray, values: FloatArray, above: BoolArray, shown: BoolArray | None = None
+) -> None:
+    """Measured values (F, ...) at x as points, grey where they are not above 2 sigma; of those that are `shown`."""
+    size = 2.4 if len(x) <= MAX_LARGE_POINTS else 1.6
     looks: dict[str, Any] = {"ls": "none", "marker": "o", "ms": size, "mew": 0, "zorder": 2}
-    axes.plot(freq_hz[above], values[above], **looks, color=MEASURED, label="measured")
+    shown = np.ones(above.shape, bool) if shown is None else shown
+    axes.plot(x[above & shown], values[above & shown], **looks, color=MEASURED, label="measured")
     if not above.all():
-        axes.plot(freq_hz[~above], values[~above], **looks, color=WEAK, label="measured, below 2 sigma")
+        below = ~above & shown
+        axes.plot(x[below], values[below], **looks, color=WEAK, label="measured, below 2 sigma")
 
 
 def heat_map(
@@ -219,8 +223,11 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
     return [round(float(tick), 12) for tick in even if low <= tick <= high]
 
 
-def set_db_ticks(axes: Axes, low: float, high: float, most: int) -> None:
-    """Steps of 5, 10, 20, 40 dB, at most so many."""
+def db_ticks(low: float, high: float, most: int) -> list[float]:
+    """Steps of 5, 10, 20, 40 dB between low and high, at most so many.
+
+    >>> db_ticks(-63.0, 12.0, 6)
+    [-60.0, -40.0, -20.0, 0.0]
+    """
     step = next((step for step in (5, 10, 20, 40) if (high - low) / step <= most), 80)
-    axes.set_ylim(low, high)
-    axes.yaxis.set_major_locator(MultipleLocator(step))
+    return [float(step * k) for k in range(int(np.ceil(low / step)), int(np.floor(high / step)) + 1)]
