@@ -91,6 +91,7 @@ def _options(*names: str) -> Decorator:
         "set": click.option("--set", "overrides", multiple=True, metavar="KEY.PATH=VALUE", help=_SET_HELP),
         "jobs": click.option("--jobs", type=click.IntRange(min=1), metavar="N", help="Processes (default: all cores)."),
         "dask": click.option("--dask", metavar="ADDRESS", default="", help="Work on this Dask scheduler's machines."),
+        "pdf": click.option("--pdf", is_flag=True, help="Figures as PDF too, and all on paper: report.pdf."),
         "verbose": click.option("-v", "--verbose", is_flag=True, help="Say more."),
         "quiet": click.option("-q", "--quiet", is_flag=True, help="Only warnings and errors."),
     }
@@ -104,6 +105,7 @@ def _options(*names: str) -> Decorator:
 
 
 _RUN_HELP = "Where the results go (default: runs/<name of the study>)."
+_PDF = "report.formats=[png, pdf]"
 _SET_HELP = "Overrides a key of the study, for example fit.starts=5."
 # The keys of export.targets.TARGETS and RESPONSE_TARGETS, which would bring CasADi and SciPy to every command.
 _TARGETS = ["robot", "control", "matlab", "mujoco", "fmu", "urdf", "casadi", "c", "csv", "uff", "observer"]
@@ -185,13 +187,14 @@ def add_stage_commands(group: click.Group) -> None:
 def _stage_command(name: str) -> click.Command:
     @_study
     @_stage_options
-    def work(study: Path, **options: Any) -> None:
-        asked = _run(study, options)
+    def work(study: Path, pdf: bool = False, **options: Any) -> None:
+        asked = _run(study, options | {"overrides": (*options["overrides"], *([_PDF] if pdf else []))})
         from elastid.app.run import run_stage
 
         run_stage(asked, name)
 
-    return click.command(name, help=help_of(name))(work)
+    for_print = _options("pdf") if name == "report" else lambda function: function
+    return click.command(name, help=help_of(name))(for_print(work))
 
 
 add_stage_commands(cli)

@@ -11,7 +11,8 @@ from elastid.base.section import section
 class ReportSpec:
     """The figures of the report.
 
-    formats: of the files beside the page.
+    formats: of the files beside the page; pdf, for print, takes longer, and comes with report.pdf: tables and all
+    figures on paper (`elastid report --pdf` for once).
     """
 
-    formats: tuple[Literal["png", "pdf"], ...] = ("png", "pdf")
+    formats: tuple[Literal["png", "pdf"], ...] = ("png",)

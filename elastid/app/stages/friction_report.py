@@ -22,5 +22,6 @@ def report(run: Run) -> None:
         balances=read_balances(run.path("friction"), FRICTION),
         filters=read_filter(run.path("follow")) if "follow" in run.stages else (),
     )
-    page = write_page_of_friction(content, run.folder, run.study.report.formats)
+    with run.execution("report") as execution:
+        page = write_page_of_friction(content, run.folder, run.study.report.formats, execution)
     run.console.say(f"report: {page}")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 from elastid.app.dry_friction import contents
 from elastid.app.run import Run
 from elastid.app.summaries import modes_of, truth
@@ -26,8 +24,8 @@ from elastid.store.twin import read_balances
 
 def report(run: Run) -> None:
     """report.html and figures/."""
-    shutil.rmtree(run.folder / "figures", ignore_errors=True)
-    page = write_report(_content(run), run.folder, run.study.report.formats)
+    with run.execution("report") as execution:
+        page = write_report(_content(run), run.folder, run.study.report.formats, execution)
     run.console.say(f"report: {page}")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-
 from elastid.app.run import Run
 from elastid.export.peaks import write_peaks
 from elastid.frf.friction.result import FrictionTakenOut
@@ -16,7 +14,6 @@ def report(run: Run) -> None:
     """report.html, figures/ and peaks.csv."""
     stamp, responses = run.stamps["report"], read_responses(run.path("estimate"))
     found = tuple(peaks(response) for response in responses)
-    shutil.rmtree(run.folder / "figures", ignore_errors=True)
     write_peaks(run.folder / "peaks.csv", responses, found)
     content = ResponsesContent(
         title=run.study.name,
@@ -26,7 +23,8 @@ def report(run: Run) -> None:
         provenance=stamp.shown,
         friction=_friction(run),
     )
-    page = write_page_of_responses(content, run.folder, run.study.report.formats)
+    with run.execution("report") as execution:
+        page = write_page_of_responses(content, run.folder, run.study.report.formats, execution)
     for response, of_it in zip(responses, found, strict=True):
         at = ", ".join(f"{peak.freq_hz:.4g}" for peak in of_it)
         unit = "Hz" if response.rate_is_known else "of the sampling rate"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.base.arrays import FloatArray
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures.design import configuration_sketches, excitation, information
@@ -34,45 +36,52 @@ CONFIGURATION = "configuration "
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure with a file-safe name, the section of the page that it belongs to, and a caption."""
+    """A figure to draw, with a file-safe name, the section of the page that it belongs to, and a caption.
+
+    draw(): the figure; it pickles, so that figures can be drawn in several processes.  on_page: not where the page
+    shows the same curves to explore.
+    """
 
     name: str
     section: str
     caption: str
-    figure: Figure
+    draw: Callable[[], Figure]
+    on_page: bool = True
 
 
 def drawings(content: ReportContent) -> Iterator[Drawing]:
-    """The figures of a report, drawn one by one so that only one is in memory."""
+    """The figures of a report, to be drawn."""
     rows = parameter_rows(content.result, content.truth, content.contents)
     if rows:
-        yield Drawing("parameters", "parameters", "Start, estimate and 95 % interval of every parameter.", forest(rows))
+        caption = "Start, estimate and 95 % interval of every parameter."
+        yield Drawing("parameters", "parameters", caption, partial(forest, rows))
     judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
-        yield Drawing("errors", "validation", caption, model_errors(content.validation))
+        yield Drawing("errors", "validation", caption, partial(model_errors, content.validation))
     if content.balances:
         worst = max(content.balances, key=lambda balance: balance.left)
-        yield Drawing("torque", "torque", f"{worst.place}, {worst.log}: {TORQUE_CAPTION}", torque_balance_figure(worst))
+        caption = f"{worst.place}, {worst.log}: {TORQUE_CAPTION}"
+        yield Drawing("torque", "torque", caption, partial(torque_balance_figure, worst))
     yield from friction_drawings(content.friction, content.robot)
     yield from _configurations(content)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
-        yield Drawing("comparison", "comparison", caption, left_out_errors(content.comparison))
+        yield Drawing("comparison", "comparison", caption, partial(left_out_errors, content.comparison))
     if content.result.starts:
-        yield Drawing(
-            "multistart", "fit", "Cost at which every start of the fit ended.", multistart_costs(content.result)
-        )
+        caption = "Cost at which every start of the fit ended."
+        yield Drawing("multistart", "fit", caption, partial(multistart_costs, content.result))
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
-        yield Drawing("identifiability", "fit", caption, identifiability(content.result))
+        yield Drawing("identifiability", "fit", caption, partial(identifiability, content.result))
     if any(not one.place for one in content.result.indices):
         caption = "Share of what V has beyond the noise that each would explain, were it free or read so, alone."
-        yield Drawing("modification_indices", "fit", caption, modification_shares(content.result))
+        yield Drawing("modification_indices", "fit", caption, partial(modification_shares, content.result))
     yield from _plan(content)
     yield from _limits(content)
     if content.plan is not None:
-        yield Drawing("excitation", "excitation", "Torque injected in the first experiment.", excitation(content.plan))
+        caption = "Torque injected in the first experiment."
+        yield Drawing("excitation", "excitation", caption, partial(excitation, content.plan))
 
 
 def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
@@ -83,7 +92,7 @@ def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = N
             "that alone (link side), with F_c of the robot's file where it has one; amplitude of the torque that no "
             "response explains, with friction and without."
         )
-        yield Drawing("friction", "friction", caption, friction_curves(friction, robot))
+        yield Drawing("friction", "friction", caption, partial(friction_curves, friction, robot))
 
 
 def _configurations(content: ReportContent) -> Iterator[Drawing]:
@@ -97,42 +106,54 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
     ):
         name = measured.configuration.name
         title = configuration_title(measured, name in left_out)
-        for kind, what, figure in (
-            ("magnitude", "magnitude of the frequency responses", frf_magnitude(measured, modelled, title, std)),
-            ("phase", "phase of the frequency responses", frf_phase(measured, modelled, title)),
-            ("singular-values", "singular values of the response matrix", singular_values(measured, modelled, title)),
-        ):
-            yield of_configuration(name, f"{file}-{kind}", f"{what}, measured and modelled.", figure)
+        yield from response_drawings(file, measured, modelled, title, std)
         if name in replays:
             caption = (
                 "the record with the worst fit, and the model under the measured torque; right: enlarged where the "
                 "error is largest."
             )
-            yield of_configuration(name, f"{file}-replay", caption, replay_signals(replays[name]))
+            yield of_configuration(name, f"{file}-replay", caption, partial(replay_signals, replays[name]))
         if name in modes:
             yield _modes(file, modes[name], title, measured.rate_is_known)
         yield from quality_drawings(file, measured, title)
 
 
-def of_configuration(configuration: str, name: str, caption: str, figure: Figure) -> Drawing:
+def response_drawings(
+    file: str,
+    measured: FrequencyResponse,
+    modelled: FrequencyResponse | None,
+    title: str,
+    std: FloatArray | None = None,
+) -> Iterator[Drawing]:
+    """Magnitude and phase, which the explorer of the page shows, and singular values; std: of the model."""
+    beside = "" if modelled is None else ", measured and modelled"
+    shown = measured, modelled, title
+    for kind, what, draw in (
+        ("magnitude", "magnitude of the frequency responses", partial(frf_magnitude, *shown, std)),
+        ("phase", "phase of the frequency responses", partial(frf_phase, *shown)),
+        ("singular-values", "singular values of the response matrix", partial(singular_values, *shown)),
+    ):
+        drawing = of_configuration(measured.configuration.name, f"{file}-{kind}", f"{what}{beside}.", draw)
+        yield replace(drawing, on_page=kind == "singular-values")
+
+
+def of_configuration(configuration: str, name: str, caption: str, draw: Callable[[], Figure]) -> Drawing:
     """A figure of one configuration."""
-    return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", figure)
+    return Drawing(name, f"{CONFIGURATION}{configuration}", f"{configuration}: {caption}", draw)
 
 
 def _modes(file: str, row: ModeRow, title: str, rate_is_known: bool) -> Drawing:
     """As sketches of the robot; as bars where it has no extent, or none of its points moves."""
     if row.drawing is None:
-        caption, figure = (
-            "shapes of the modes of the identified model, motors free.",
-            mode_shapes(row, title, rate_is_known),
-        )
+        caption = "shapes of the modes of the identified model, motors free."
+        draw = partial(mode_shapes, row, title, rate_is_known)
     else:
         caption = (
             "the modes of the identified model, motors free. Grey: at rest; blue and orange: the two ends of the "
             "swing, enlarged to one size; motors, behind their gears, are not drawn."
         )
-        figure = mode_sketches(row, row.drawing, title, rate_is_known)
-    return of_configuration(row.configuration, f"{file}-modes", caption, figure)
+        draw = partial(mode_sketches, row, row.drawing, title, rate_is_known)
+    return of_configuration(row.configuration, f"{file}-modes", caption, draw)
 
 
 def quality_drawings(file: str, measured: FrequencyResponse, title: str) -> Iterator[Drawing]:
@@ -141,23 +162,23 @@ def quality_drawings(file: str, measured: FrequencyResponse, title: str) -> Iter
     if quality is None:
         return
     caption = "levels of the outputs, of their nonlinear distortion and of noise."
-    yield of_configuration(name, f"{file}-levels", caption, levels(measured, quality, title))
+    yield of_configuration(name, f"{file}-levels", caption, partial(levels, measured, quality, title))
     caption = "share of each output that no input explains; singular values of responses and inputs."
-    yield of_configuration(name, f"{file}-coherence", caption, coherence(measured, quality, title))
+    yield of_configuration(name, f"{file}-coherence", caption, partial(coherence, measured, quality, title))
 
 
 def _plan(content: ReportContent) -> Iterator[Drawing]:
     """Expected information and configurations."""
     if content.forecast is not None:
         caption = "Expected information: by configuration and frequency, and by configuration and parameter."
-        yield Drawing("information", "plan", caption, information(content.forecast))
+        yield Drawing("information", "plan", caption, partial(information, content.forecast))
     if content.robot is not None and content.plan is not None:
         configurations = content.plan.configurations
         angles = [", ".join(f"{a:.0f}°" for a in np.degrees(c.angles)) for c in configurations]
         counts = [f"{angle}; {M} realisations" for angle, M in zip(angles, content.plan.realisations, strict=True)]
         caption = "The robot in each configuration; driven joints' angles."
-        figure = configuration_sketches(content.robot, configurations, counts)
-        yield Drawing("configurations", "plan", caption, figure)
+        draw = partial(configuration_sketches, content.robot, configurations, counts)
+        yield Drawing("configurations", "plan", caption, draw)
 
 
 def _limits(content: ReportContent) -> Iterator[Drawing]:
@@ -165,14 +186,14 @@ def _limits(content: ReportContent) -> Iterator[Drawing]:
     if content.limit_use is None or not np.isfinite(content.limit_use.limit).any():
         return
     caption = "Largest value of any run in the rehearsal, in % of the motor's limit."
-    yield Drawing("peaks", "plan", caption, limit_use(content.limit_use))
+    yield Drawing("peaks", "plan", caption, partial(limit_use, content.limit_use))
     if content.nearest_run is not None:
         caption = (
             f"The run that comes closest to a limit, on the nominal robot (dashed: limit; "
             f"shaded: the {content.limit_use.margin:.0%} of it that are kept free; grey: not measured)."
         )
-        figure = nearest_run_signals(content.nearest_run, content.limit_use, content.plan)
-        yield Drawing("limits", "plan", caption, figure)
+        draw = partial(nearest_run_signals, content.nearest_run, content.limit_use, content.plan)
+        yield Drawing("limits", "plan", caption, draw)
 
 
 def file_names(responses: Iterable[FrequencyResponse]) -> list[str]:

@@ -19,15 +19,18 @@ from elastid.report.figures.friction_curve import POINTS, Z_95, Condition, depen
 MOST_SPEEDS, SAME_SPEED = 4, 0.05
 
 
-def friction_conditions(law: StaticLaw) -> Figure | None:
-    """A panel over load and one over temperature, each where the law depends on it; None where on neither.
+def conditions_of(law: StaticLaw) -> list[str]:
+    """On which of load and temperature the law depends."""
+    return [kind for kind in ("load", "temperature") if depends_on(law, kind)]
+
+
+def friction_conditions(law: StaticLaw) -> Figure:
+    """A panel over load and one over temperature, each where the law depends on it, and it does on one.
 
     Points: levels, brought by the law to the panel's other condition and to the mean speed of their group, so that
     their distance from the line is what the law leaves of them.
     """
-    kinds = [kind for kind in ("load", "temperature") if depends_on(law, kind)]
-    if not kinds:
-        return None
+    kinds = conditions_of(law)
     size = (style.WIDE if len(kinds) > 1 else 5.6, 4.1)
     figure, panels = style.panels(1, len(kinds), size, (0.8, 0.25, 1.05, 0.55), (0.25, 0.0))
     speed, torque = units(law.levels.slides)

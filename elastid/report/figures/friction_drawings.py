@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import TypeAlias
 
 from matplotlib.figure import Figure
 
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.result import FrictionResult, JointFriction
-from elastid.friction_fit.warm_up import level_over_heat
+from elastid.friction_fit.static_law import StaticLaw
+from elastid.friction_fit.warm_up import ThermalModel, WarmUp, level_over_heat
 from elastid.observer.follow import FollowedFriction
 from elastid.report.figures.drawings import Drawing
 from elastid.report.figures.friction_at_rest import friction_at_rest
-from elastid.report.figures.friction_conditions import friction_conditions
+from elastid.report.figures.friction_conditions import conditions_of, friction_conditions
 from elastid.report.figures.friction_curve import friction_curve
 from elastid.report.figures.friction_filter import friction_filter
 from elastid.report.figures.friction_loops import friction_loops
@@ -25,75 +28,78 @@ from elastid.validation.twin import TorqueBalance
 
 # Begins the section of a figure of one joint.
 JOINT = "joint "
+# File-safe name and caption of a figure, and the function that draws it.
+Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
 
 
 def friction_study_drawings(
     result: FrictionResult, filters: Sequence[FollowedFriction] = (), balances: Sequence[TorqueBalance] = ()
 ) -> Iterator[Drawing]:
-    """The figures of all joints, drawn one by one so that only one is in memory."""
+    """The figures of all joints, to be drawn."""
     for file, joint in zip(_file_names([joint.joint for joint in result.joints]), result.joints, strict=True):
         followed = [each for each in filters if each.joint == joint.joint]
         explained = [each for each in balances if each.place == f"{JOINT}{joint.joint}"]
-        for name, caption, figure in (*_of_joint(joint), *map(_of_balance, explained), *map(_of_filter, followed)):
-            yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", figure)
+        for name, caption, draw in (*_of_joint(joint), *map(_of_balance, explained), *map(_of_filter, followed)):
+            yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 
 
-def _of_joint(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
-    """File-safe name, caption and figure of everything that was measured of a joint."""
+def _of_joint(joint: JointFriction) -> Iterator[Named]:
+    """File-safe name, caption and function that draws everything that was measured of a joint."""
     law, place = joint.static, f"joint {joint.joint}"
     if law is not None:
         caption = (
             "friction over speed, levels and law with 95 % intervals; shaded: the speeds that were measured, beyond "
             "which the law (dashed) is not to be relied on. Below: what the law leaves of each level."
         )
-        yield "curve", caption, friction_curve(law)
-        over = friction_conditions(law)
-        if over is not None:
+        yield "curve", caption, partial(friction_curve, law)
+        if conditions_of(law):
             caption = "levels over load or temperature at a few speeds, brought to one other condition by the law."
-            yield "conditions", caption, over
+            yield "conditions", caption, partial(friction_conditions, law)
     yield from _of_records(joint)
     if joint.at_rest is not None:
         caption = "stiffness and damping of the bristles at rest, by amplitude, and extrapolated to none."
-        yield "at-rest", caption, friction_at_rest(place, joint.at_rest, joint.slides)
+        yield "at-rest", caption, partial(friction_at_rest, place, joint.at_rest, joint.slides)
     if joint.thermal is not None and joint.warm_up is not None:
         caption = "warm-up: power, temperature and levels of the test passes; lines: what the thermal model predicts."
-        level_of = level_over_heat(law, joint.warm_up)
-        figure = friction_warm_up(place, joint.warm_up, joint.thermal, level_of, joint.slides)
-        yield "warm-up", caption, figure
+        yield "warm-up", caption, partial(_warm_up, place, joint.warm_up, joint.thermal, law, joint.slides)
 
 
-def _of_balance(found: TorqueBalance) -> tuple[str, str, Figure]:
+def _warm_up(place: str, warm_up: WarmUp, thermal: ThermalModel, law: StaticLaw | None, slides: bool) -> Figure:
+    return friction_warm_up(place, warm_up, thermal, level_over_heat(law, warm_up), slides)
+
+
+def _of_balance(found: TorqueBalance) -> Named:
     """The torque of a motion."""
-    return "torque", TORQUE_CAPTION, torque_balance_figure(found)
+    return "torque", TORQUE_CAPTION, partial(torque_balance_figure, found)
 
 
-def _of_filter(found: FollowedFriction) -> tuple[str, str, Figure]:
+def _of_filter(found: FollowedFriction) -> Named:
     """The filter of a joint."""
     caption = (
         "friction followed by a Kalman filter over the motions, with 95 % bands. Below: innovations squared over the "
         "variance that the filter expects (NIS), and their autocorrelation; the bands hold where both stay in theirs. "
         f"Weakest: {found.weakest.words}, known to {found.weakest.ratio:.0%} of what it was before."
     )
-    return "filter", caption, friction_filter(found)
+    return "filter", caption, partial(friction_filter, found)
 
 
-def _of_records(joint: JointFriction) -> Iterator[tuple[str, str, Figure]]:
+def _of_records(joint: JointFriction) -> Iterator[Named]:
     """A pass, a motion and loops."""
     if joint.levels is not None and joint.example is not None:
         caption = (
             "one pass there and back over the angle: torque measured and regressed, the parts of the regression, and "
             "what it leaves."
         )
-        yield "pass", caption, friction_pass(passes_of(joint.example), joint.levels)
+        yield "pass", caption, partial(friction_pass, passes_of(joint.example), joint.levels)
     if joint.motion is not None:
         caption = "torque of the whole motion without inertia and gravity over velocity, and over time."
-        yield "motion", caption, friction_motion(joint.motion)
+        yield "motion", caption, partial(friction_motion, joint.motion)
     if joint.presliding is not None and joint.loops is not None:
         caption = (
             "hysteresis before the joint slides, measured and replayed by Maxwell slip elements; torque k D of each "
             "threshold D; error of parts of the log that were left out of the fit, by number of elements."
         )
-        yield "loops", caption, friction_loops(joint.loops, joint.presliding, joint.slides)
+        yield "loops", caption, partial(friction_loops, joint.loops, joint.presliding, joint.slides)
 
 
 def _file_names(joints: Sequence[str]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import textwrap
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 from matplotlib.figure import Figure
@@ -15,6 +15,7 @@ from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.content import ReportContent
 from elastid.report.figures import style
+from elastid.report.figures.drawings import Drawing
 from elastid.report.friction_rows import FrictionRow, friction_rows
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
@@ -49,20 +50,17 @@ def text_pages(lines: Sequence[str]) -> Iterator[Figure]:
         yield figure
 
 
-@contextmanager
-def booklet(file: io.BytesIO, front: Iterable[Figure]) -> Iterator[Callable[[Figure], None]]:
-    """A PDF that begins with the front pages; the yielded function adds a page, so that no figure need be kept."""
+def bound(front: Iterable[Figure], drawn: Iterable[Drawing]) -> bytes:
+    """A PDF of the front pages and the figures, each drawn when its turn comes, so that no figure need be kept."""
     from matplotlib.backends.backend_pdf import PdfPages  # brings the subsetting of fonts, for few reports
 
-    with PdfPages(file, metadata=PDF_METADATA) as pdf:
-
-        def add(page: Figure) -> None:
-            with missing_glyphs_allowed():
-                pdf.savefig(page)
-
+    file = io.BytesIO()
+    with PdfPages(file, metadata=PDF_METADATA) as pdf, missing_glyphs_allowed():
         for page in front:
-            add(page)
-        yield add
+            pdf.savefig(page)
+        for drawing in drawn:
+            pdf.savefig(drawing.draw())
+    return file.getvalue()
 
 
 def _text(content: ReportContent) -> Iterator[str]:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import base64
 import io
 import os
+import shutil
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -14,12 +16,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from matplotlib.figure import Figure
 from PIL import Image
 
+from elastid.base.execution import Execution
 from elastid.base.note import grouped
 from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
 from elastid.report.friction_rows import friction_rows
-from elastid.report.page.booklet import PDF_METADATA, booklet, front_pages, missing_glyphs_allowed
+from elastid.report.page.booklet import PDF_METADATA, bound, front_pages, missing_glyphs_allowed
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer
 from elastid.report.page.mode_viewer import mode_viewer
@@ -28,12 +31,11 @@ from elastid.report.parameter_rows import parameter_rows
 FigureFormat: TypeAlias = Literal["png", "pdf"]
 
 DPI = 110
-# A figure on the page has so many colors: less than half of the bytes, without a visible difference.
+# A picture has so many colors: less than half of the bytes, without a visible difference.
 MAX_COLORS = 256
 # Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
 # then stays below 10 MB.
 MAX_FIGURE_BYTES = 6_000_000
-METADATA: dict[FigureFormat, dict[str, None]] = {"png": {"Software": None}, "pdf": PDF_METADATA}
 
 
 @dataclass(frozen=True)
@@ -47,40 +49,49 @@ class EmbeddedFigure:
     file: str = ""
 
 
-def write_report(content: ReportContent, folder: Path, formats: Collection[FigureFormat]) -> Path:
+def write_report(
+    content: ReportContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+) -> Path:
     """Write folder/report.html, and folder/figures/* in the given formats; returns the path of the page.
 
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
-    Every file appears whole or not at all, the page last. The same content gives the same bytes.
+    Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
-    embedded = write_figures(drawings(content), front_pages(content), folder, formats)
+    embedded = write_figures(drawings(content), front_pages(content), folder, formats, execution)
     page = folder / "report.html"
     write_whole(page, html(content, embedded).encode("utf-8"))
     return page
 
 
 def write_figures(
-    drawn: Iterable[Drawing], front: Iterable[Figure], folder: Path, formats: Collection[FigureFormat]
+    drawn: Iterable[Drawing],
+    front: Iterable[Figure],
+    folder: Path,
+    formats: Collection[FigureFormat],
+    execution: Execution | None = None,
 ) -> list[EmbeddedFigure]:
-    """folder/figures/*, and folder/report.pdf with the front pages before them; the same as figures of a page."""
-    figures = folder / "figures"
-    figures.mkdir(parents=True, exist_ok=True)
-    embedded, paper = [], io.BytesIO()
-    with booklet(paper, front) as add:
-        for drawing in drawn:
-            png = rendered(drawing.figure, "png")
-            for kind in formats:
-                write_whole(
-                    figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(drawing.figure, kind)
-                )
-            if "pdf" in formats:
-                add(drawing.figure)
-            text = base64.b64encode(fewer_colors(png)).decode("ascii")
-            file = f"figures/{drawing.name}.{'png' if 'png' in formats else 'pdf'}" if formats else ""
-            embedded.append(EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file))
+    """folder/figures/* anew, and folder/report.pdf with the front pages before them; the same as figures of a page."""
+    figures, paper = folder / "figures", folder / "report.pdf"
+    shutil.rmtree(figures, ignore_errors=True)
+    paper.unlink(missing_ok=True)
+    figures.mkdir(parents=True)
+    todo = [drawing for drawing in drawn if drawing.on_page or formats]
+    write = partial(_written, figures, tuple(formats))
+    embedded = (execution or Execution()).ordered(write, todo)
     if "pdf" in formats:
-        write_whole(folder / "report.pdf", paper.getvalue())
+        write_whole(paper, bound(front, todo))
     return within(embedded, MAX_FIGURE_BYTES)
+
+
+def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
+    """The files of a figure, and what the page has of it."""
+    figure = drawing.draw()
+    png = rendered(figure, "png") if drawing.on_page or "png" in formats else b""
+    for kind in formats:
+        write_whole(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(figure, kind))
+    text = base64.b64encode(png).decode("ascii") if drawing.on_page else ""
+    file = f"figures/{drawing.name}.{'png' if 'png' in formats else 'pdf'}" if formats else ""
+    return EmbeddedFigure(drawing.name, drawing.section, drawing.caption, text, file)
 
 
 def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]:
@@ -92,15 +103,6 @@ def within(figures: Sequence[EmbeddedFigure], room: int) -> list[EmbeddedFigure]
             dropped.add(figure.name)
             excess -= len(figure.png)
     return [replace(figure, png="") if figure.name in dropped else figure for figure in figures]
-
-
-def fewer_colors(png: bytes) -> bytes:
-    """The same PNG with a palette."""
-    buffer = io.BytesIO()
-    with Image.open(io.BytesIO(png)) as image:
-        few = image.convert("RGB").quantize(MAX_COLORS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
-    few.save(buffer, "png", optimize=True)
-    return buffer.getvalue()
 
 
 def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
@@ -144,8 +146,16 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     """The figure as the bytes of a file."""
     buffer = io.BytesIO()
     with missing_glyphs_allowed():
-        figure.savefig(buffer, format=kind, dpi=DPI, metadata=METADATA[kind])
-    return buffer.getvalue()
+        if kind == "pdf":
+            figure.savefig(buffer, format=kind, metadata=PDF_METADATA)
+            return buffer.getvalue()
+        figure.savefig(buffer, format="rgba", dpi=DPI)
+    width, height = (int(inches * DPI) for inches in figure.get_size_inches())
+    image = Image.frombytes("RGBA", (width, height), buffer.getvalue())
+    few = image.convert("RGB").quantize(MAX_COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    file = io.BytesIO()
+    few.save(file, "png", dpi=(DPI, DPI))
+    return file.getvalue()
 
 
 def write_whole(path: Path, data: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from elastid.report.figures.drawings import Drawing
@@ -71,6 +72,5 @@ def _drawings(content: FleetContent) -> Iterator[Drawing]:
         marked = {finding.robot for finding in content.findings if finding.parameter == name}
         own = [value for value in content.values if value.parameter == name]
         caption = f"{name} of every robot and date with its 95 % interval."
-        yield Drawing(
-            f"fleet-{number:03d}", "parameters", caption, fleet_parameter(name, content.units[name], own, marked)
-        )
+        draw = partial(fleet_parameter, name, content.units[name], own, marked)
+        yield Drawing(f"fleet-{number:03d}", "parameters", caption, draw)

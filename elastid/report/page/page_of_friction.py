@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+from elastid.base.execution import Execution
 from elastid.base.numbers import number
 from elastid.friction_fit.result import JointFriction
 from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
@@ -26,12 +26,13 @@ SHARED = {
 }
 
 
-def write_page_of_friction(content: FrictionContent, folder: Path, formats: Collection[FigureFormat]) -> Path:
+def write_page_of_friction(
+    content: FrictionContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+) -> Path:
     """folder/report.html and folder/figures/* anew, with pdf among the formats folder/report.pdf; the page's path."""
-    shutil.rmtree(folder / "figures", ignore_errors=True)
     front = text_pages(list(_text(content)))
     drawings = friction_study_drawings(content.result, content.filters, content.balances)
-    figures = write_figures(drawings, front, folder, formats)
+    figures = write_figures(drawings, front, folder, formats, execution)
     page = folder / "report.html"
     write_whole(page, html_of_friction(content, figures).encode("utf-8"))
     return page

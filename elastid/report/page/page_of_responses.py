@@ -6,13 +6,14 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from elastid.base.execution import Execution
 from elastid.base.note import NoteGroup, grouped
 from elastid.base.numbers import digits, interval_of, number, percent
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.peaks import Peak
 from elastid.report.figures import style
-from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, of_configuration, quality_drawings
-from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
+from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, quality_drawings, response_drawings
+from elastid.report.figures.responses import configuration_title
 from elastid.report.page.booklet import columns, friction_text, heading, text_pages
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer
@@ -50,12 +51,14 @@ class ResponsesContent:
         return all(response.rate_is_known for response in self.responses)
 
 
-def write_page_of_responses(content: ResponsesContent, folder: Path, formats: Collection[FigureFormat]) -> Path:
+def write_page_of_responses(
+    content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
+) -> Path:
     """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
     front = text_pages(
         [*heading(content.title, content.notes), *columns(list(_peak_table(content))), *friction_text(content.friction)]
     )
-    figures = write_figures(_drawings(content), front, folder, formats)
+    figures = write_figures(_drawings(content), front, folder, formats, execution)
     page = folder / "report.html"
     write_whole(page, html_of_responses(content, figures).encode("utf-8"))
     return page
@@ -77,13 +80,8 @@ def html_of_responses(content: ResponsesContent, figures: Collection[EmbeddedFig
 def _drawings(content: ResponsesContent) -> Iterator[Drawing]:
     yield from friction_drawings(content.friction)
     for file, response in zip(file_names(content.responses), content.responses, strict=True):
-        name, title = response.configuration.name, configuration_title(response, left_out=False)
-        for kind, what, figure in (
-            ("magnitude", "magnitude of the frequency responses.", frf_magnitude(response, None, title)),
-            ("phase", "phase of the frequency responses.", frf_phase(response, None, title)),
-            ("singular-values", "singular values of the response matrix.", singular_values(response, None, title)),
-        ):
-            yield of_configuration(name, f"{file}-{kind}", what, figure)
+        title = configuration_title(response, left_out=False)
+        yield from response_drawings(file, response, None, title)
         yield from quality_drawings(file, response, title)
 
 

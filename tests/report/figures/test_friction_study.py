@@ -15,7 +15,7 @@ from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.spec import LawSpec
 from elastid.friction_fit.static_law import StaticLaw
 from elastid.report.figures.friction_at_rest import friction_at_rest
-from elastid.report.figures.friction_conditions import friction_conditions
+from elastid.report.figures.friction_conditions import conditions_of, friction_conditions
 from elastid.report.figures.friction_curve import Condition, friction_curve, residuals
 from elastid.report.figures.friction_drawings import friction_study_drawings
 from elastid.report.figures.friction_loops import friction_loops
@@ -74,7 +74,7 @@ def test_levels_over_load_and_temperature_lie_as_far_from_the_law_as_they_do(pub
     line = over_load.get_lines()[0]
     away = y - np.interp(levels.load[slowest], *line.get_data())
     np.testing.assert_allclose(away / levels.std[slowest], residuals(published)[slowest], atol=1e-6)
-    assert friction_conditions(study.law()) is None
+    assert conditions_of(study.law()) == []
 
 
 def test_the_parts_of_a_pass_explain_its_torque() -> None:

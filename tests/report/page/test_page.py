@@ -14,12 +14,13 @@ import pytest
 from plants.arm_modes import mode_row
 from plants.report_values import PARAMETERS, TRUTH, fit_result, full_content, pair, report_content
 
+from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.base.numbers import number
 from elastid.fit.modification_index import ModificationIndex
 from elastid.parameters import ParameterSet
 from elastid.report.figures.responses import frf_magnitude
-from elastid.report.page.page import EmbeddedFigure, fewer_colors, html, rendered, within, write_report
+from elastid.report.page.page import DPI, EmbeddedFigure, html, rendered, within, write_report
 from elastid.report.parameter_rows import parameter_rows
 from elastid.validation.agreement import validate
 
@@ -88,8 +89,10 @@ def test_the_page_needs_nothing_from_outside(report_folder):
     assert 'src="http' not in source
     assert "<script src" not in source
     assert not {"link", "iframe", "object", "base"} & set(page.tags)
-    assert page.tags.count("img") == 11
-    assert all(address.startswith(("data:image/png;base64,", "#")) for address in page.addresses)
+    assert page.tags.count("img") == 7
+    files = {address for address in page.addresses if not address.startswith(("data:image/png;base64,", "#"))}
+    assert files == {f"figures/frf-{name}-{kind}.png" for name in ("c1", "c2") for kind in ("magnitude", "phase")}
+    assert all((report_folder / file).is_file() for file in files)
     without_images = re.sub(r"base64,[A-Za-z0-9+/=]+|<script>.*?</script>", "", source, flags=re.DOTALL)
     assert "://" not in without_images
     assert "url(" not in without_images
@@ -123,8 +126,8 @@ def test_hostile_names_are_shown_and_not_obeyed(tmp_path):
 
 
 def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
-    """Page, PNG and PDF: no date, no version, no random name."""
-    write_report(report_content(), tmp_path, ("png", "pdf"))
+    """Page, PNG and PDF, drawn in two processes: no date, no version, no random name."""
+    write_report(report_content(), tmp_path, ("png", "pdf"), Execution(2))
     folders = (report_folder, tmp_path)
     first, second = ({p.relative_to(f): p.read_bytes() for p in f.rglob("*") if p.is_file()} for f in folders)
     assert len(first) == 24
@@ -132,9 +135,11 @@ def test_the_same_content_gives_the_same_bytes(report_folder, tmp_path):
 
 
 def test_only_the_formats_asked_for_are_written(tmp_path):
-    """PDF only: no PNG beside the page, which embeds its own."""
+    """PDF only: no PNG beside the page, which embeds its own; nothing of an earlier report is left."""
     write_report(small_content(), tmp_path, ("pdf",))
     assert {path.suffix for path in (tmp_path / "figures").iterdir()} == {".pdf"}
+    write_report(small_content(), tmp_path, ())
+    assert {path.name for path in tmp_path.rglob("*")} == {"report.html", "figures"}
 
 
 def test_a_report_that_cannot_be_written_leaves_the_last_one_whole(tmp_path, monkeypatch):
@@ -217,10 +222,13 @@ def test_figures_without_room_on_the_page_are_linked_to():
 def test_fewer_colors_are_the_same_picture():
     """No pixel of a figure is further off than the eye can see, half of the bytes are gone."""
     image = pytest.importorskip("PIL.Image")
-    png = rendered(frf_magnitude(*pair(3), "c1"), "png")
-    small = fewer_colors(png)
-    assert len(small) < 0.5 * len(png)
-    before, after = (np.asarray(image.open(io.BytesIO(data)).convert("RGB"), dtype=float) for data in (png, small))
+    figure, png = frf_magnitude(*pair(3), "c1"), io.BytesIO()
+    figure.savefig(png, format="png", dpi=DPI)
+    small = rendered(figure, "png")
+    assert len(small) < 0.5 * len(png.getvalue())
+    before, after = (
+        np.asarray(image.open(io.BytesIO(data)).convert("RGB"), dtype=float) for data in (png.getvalue(), small)
+    )
     assert np.sqrt(np.mean((before - after) ** 2)) < 3
 
 
