@@ -14,16 +14,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
+from elastid.fit.problem.triangle import Full, Packed
 from elastid.linear.response.derivatives import Columns
-
-Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,28 +54,34 @@ class NormalEquations:
         size[size == 0] = 1.0
         scale = np.zeros(pieces.base.max(initial=-1) + 1)
         np.maximum.at(scale, pieces.base, size)
-        V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)), complex)
-        pulls = []
+        V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
+        pulls, R = [], self._compressed.R
         for part in self.columns.at(theta):
             cost, r, slope = self._residual(part.block, part.G)
-            R = self._compressed.triangle(precision)[part.block]
-            U = part.columns(scale, precision)
-            weight = self._returned(part.block, r)
-            if slope is not None:
-                U *= slope[:, :, None]
-                weight = weight * slope
+            weight = R.returned(part.block, r) * (1.0 if slope is None else slope)
             pulls.append(weight)
             omega = part.s.imag / omega_0
             V += cost
-            pull += np.stack([np.ones_like(omega), 1j * omega, -(omega**2)]) @ part.pull(weight)
-            moments += _moments(_times(R, U), omega)
+            pull += np.stack([np.ones_like(omega), 1j * omega, -(omega**2)]) @ R.pull(part, weight)
+            moments += R.moments(part, scale, slope, omega, precision)
         g = size * pull[pieces.power, pieces.base].real
-        base, power, ratio = pieces.base, pieces.power, size / scale[pieces.base]
-        # (j omega)^k' of one piece times the conjugate (-j omega)^k of the other.
-        turn = 1j ** (power - power[:, None]) * moments[power + power[:, None], base[:, None], base]
-        A = np.outer(ratio, ratio) * turn.real
+        ratio = size / scale[pieces.base]
+        (order, first, second), sign = self._pairs
+        A = np.outer(ratio, ratio) * sign * moments[order, first, second]
         sigma = pieces.sigma * (omega_0**pieces.power / size)[:, None]
         return V, sigma.T @ g - self._of_images(theta, pulls), sigma.T @ A @ sigma
+
+    @cached_property
+    def _pairs(self) -> tuple[tuple[IntArray, IntArray, IntArray], FloatArray]:
+        """Which of the moments, which are Hermitian, a pair of pieces (n_t, n_t) takes, and its sign there.
+
+        It is the real part of (j omega)^k' of one piece times the conjugate (-j omega)^k of the other.
+        """
+        base, power = self.columns.pieces.base, self.columns.pieces.power
+        order, apart = power + power[:, None], power - power[:, None]
+        turned = np.where(base < base[:, None], -1.0, 1.0) ** order
+        places = order, np.minimum(base, base[:, None]), np.maximum(base, base[:, None])
+        return places, turned * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
 
     def _of_images(self, theta: FloatArray, weights: Sequence[ComplexArray]) -> FloatArray:
         """Re sum weight dG / dtheta (P,) of images of held torques; weights (F, n_e) of each block of lines."""
@@ -89,16 +93,11 @@ class NormalEquations:
         """V of the lines, their residuals q - R g (F, n_e), and the slope of e to g where it is not one."""
         known = self._compressed
         if self.criterion == "complex":
-            r = known.q[block] - _times(known.R[block], G[:, :, None])[:, :, 0]
+            r = known.R.residual(block, known.q[block], G)
             return float(known.constant[block].sum() + np.vdot(r, r).real), r, None
         whitened = self._whitened(block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0])
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         return float(np.vdot(whitened, whitened).real), self._projected(known.Q[block], whitened), slope
-
-    def _returned(self, block: slice, r: ComplexArray) -> ComplexArray:
-        """r^H R (F, n_e)."""
-        R = self._compressed.R[block]
-        return np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""
@@ -139,6 +138,7 @@ class NormalEquations:
     def _compressed(self) -> Compressed:
         """R, and what of the data is left with it."""
         first, second = self._places
+        form = Packed.of if self.columns.kernel.takes_compiled else Full
         if self.mixing is None:
             one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
             other = np.where(first == second, 0.0, other)
@@ -149,7 +149,7 @@ class NormalEquations:
             mirrored = np.where(first == second, 0.0, 1.0)
             Q, R = np.linalg.qr(W[:, :, first] + mirrored * W[:, :, second])
         if self.criterion != "complex":
-            return Compressed(R, Q=Q)
+            return Compressed(form(R), Q=Q)
         data = self._whitened(slice(None), self.measured)
         q = self._projected(Q, data)
         if self.mixing is not None:
@@ -158,40 +158,17 @@ class NormalEquations:
             left = data.copy()
             left[:, first] -= Q[:, :, 0] * q
             left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
-        return Compressed(R, q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
+        return Compressed(form(R), q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Compressed:
-    """R (F, n_e, n_e), or its diagonal (F, n_e); q (F, n_e) and |L^-1 Ghat|^2 - |q|^2 (F,) of the complex criterion.
+    """R; q (F, n_e) and |L^-1 Ghat|^2 - |q|^2 (F,) of the complex criterion.
 
     Q: of the logarithmic one; of diagonal weights (F, n_e, 2), the shares of an element and of its mirror image.
     """
 
-    R: ComplexArray | FloatArray
+    R: Full | Packed
     Q: ComplexArray | FloatArray = field(default_factory=lambda: np.zeros(0))
     q: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
     constant: FloatArray = field(default_factory=lambda: np.zeros(0))
-
-    def triangle(self, precision: type[np.floating[Any]]) -> npt.NDArray[np.inexact[Any]]:
-        """R in a precision."""
-        return self.R if precision is np.float64 else self._single
-
-    @cached_property
-    def _single(self) -> npt.NDArray[np.inexact[Any]]:
-        return self.R.astype(np.complex64 if np.iscomplexobj(self.R) else np.float32)
-
-
-def _moments(U: Complex, omega: FloatArray) -> ComplexArray:
-    """sum_f omega^p U_f^H U_f (5, n_b, n_b) for p = 0 ... 4, of U (F, n_e, n_b)."""
-    gram = np.swapaxes(U.conj(), 1, 2) @ U
-    powers = (omega ** np.arange(5)[:, None]).astype(U.real.dtype)
-    moments = (powers @ gram.reshape(len(U), -1).view(powers.dtype)).view(U.dtype)
-    return moments.reshape(5, *gram.shape[1:]).astype(np.complex128)
-
-
-def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
-    """R U (F, n_e, n) of each line, R possibly given by its diagonal."""
-    if R.ndim == 2:
-        return np.asarray((np.ascontiguousarray(U).view(R.dtype) * R[:, :, None]).view(U.dtype))
-    return np.asarray(R @ U)

@@ -3,8 +3,9 @@ r"""The derivatives of one response as few columns: parameters that change Z alo
 .. math:: -dG_p = c \sum_t s^{k_t} \sigma_t\, W^T E_{b_t} X, \qquad dZ_p = \sum_t s^{k_t} \sigma_t E_{b_t}
 
 A spring and its damper share E, and so do a rotor and its friction, so that P parameters have fewer columns
-W^T E_b X than pieces t. Where inputs and outputs are the same directions G is symmetric, and only the elements on and
-above its diagonal are computed.
+W^T E_b X than pieces t. Bases of rank one are a product of two vectors, E = +-y y^T; the others, of masses and all that
+moves the robot under gravity, E = V S V^T, share the few directions V that they span together. Where inputs and outputs
+are the same directions G is symmetric, and only the elements on and above its diagonal are computed.
 """
 
 from __future__ import annotations
@@ -20,9 +21,12 @@ import numpy.typing as npt
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
+from elastid.linear.response.rank_one_terms import rank_one_parts
 
 # Matrices of length one that differ by less than this are equal.
 EQUAL_TOLERANCE = 1e-12
+# So many lines of the products with bases of a higher rank stay in the cache.
+CACHED_LINES = 20
 
 
 @dataclass(frozen=True)
@@ -40,19 +44,31 @@ class Pieces:
 
 
 @dataclass(frozen=True)
+class Directions:
+    """Bases of rank one, +-E = y y^T: sign (n_1,), y (n, n_1); the others E = V S V^T: V (n, r), S (r, n_2 r)."""
+
+    sign: FloatArray
+    y: FloatArray
+    V: FloatArray
+    S: FloatArray
+
+
+@dataclass(frozen=True)
 class Sensitivity:
     """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
 
     Images of held torques are in G, and in columns of factors; of the others `Columns.pull_images` has the derivatives.
-    of_outputs (F, n_y, n_1), of_inputs (F, n_u, n_1): W^T y and c y^T X of the bases of rank one.  whole (F, n_e, n_2):
-    the columns of all others.  outputs, inputs (n_e,): output and input of each element.
+    left (F, n_y, n_1), right (F, n_u, n_1), sign (n_1,), gain (F,): W^T y and y^T X of the bases of rank one, and c.
+    whole (F, n_e, n_2): the columns of all others.  outputs, inputs (n_e,): output and input of each element.
     """
 
     block: slice
     s: ComplexArray
+    gain: ComplexArray
     G: ComplexArray
-    of_outputs: ComplexArray
-    of_inputs: ComplexArray
+    left: ComplexArray
+    right: ComplexArray
+    sign: FloatArray
     whole: ComplexArray
     outputs: IntArray
     inputs: IntArray
@@ -61,20 +77,23 @@ class Sensitivity:
         self, scale: FloatArray, precision: type[np.floating[Any]]
     ) -> npt.NDArray[np.complexfloating[Any, Any]]:
         """Columns (F, n_e, n_b), each times its scale (n_b,)."""
-        F, _, n_1 = self.of_outputs.shape
-        found = np.empty((F, len(self.outputs), n_1 + self.whole.shape[2]), np.result_type(precision, np.complex64))
-        left, right = (self.of_outputs * scale[:n_1]).astype(found.dtype), self.of_inputs.astype(found.dtype)
+        n_1 = len(self.sign)
+        found = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
+        left = (self.left * (self.sign * scale[:n_1])).astype(found.dtype)
+        right = (self.right * self.gain[:, None, None]).astype(found.dtype)
         np.multiply(left.take(self.outputs, axis=1), right.take(self.inputs, axis=1), out=found[:, :, :n_1])
         np.multiply(self.whole, scale[n_1:], out=found[:, :, n_1:], casting="same_kind")
         return found
 
     def pull(self, weight: ComplexArray) -> ComplexArray:
         """sum_e weight_e U_eb (F, n_b) of the columns U, weight (F, n_e)."""
-        F, n_y, _ = self.of_outputs.shape
-        spread = np.zeros((F, n_y, self.of_inputs.shape[1]), complex)
-        spread[:, self.outputs, self.inputs] = weight
-        simple = np.sum(self.of_outputs * (spread @ self.of_inputs), axis=1)
-        return np.concatenate([simple, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
+        spread = np.zeros((len(weight), self.left.shape[1], self.right.shape[1]), complex)
+        spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
+        return self.with_whole(np.sum(self.left * (spread @ self.right), axis=1), weight)
+
+    def with_whole(self, pulled: ComplexArray, weight: ComplexArray) -> ComplexArray:
+        """`pull` from its part (F, n_1) of the bases of rank one, their signs left out."""
+        return np.concatenate([pulled * self.sign, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +138,7 @@ class Columns:
                     found.append((place, base, power, sigma))
         others = (*self.kernel.factors, *self.kernel.moved_outputs)
         found += [(self.kernel.wanted.index(name), len(bases) + i, 0, 1.0) for i, name in enumerate(others)]
-        simple = [_root(E) is not None for E in bases]
-        order = sorted(range(len(bases)), key=lambda b: not simple[b])
+        order = sorted(range(len(bases)), key=lambda b: len(rank_one_parts(bases[b])) > 1)
         now_at = np.append(np.argsort(order), len(bases) + np.arange(len(others))).astype(np.int64)
         sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
         for t, (place, _, _, sigma) in enumerate(found):
@@ -134,52 +152,66 @@ class Columns:
         )
 
     @cached_property
-    def _factors(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Signs (n_1,) and y of the bases of rank one, +-E = y y^T, as columns (n, n_1); the others side by side."""
-        n, roots = self.kernel.model.n, [_root(E) for E in self.pieces.E]
-        sign = np.array([root[0] for root in roots if root is not None])
-        y = np.array([root[1] for root in roots if root is not None]).reshape(-1, n).T
-        others = self.pieces.E[y.shape[1] :]
-        return sign, y, others.transpose(1, 0, 2).reshape(n, -1)
+    def _directions(self) -> Directions:
+        n, E = self.kernel.model.n, self.pieces.E
+        parts = [rank_one_parts(one) for one in E]
+        single = [terms[0] for terms in parts if len(terms) == 1]
+        value, others = np.array([value for value, _ in single]), E[len(single) :]
+        y = np.array([y for _, y in single]).reshape(-1, n).T * np.sqrt(np.abs(value))
+        V, size, _ = np.linalg.svd(others.transpose(1, 0, 2).reshape(n, -1), full_matrices=False)
+        V = V[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)]
+        S = (V.T @ others @ V).transpose(1, 0, 2).reshape(V.shape[1], len(others) * V.shape[1])
+        return Directions(np.sign(value), y, V, S)
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
-        sign, y, wide = self._factors
-        n_1, n_2, n_u = y.shape[1], len(self.pieces.E) - y.shape[1], self.kernel.model.B.shape[1]
-        places = self.kernel.output_columns
+        of, n_u, places = self._directions, self.kernel.model.B.shape[1], self.kernel.output_columns
+        n_1, is_own = of.y.shape[1], np.array_equal(places, np.arange(n_u))
         of_y, of_u = self.kernel.model.channel_gains(theta)
-        n_f, n_m = len(self.kernel.factors), len(self.kernel.moved_outputs)
         images, of_images = self._of_factors.evaluate_images(theta)
-        asked = np.hstack([y, wide, *self._whole_solution])
-        for block, s, gain, response, YX, moved in self.kernel.products(theta, asked):
-            F, m = YX.shape[:2]
+        for block, s, gain, response, YX, moved in self.kernel.products(theta, np.hstack([of.y, of.V])):
             G = response[:, rows, columns]
-            whole = np.empty((F, len(rows), n_2 + n_f + n_m), complex)
-            if n_2:
-                n = self.kernel.model.n
-                EX = YX[:, :, n_1 : n_1 + n_2 * n].reshape(F, m * n_2, n)
-                X = YX[:, :n_u, n_1 + n_2 * n :].swapaxes(1, 2)
-                full = (EX @ (gain[:, None, None] * X)).reshape(F, -1)
-                place = (places[rows][:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]
-                whole[:, :, :n_2] = full.take(place.ravel(), axis=1).reshape(F, len(rows), n_2)
-                whole[:, :, :n_2] *= (of_y[rows] * of_u[columns])[:, None]
-            for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s), start=n_2):
-                whole[:, :, i] = -np.broadcast_to(slope, response.shape)[:, rows, columns] * G
-            whole[:, :, n_2 : n_2 + n_f] -= of_images[:, block, rows, columns].transpose(1, 2, 0)
-            whole[:, :, n_2 + n_f :] = -moved[:, :, rows, columns].transpose(1, 2, 0)
-            of_outputs = of_y[:, None] * sign * YX[:, places, :n_1]
-            of_inputs = gain[:, None, None] * of_u[:, None] * YX[:, :n_u, :n_1]
+            left, right = YX if is_own else YX[:, places], YX[:, :n_u]
+            if self.kernel.model.gains:
+                left, right = of_y[:, None] * left, of_u[:, None] * right
+            factors = [
+                np.broadcast_to(slope, response.shape)[:, rows, columns] * G + of_images[i][block][:, rows, columns]
+                for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s))
+            ]
+            whole = np.concatenate(
+                [
+                    self._of_others(left[:, :, n_1:], gain[:, None, None] * right[:, :, n_1:]),
+                    -np.reshape(factors, (-1, *G.shape)).transpose(1, 2, 0),
+                    -moved[:, :, rows, columns].transpose(1, 2, 0),
+                ],
+                axis=2,
+            )
             everything = G + images[block][:, rows, columns]
-            yield Sensitivity(block, s, everything, of_outputs, of_inputs, whole, rows, columns)
+            left, right = left[:, :, :n_1], right[:, :, :n_1]
+            yield Sensitivity(block, s, gain, everything, left, right, of.sign, whole, rows, columns)
+
+    def _of_others(self, left: ComplexArray, right: ComplexArray) -> ComplexArray:
+        """Columns (F, n_e, n_2) of the bases of a higher rank from W^T V (F, n_y, r) and c X^T V (F, n_u, r)."""
+        (F, n_y, r), n_u, (rows, columns) = left.shape, right.shape[1], self.elements
+        if not r:
+            return np.zeros((F, len(rows), 0), complex)
+        n_2 = self._directions.S.shape[1] // r
+        place = ((rows[:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]).ravel()
+        found = np.empty((F, len(rows), n_2), complex)
+        for few in (slice(start, start + CACHED_LINES) for start in range(0, F, CACHED_LINES)):
+            turned = (left[few].reshape(-1, r) @ self._directions.S).reshape(-1, n_y * n_2, r)
+            full = turned @ right[few].swapaxes(1, 2)
+            found[few] = full.reshape(len(full), -1).take(place, axis=1).reshape(-1, len(rows), n_2)
+        return found
 
     def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
         """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
         kernel, pulled = self.kernel, np.zeros(len(self.kernel.wanted))
         spread = np.zeros((len(weight), len(kernel.model.outputs), len(kernel.model.inputs)), complex)
         spread[:, *self.elements] = weight
-        places = [kernel.wanted.index(name) for name in self._of_others.wanted]
-        pulled[places] = self._of_others.pull_images(theta, spread)
+        places = [kernel.wanted.index(name) for name in self._images_of_others.wanted]
+        pulled[places] = self._images_of_others.pull_images(theta, spread)
         return pulled
 
     @cached_property
@@ -188,16 +220,11 @@ class Columns:
         return replace(self.kernel, wanted=self.kernel.factors)
 
     @cached_property
-    def _of_others(self) -> Kernel:
+    def _images_of_others(self) -> Kernel:
         """The kernel of all others."""
         return replace(
             self.kernel, wanted=tuple(name for name in self.kernel.wanted if name not in self.kernel.factors)
         )
-
-    @property
-    def _whole_solution(self) -> tuple[FloatArray, ...]:
-        """Directions that ask for X itself, where a base is of a higher rank."""
-        return (np.eye(self.kernel.model.n),) if self._factors[2].size else ()
 
 
 def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
@@ -210,12 +237,3 @@ def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
             return place, sigma * float(np.sign(product))
     bases.append(E)
     return len(bases) - 1, sigma
-
-
-def _root(E: FloatArray) -> tuple[float, FloatArray] | None:
-    """Sign and y of E = +-y y^T; None for a higher rank."""
-    values, vectors = np.linalg.eigh(E)
-    largest = int(np.argmax(np.abs(values)))
-    if np.sum(np.abs(values) > EQUAL_TOLERANCE * abs(values[largest])) > 1:
-        return None
-    return float(np.sign(values[largest])), vectors[:, largest] * np.sqrt(abs(values[largest]))

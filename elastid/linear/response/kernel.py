@@ -235,7 +235,12 @@ class Kernel:
         n = self.model.n
         matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
         coupled = np.any(matrices != 0, axis=0)
-        return Elimination.of(coupled) if is_worth_it(self.freq_hz.size, n) else Leaves.of(coupled)
+        return Elimination.of(coupled) if self.takes_compiled else Leaves.of(coupled)
+
+    @cached_property
+    def takes_compiled(self) -> bool:
+        """Whether compiled loops win back the second that loading them takes."""
+        return is_worth_it(self.freq_hz.size, self.model.n)
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""

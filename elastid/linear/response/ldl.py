@@ -70,8 +70,7 @@ class Elimination:
         from elastid.linear.response.ldl_numba import eliminate
 
         order = np.ix_(self.order, self.order)
-        found, smallest = np.empty((len(omega), B.shape[1], Y.shape[1]), complex), np.empty(len(omega))
-        eliminate(M[order], D[order], K[order], B[self.order], omega, self.filled, Y[self.order], found, smallest)
+        found, smallest = eliminate(M[order], D[order], K[order], B[self.order], omega, self.filled, Y[self.order])
         for line in np.flatnonzero(~(smallest > MIN_PIVOT**2)):  # not above: NaN too
             Z = K + 1j * omega[line] * D - omega[line] ** 2 * M
             found[line] = np.linalg.solve(Z, B.astype(complex)).T @ Y

@@ -1,82 +1,73 @@
-"""The loop of `ldl` compiled by numba; to import only where that is installed.
+"""The loops of `ldl` compiled by numba; to import only where that is installed.
 
 The innermost loops run over lines that lie side by side in memory, real and imaginary parts apart, so that the
-processor takes several lines at once. Compiled at the first call, in a second or two, and kept for the next one. The
-steps are one function on purpose: rows handed to functions of their own are no longer known to lie apart from each
-other, and half of the speed is lost.
+processor takes several lines at once. Elimination and substitution are one function on purpose, which allocates what it
+works on: of rows handed to functions of their own it is no longer known that they lie apart from each other, and half
+of the speed is lost.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numba import njit
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.compiled import fast
 
 # Lines worked on at once: their matrices stay in the cache.
 LANES = 32
 
 
-def _fast(loops: Callable[..., None]) -> Callable[..., None]:
-    """Compiled with fused multiplication and addition and sums in any order; NaN and infinity stay what they are."""
-    how = {"error_model": "numpy", "fastmath": {"contract", "reassoc", "nsz", "arcp"}}
-    try:
-        compiled: Callable[..., None] = njit(cache=True, **how)(loops)
-    except RuntimeError:  # no folder that can be written to: compiled anew in every process
-        compiled = njit(**how)(loops)
-    return compiled
-
-
-@_fast
 def eliminate(
+    M: FloatArray, D: FloatArray, K: FloatArray, B: FloatArray, omega: FloatArray, filled: BoolArray, Y: FloatArray
+) -> tuple[ComplexArray, FloatArray]:
+    """X^T Y (F, m, n_d) of Z X = B by L D L^T, and each line's smallest |pivot|^2 beside its terms (F,).
+
+    M, D, K, B, Y: rows and columns in the order of elimination.  filled (n, n): where L^T is not zero.
+    """
+    found, smallest = np.empty((len(omega), B.shape[1], Y.shape[1]), complex), np.empty(len(omega))
+    columns, rows = np.nonzero(Y.T)
+    first = np.searchsorted(columns, np.arange(Y.shape[1] + 1))
+    _solve_batches(M, D, K, B, omega, filled, _reached(B, filled), Y, first, rows, found, smallest)
+    return found, smallest
+
+
+@fast
+def _reached(B: FloatArray, filled: BoolArray) -> BoolArray:
+    """Where L^-1 B is not zero (n, m)."""
+    reached: BoolArray = B != 0.0
+    for k in range(len(B)):
+        for i in range(k + 1, len(B)):
+            if filled[k, i]:
+                reached[i] |= reached[k]
+    return reached
+
+
+@fast
+def _solve_batches(
     M: FloatArray,
     D: FloatArray,
     K: FloatArray,
     B: FloatArray,
     omega: FloatArray,
     filled: BoolArray,
+    reached: BoolArray,
     Y: FloatArray,
+    first: IntArray,
+    rows: IntArray,
     found: ComplexArray,
     smallest: FloatArray,
 ) -> None:
-    """found (F, m, n_d) = X^T Y of Z X = B by L D L^T, and each line's smallest |pivot|^2 beside its terms (F,).
-
-    M, D, K, B, Y: rows and columns in the order of elimination.  filled (n, n): where L^T is not zero.
-    """
-    n, m, F = M.shape[0], B.shape[1], omega.size
-    first, row = np.zeros(Y.shape[1] + 1, np.int64), np.empty(Y.size, np.int64)
-    for d in range(Y.shape[1]):
-        first[d + 1] = first[d]
-        for i in range(n):
-            if Y[i, d] != 0.0:
-                row[first[d + 1]] = i
-                first[d + 1] += 1
-    reached = B != 0.0
-    for k in range(n):
-        for i in range(k + 1, n):
-            if filled[k, i]:
-                reached[i] |= reached[k]
+    """X^T Y and the smallest pivots, `LANES` lines at a time; rows[first[d] : first[d + 1]]: of Y's column d."""
+    n, m = B.shape
     Zr, Zi = np.empty((n, n, LANES)), np.empty((n, n, LANES))
     Xr, Xi = np.empty((n, m, LANES)), np.empty((n, m, LANES))
     Pr, Pi = np.empty((n, LANES)), np.empty((n, LANES))  # 1 / pivot
     lr, li, w, least = np.empty(LANES), np.empty(LANES), np.ones(LANES), np.empty(LANES)
-    for start in range(0, F, LANES):
-        many = min(LANES, F - start)
+    for start in range(0, omega.size, LANES):
         for q in range(LANES):
-            w[q] = omega[start + min(q, many - 1)]
+            w[q] = omega[min(start + q, omega.size - 1)]
             least[q] = np.inf
-        for i in range(n):
-            for j in range(i, n):
-                if i == j or filled[i, j]:
-                    for q in range(LANES):
-                        Zr[i, j, q] = K[i, j] - w[q] * w[q] * M[i, j]
-                        Zi[i, j, q] = w[q] * D[i, j]
-            for j in range(m):
-                for q in range(LANES):
-                    Xr[i, j, q] = B[i, j]
-                    Xi[i, j, q] = 0.0
+        _assemble(M, D, K, B, w, filled, Zr, Zi, Xr, Xi)
         for k in range(n):
             stiff, heavy = abs(K[k, k]), abs(M[k, k])
             for q in range(LANES):
@@ -111,15 +102,56 @@ def eliminate(
                     real = Xr[k, j, q]
                     Xr[k, j, q] = real * Pr[k, q] - Xi[k, j, q] * Pi[k, q]
                     Xi[k, j, q] = real * Pi[k, q] + Xi[k, j, q] * Pr[k, q]
-        for q in range(many):
+        for q in range(min(LANES, omega.size - start)):
             smallest[start + q] = least[q]
+        _gather(Xr, Xi, Y, first, rows, lr, li, found[start : start + LANES])
+
+
+@fast
+def _assemble(
+    M: FloatArray,
+    D: FloatArray,
+    K: FloatArray,
+    B: FloatArray,
+    w: FloatArray,
+    filled: BoolArray,
+    Zr: FloatArray,
+    Zi: FloatArray,
+    Xr: FloatArray,
+    Xi: FloatArray,
+) -> None:
+    """Z = K + j w D - w^2 M on and above the diagonal where it is not zero, and the right sides B."""
+    n, m = B.shape
+    for i in range(n):
+        for j in range(i, n):
+            if i == j or filled[i, j]:
+                for q in range(w.size):
+                    Zr[i, j, q] = K[i, j] - w[q] * w[q] * M[i, j]
+                    Zi[i, j, q] = w[q] * D[i, j]
         for j in range(m):
-            for d in range(Y.shape[1]):
-                lr[:], li[:] = 0.0, 0.0
-                for at in range(first[d], first[d + 1]):
-                    i = row[at]
-                    for q in range(LANES):
-                        lr[q] += Y[i, d] * Xr[i, j, q]
-                        li[q] += Y[i, d] * Xi[i, j, q]
-                for q in range(many):
-                    found[start + q, j, d] = complex(lr[q], li[q])
+            for q in range(w.size):
+                Xr[i, j, q] = B[i, j]
+                Xi[i, j, q] = 0.0
+
+
+@fast
+def _gather(
+    Xr: FloatArray,
+    Xi: FloatArray,
+    Y: FloatArray,
+    first: IntArray,
+    rows: IntArray,
+    real: FloatArray,
+    imaginary: FloatArray,
+    found: ComplexArray,
+) -> None:
+    """X^T Y (lines, m, n_d), the zeros of Y skipped."""
+    for j in range(Xr.shape[1]):
+        for d in range(Y.shape[1]):
+            real[:], imaginary[:] = 0.0, 0.0
+            for i in rows[first[d] : first[d + 1]]:
+                for q in range(real.size):
+                    real[q] += Y[i, d] * Xr[i, j, q]
+                    imaginary[q] += Y[i, d] * Xi[i, j, q]
+            for q in range(len(found)):
+                found[q, j, d] = complex(real[q], imaginary[q])

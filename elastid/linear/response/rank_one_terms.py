@@ -36,7 +36,7 @@ def rank_one_terms(slopes: Sequence[Slope], n: int) -> tuple[FloatArray, tuple[R
     directions: list[FloatArray] = []
     for place, slope in enumerate(slopes):
         for power, matrix in enumerate((slope.K, slope.D, slope.M)):
-            for sigma, y in _rank_one_parts(matrix) if matrix is not None else ():
+            for sigma, y in rank_one_parts(matrix) if matrix is not None else ():
                 found.setdefault(place, []).append((power, sigma))
                 directions.append(y)
     stacked = np.array(directions).reshape(-1, n)
@@ -58,7 +58,7 @@ def _grouped(found: Mapping[int, list[tuple[int, float]]], rows: Mapping[int, In
         )
 
 
-def _rank_one_parts(matrix: FloatArray) -> list[tuple[float, FloatArray]]:
+def rank_one_parts(matrix: FloatArray) -> list[tuple[float, FloatArray]]:
     """A symmetric matrix as sum sigma y y^T, y of length one and of a definite sign."""
     eigenvalues, vectors = np.linalg.eigh(matrix)
     keep = np.flatnonzero(np.abs(eigenvalues) > RANK_TOLERANCE * np.abs(eigenvalues).max())
