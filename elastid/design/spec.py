@@ -117,15 +117,18 @@ class LevelSpec:
 class DesignSpec:
     """Chooses configurations beside those of experiment.configurations, for the smallest intervals of the parameters.
 
-    count: how many to choose, each measured experiment.realisations times; a configuration chosen twice gets twice
-    the realisations.  robot_time: in place of count, as many as fit in.  periods: numbers of periods to choose from
-    for a robot_time (default: experiment.periods).  candidates: configurations to choose from.
+    count: how many to choose, each measured experiment.realisations times; a configuration chosen twice gets twice the
+    realisations. More where `elastid design` predicts intervals that are too wide.  robot_time: in place of count, as
+    many as fit in, where time is what is limited.  periods: numbers of periods to choose from for a robot_time
+    (default: experiment.periods).  candidates: configurations to choose from.
 
-    criterion: D (volume of the confidence ellipsoid), A (mean variance) or E (worst direction) of the relative errors.
-    parameters: names or patterns such as k_* that count; default all that the fit identifies.
+    criterion: D (volume of the confidence ellipsoid), A (mean variance) or E (worst direction) of the relative errors;
+    E where no combination may stay badly known.
+    parameters: names or patterns such as k_* that count; the stiffnesses, where dampings do not matter (default: all
+    that the fit identifies).
     robust: against wrong nominal parameters (default: not).  noise: expected in the responses.
     measured: run folders or frf.h5 files of earlier measurements; the choice adds to their information about the
-    parameters that their fit found.
+    parameters that their fit found, for a robot that is measured once more.
     """
 
     count: int | None = None

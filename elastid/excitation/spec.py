@@ -31,27 +31,30 @@ class MultisineSpec:
 
     grid: `full` (every line), `odd` (odd multiples of 1/period: even nonlinearities then fall between the lines),
     `odd-odd` (1, 5, 9 ...), `odd-random` (odd, some left out: odd nonlinearities show there), `quasi-log` and
-    `odd-quasi-log` (each about `ratio` times the last), or `lines`.
-    group: of the grid odd-random: of so many consecutive odd lines one is left out at random.  ratio: of neighbouring
-    lines of a quasi-logarithmic grid.  lines: multiples of 1/period, of the grid `lines`.
+    `odd-quasi-log` (each about `ratio` times the last), or `lines`. `full` gives the most lines, where nonlinearity is
+    small.
+    group: of the grid odd-random: of so many consecutive odd lines one is left out at random; smaller where more lines
+    should show distortion.  ratio: of neighbouring lines of a quasi-logarithmic grid; larger for fewer lines with more
+    power each.  lines: multiples of 1/period, of the grid `lines`, for a choice of your own.
 
     torque_rms: link-side, one number for all motors or one for each, in N where a joint slides, lowered where a limit
     of the robot is in the way; or `limits`: as much as each motor may have.  margin: part of every limit that stays
-    free.
+    free; more where the robot's file is rough.
     flat: the quantity that has, closed loop and nominal robot, the same amplitude at all lines: the injected `torque`,
     the motor's `position`, `velocity` or `acceleration` (less around a resonance, wherever within 10 % it is), the
     `precision` of its response under the noise of the simulated rig, or the `information` that a little more power
     would bring about the parameters of the fit: then no other spectrum of the same torques gives more about them (by
     the criterion of `design`; each configuration has its own).
-    least: of flat: information, the part of a flat torque's power that every line keeps.
-    power: amplitude times frequency to this power.  spectrum: relative amplitude as (frequency, amplitude) points,
-    straight lines on log-log axes.
+    least: of flat: information, the part of a flat torque's power that every line keeps; more where the nominal numbers
+    are rough.
+    power: amplitude times frequency to this power; positive where high resonances need more.  spectrum: relative
+    amplitude as (frequency, amplitude) points, straight lines on log-log axes, for a shape of your own.
 
     phases: `random`, or `optimised` for low peaks; with realisations: 1 also `schroeder`, `newman`, `linear-sweep`,
     `log-sweep` or `prbs` (band-limited).  compress: signals whose peaks optimised phases lower.  effort: of optimised
-    phases; `high` takes ten times as long.
-    orthogonal: how the experiments of a realisation differ: `dft`, `hadamard` (2, 4, 8 ... motors), or `zippered`
-    (each motor its own lines, exchanged from experiment to experiment).
+    phases; `high` takes ten times as long, for slightly lower peaks.
+    orthogonal: how the experiments of a realisation differ: `dft`, `hadamard` (2, 4, 8 ... motors), or `zippered` (each
+    motor its own lines, exchanged from experiment to experiment). `hadamard` for the same peaks in every experiment.
     """
 
     rate_hz: Frequency

@@ -174,14 +174,17 @@ class WeightSpec:
 
     floor: expected model error relative to |G|, which the intervals then include; about 0.03 where friction is strong.
     smooth: lines over which a variance from few periods or realisations is averaged; 0 chooses it from the degrees of
-    freedom.
+    freedom; fewer where the noise has narrow peaks.
     covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
     `auto` with the full one where the measurement gave correlations. All are smoothed: noise of the outputs, and of
     torques that pass through the robot, by levels common to all lines, and neighbouring lines for what remains.
-    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are.
-    factors: further factors of some elements.
-    loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares.
-    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier.
+    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are; where one
+    of them must not decide alone.
+    factors: further factors of some elements, where one deserves less trust than its variance says.
+    loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares:
+    for single lines that are wrong by factors.
+    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier; lower where many
+    are.
     """
 
     floor: float = 0.01
@@ -204,20 +207,26 @@ class WeightSpec:
 class FitSpec:
     """How the parameters are found.
 
-    criterion: `complex` least squares, or `log` of the ratio.  log_first: start with `log`, finish with the criterion.
+    criterion: `complex` least squares, or `log` of the ratio, for comparison with published fits.  log_first: start
+    with `log`, finish with the criterion; false where the start is near.
     parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
     Geometry (ends of compensators, places of joints and bodies) is identified where it is named: pc1_cyl_z, pj_2b_z.
-    ratios: factors that ties share, by a name of your own.
-    robots: several robots of one type in one fit: by a name of your own, the configurations measured on each.
-    Parameters that differ between them are `per: robot` (k_*: {}, fm_*: {per: robot}).
-    starts: of the multistart.  start_factor: how far, as a factor, the starts spread around the given one; dampings
-    and frictions spread over its square.  continuation: bands, each wider than the one before and all from the lowest
-    line, that the first stage goes through; 1 fits all lines at once.  solver: `trust_region` or `ipopt`.
-    band_hz: lines used.  mask: elements left out.  weights: of the elements.
+    ratios: factors that ties share, by a name of your own: one loss factor for many springs.
+    robots: several robots of one type in one fit, for what they share: by a name of your own, the configurations
+    measured on each. Parameters that differ between them are `per: robot` (k_*: {}, fm_*: {per: robot}).
+    starts: of the multistart; more where few of them reach the optimum.  start_factor: how far, as a factor, the starts
+    spread around the given one; dampings and frictions spread over its square; larger where the robot's numbers are
+    guesses.  continuation: bands, each wider than the one before and all from the lowest line, that the first stage
+    goes through; 1 fits all lines at once; more where starts end far apart.  solver: `trust_region`, or `ipopt` where
+    that one stops early.
+    band_hz: lines used; narrower where the robot has modes beyond it that the model lacks (default: all).  mask:
+    elements left out, where a channel or a band is known to be wrong.  weights: of the elements.
     profile: names or patterns of parameters whose interval is found by profile likelihood; `auto`: of those whose
     standard deviation is too large for a symmetric one, [] of none.  bootstrap: repetitions of the fit on data drawn
-    anew, commonly 200.  bootstrap_kind: `parametric`, from the measured covariance, or `residual`.
-    seed: of the starts and of the bootstrap; default that of the study.
+    anew, commonly 200; where an interval must not rest on the covariance.  bootstrap_kind: `parametric`, from the
+    measured covariance, or `residual` where that one is not known.
+    seed: of the starts and of the bootstrap; default that of the study; another one shows what depends on the draws,
+    when in doubt.
     """
 
     criterion: Literal["complex", "log"] = "complex"

@@ -41,20 +41,24 @@ class EstimatorSpec:
     as inputs; or of all experiments together `h1`, `h2`, `hv`, `joint` (input-output, by the injected torque) or
     `errors_in_variables`; or `local_polynomial` or `local_rational` (where windows are wider than resonances), from one
     experiment of all inputs or more, started from rest or not; `auto` takes the one that suits closed-loop robot data
-    and says why.  quantity: that the outputs are turned into, exactly, in the frequency domain.
+    and says why.  quantity: that the outputs are turned into, exactly, in the frequency domain; another one for tools
+    that read it.
     lines: which DFT lines are analysed: those planned (`auto`; for recorded data those found `excited` in the inputs),
-    or `full` or `odd`.  band_hz: within which lines are analysed; default: all.
-    transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; none
-    with a local method.  outlier_sigma: a period further from the median than so many robust standard deviations is
-    left out with a note, but for local methods.  friction: of the motors, which the records themselves show, is taken
-    out of the torque before the responses are estimated: Coulomb's level alone (`coulomb`), with bristles that bend
-    before they slide (`curve`), or this only where it makes realisations agree better (`auto`).
-    local_order: degree of the local polynomials; `auto` is 2, rational up to 3.  local_margin: a window has the lines
-    that leave n_y + local_margin degrees of freedom, at least 6.
+    or `full` or `odd`.  band_hz: within which lines are analysed; narrower where what lies beyond only takes time
+    (default: all).
+    transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; a number where
+    more must go. None with a local method.  outlier_sigma: a period further from the median than so many robust
+    standard deviations is left out with a note, but for local methods.  friction: of the motors, which the records
+    themselves show, is taken out of the torque before the responses are estimated: Coulomb's level alone (`coulomb`),
+    with bristles that bend before they slide (`curve`), or this only where it makes realisations agree better (`auto`).
+    local_order: degree of the local polynomials; `auto` is 2, rational up to 3; higher where a window is wider than a
+    resonance.  local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6; more
+    lower the variance and widen the window.
 
     Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`; their lines are
     `full`.
-    window: of each segment in Welch's method.  overlap: of neighbouring segments, as a part of their length.
+    window: of each segment in Welch's method; `boxcar` where signals die out within one.  overlap: of neighbouring
+    segments, as a part of their length; more lowers the variance a little.
     segment: length in Welch's method, whose lines are 1/segment apart; `auto`: the longest power of two in samples that
     leaves 16 segments, and 8 for each input, and holds a million numbers at most in all channels together, for memory.
     resolution_hz: distance of the lines of a local method, whose windows are as wide at least, for records without a

@@ -47,10 +47,12 @@ class PassesSpec:
     """Passes there and back at constant speed, one joint at a time.
 
     speeds: [lowest, highest], link side; by default what sticks no more, and what fits into the window.
-    count: passes of one joint at one load, those at the same speed included.  spacing: `optimal` for the law's numbers
-    (D-optimal over the guesses of the law), or `logarithmic`.  window: [lower, upper] position of the joint (default:
-    the middle half of its limits).  repeat: how often the whole set is run; its scatter gives the intervals.
-    reference_every: time after which one speed comes back, whose drift is the warm-up.
+    count: passes of one joint at one load, those at the same speed included; more for narrower intervals.  spacing:
+    `optimal` for the law's numbers (D-optimal over the guesses of the law), or `logarithmic`.  window: [lower, upper]
+    position of the joint (default: the middle half of its limits).  repeat: how often the whole set is run; its scatter
+    gives the intervals, more of it where levels scatter.
+    reference_every: time after which one speed comes back, whose drift is the warm-up; shorter where a joint warms up
+    quickly.
     """
 
     speeds: tuple[JointVelocity, JointVelocity] | None = None

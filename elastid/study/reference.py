@@ -61,7 +61,7 @@ def texts_of(section: type) -> tuple[str, Mapping[str, str]]:
     """The text of a section, and of each key that its docstring names."""
     doc = inspect.getdoc(section) or ""
     names = "|".join(f.name for f in fields(section))
-    begins = re.compile(rf"(?:^|  )((?:{names})(?:, (?:{names}))*): ", re.MULTILINE)
+    begins = re.compile(rf"(?:^|  )((?:{names})(?:, (?:{names}))*):\s", re.MULTILINE)
     own: list[str] = []
     texts: dict[str, str] = {}
     for paragraph in doc.split("\n\n"):

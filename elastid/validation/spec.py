@@ -9,8 +9,8 @@ from elastid.base.section import section
 class ValidationSpec:
     """Configurations by which the model is judged.
 
-    left_out: configurations that are not fitted.  folds: parts into which the other configurations are divided, each
-    left out of one more fit; 0 for no cross-validation.
+    left_out: configurations that are not fitted; one where there are five or more.  folds: parts into which the other
+    configurations are divided, each left out of one more fit; 0 for no cross-validation. Each costs a fit.
     """
 
     left_out: tuple[str, ...] = ()

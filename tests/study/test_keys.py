@@ -1,6 +1,7 @@
 """Every key of a study has a text beside its field, and something that gives it: a shipped file or a test."""
 
 import re
+from dataclasses import MISSING
 from functools import cache
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import pytest
 from elastid.base.errors import StudyError
 from elastid.study import make_schema
 from elastid.study.explanation import explain
-from elastid.study.reference import list_keys, list_sections, texts_of
+from elastid.study.reference import list_keys, list_sections, names_in, texts_of
 
 ROOT = Path(__file__).parents[2]
 KEYS = {(key.section.__name__, key.name): key for key in list_keys()}
@@ -88,3 +89,16 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
     assert explain("fit.criterion") in explain("criterion").split("\n\n")
     with pytest.raises(StudyError, match=r"a study has no key fit\.critereon; did you mean 'criterion'"):
         explain("fit.critereon")
+
+
+# Sections whose keys with defaults tune the work, rather than describe a robot or a log.
+TUNING = ("ExperimentSpec", "MultisineSpec", "DesignSpec", "EstimatorSpec", "FitSpec", "WeightSpec", "ValidationSpec")
+ADVICE = re.compile(r"\b(where|for|more|fewer|larger|smaller|longer|shorter|higher|lower|another|narrower|default)\b")
+
+
+@pytest.mark.parametrize("section", [*TUNING, "PassesSpec"])
+def test_a_key_that_tunes_the_work_says_when_to_change_it(section: str) -> None:
+    """Beside its meaning, where it has a default and is no section of its own."""
+    keys = [key for (of, _), key in KEYS.items() if of == section and key.default is not MISSING]
+    silent = [key.name for key in keys if not names_in(key.annotation) and not ADVICE.search(key.text)]
+    assert silent == []

@@ -25,10 +25,13 @@ class ExperimentSpec:
 
     configurations: name to positions of the driven joints (rad, or m where a joint slides); a section `design` adds
     others.
-    realisations: independent draws of the random phases.  experiments: of every realisation (default: as many as
-    motors, each with all motors moving); fewer are for the local methods of `estimator`, which separate inputs by
-    neighbouring lines.  periods: measured in each experiment.  transient_periods: before these, left out.
-    ramp: time in which torque and movement grow at the start and fade at the end.  hold: rest before and after that.
+    realisations: independent draws of the random phases; more where friction distorts, and two for its level to be
+    known.  experiments: of every realisation (default: as many as motors, each with all motors moving); fewer are for
+    the local methods of `estimator`, which separate inputs by neighbouring lines.  periods: measured in each
+    experiment; more where noise is what limits, and two for its level to be known.  transient_periods: before these,
+    left out; more where resonances ring longer than a period.
+    ramp: time in which torque and movement grow at the start and fade at the end; longer where the start shakes the
+    robot.  hold: rest before and after that, where a log needs time to begin.
     simulated: a rig that is a model.  recorded: logs of a rig.  responses: frequency responses from elsewhere.
     """
 
