@@ -241,11 +241,11 @@ def compare(studies: tuple[Path, ...], search: bool, **options: Any) -> None:
 @click.option("--to", "target", type=click.Choice(_TARGETS), required=True, help="The tool that will read it.")
 @_stage_options
 def export(study: Path, target: str, **options: Any) -> None:
-    """Write the identified model for another tool: export/<target>/ in the run folder.
+    """Write the identified model for another tool into export/<target>/ of the run folder, with its intervals.
 
-    To robot: the robot's file with the identified numbers, of a study of elasticity or of friction.
-
-    Of a study without a robot: its measured responses, to control, matlab, csv or uff. To uff those of any study.
+    The target robot is the robot's file with the identified numbers, of a study of elasticity or of friction; observer
+    is the filter of a friction study in C; all others take the fitted model of a study of elasticity. A study without a
+    robot exports its measured responses to control, matlab, csv or uff; uff takes the responses of any study.
     """
     asked = _run(study, options)
     from elastid.app.export import export as export_model
@@ -257,10 +257,13 @@ def export(study: Path, target: str, **options: Any) -> None:
 @click.argument("fleet", type=click.Path(path_type=Path))
 @_options("run", "jobs", "dask", "verbose", "quiet")
 def fleet(fleet: Path, **options: Any) -> None:
-    """Run one study over many robots and dates: fleet.parquet, and a page of what differs and what drifts.
+    """Run one study over many robots and dates, and report which parameters differ and which drift.
 
-    FLEET names the study and its members: a list, a table (CSV with robot, date and keys of the study), or a pattern of
-    folders. Members that are finished are kept; on a cluster with --dask.
+    FLEET is a YAML file that names the study and its members: a list, a table (CSV with the columns robot and date and
+    keys of the study), or a pattern of folders. It leaves fleet.parquet, a row for each parameter of each member, and
+    the page fleet.html. Members that are finished are kept, and a worker that dies costs the member that it was at.
+    With --dask the workers of a cluster, which must see the same files, run the members. The exit code is 1 where
+    members failed, and 3 where some are misfits.
     """
     one_blas_thread()
     from elastid.app.console import Console

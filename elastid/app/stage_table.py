@@ -191,7 +191,9 @@ STAGES = (
     ),
     Stage(
         name="follow",
-        help="Follow friction over the motions with a Kalman filter: filter.h5.",
+        help="Follow the friction of each joint over its motions with a Kalman filter, into filter.h5.\n\nThe study's "
+        "section filter says which numbers are followed and how fast they may drift; the page shows them with 95 % "
+        "bands and says what the motion cannot tell.",
         kinds=(FRICTION, FRICTION_RECORDED),
         sections=("robot", "filter"),
         reads=("measure", "friction"),

@@ -32,11 +32,11 @@ def fleet_of(study: Path, robots: int, dates: tuple[str, ...], k: float, name: s
     return path
 
 
-def killed_in_the_middle(folder: Path, pids: Callable[[], list[int]]) -> Thread:
-    """A thread that kills one of the workers as soon as one member is done."""
+def killed_in_the_middle(folder: Path, done: int, pids: Callable[[], list[int]]) -> Thread:
+    """A thread that kills one of the workers as soon as so many members are done."""
 
     def kill() -> None:
-        while not list(folder.glob("members/*/fit.h5")):
+        while len(list(folder.glob("members/*/fit.h5"))) < done:
             time.sleep(0.05)
         os.kill(pids()[0], signal.SIGKILL)
 
@@ -52,7 +52,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, st
     for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
         (home / name).write_text(text)
     path, folder = fleet_of(home / "study.yml", 3, ("2026-01-31", "2026-07-31"), 60.0), home / "line"
-    killing = killed_in_the_middle(folder, lambda: [child.pid or 0 for child in active_children()])
+    killing = killed_in_the_middle(folder, 1, lambda: [child.pid or 0 for child in active_children()])
     assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "2"]) == 0
     killing.join()
     return path, folder
@@ -84,13 +84,15 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
 def test_a_cluster_of_which_a_worker_is_killed_gives_the_same_bytes(
     finished: tuple[Path, Path], tmp_path: Path
 ) -> None:
-    """Two workers; table, page and summaries are those of processes."""
+    """Two workers for three members that are left; table, page and summaries are those of processes."""
     distributed = pytest.importorskip("distributed", reason="Dask is not installed (extra dask)")
     path, folder = finished
+    for member in sorted(folder.glob("members/*"))[:3]:
+        shutil.copytree(member, tmp_path / "members" / member.name)
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
     ) as cluster:
-        killing = killed_in_the_middle(tmp_path, lambda: [nanny.pid for nanny in cluster.workers.values()])
+        killing = killed_in_the_middle(tmp_path, 4, lambda: [nanny.pid for nanny in cluster.workers.values()])
         command = ["fleet", str(path), "--run", str(tmp_path), "--dask", cluster.scheduler_address, "-q"]
         assert run_command(command) == 0
         killing.join()
