@@ -22,7 +22,8 @@ class FrictionRecord:
 
     joint: its name.  position, torque (n,): rad and Nm, where the joint slides m and N; link side, the torque of its
     motor that acts.  velocity (n,): measured or differentiated, None where it is left to the estimator.
-    temperature (n,): degC, NaN where it is not known, or None.
+    temperature (n,): degC, NaN where it is not known, or None.  reference (n,): position that the controller was asked
+    for.  link_position (n,): of the joint behind its gear.  Both None where they were not logged.
     there, back: first sample of each plateau of a pass, and the one after its last.  speed: of the pass as planned.
     load: name of the load.  load_torque: |torque| of the model that the joint carries, 0 where none is known.
     torque_delay_s: by which the torque acts later than its position was read: half a sample of a command that is held.
@@ -43,6 +44,8 @@ class FrictionRecord:
     torque: FloatArray
     velocity: FloatArray | None = None
     temperature: FloatArray | None = None
+    reference: FloatArray | None = None
+    link_position: FloatArray | None = None
     there: tuple[int, int] | None = None
     back: tuple[int, int] | None = None
     speed: float | None = None
@@ -63,7 +66,7 @@ class FrictionRecord:
     def __post_init__(self) -> None:
         """Check shapes and windows."""
         n = len(self.position)
-        for name in ("position", "torque", "velocity", "temperature"):
+        for name in ("position", "torque", "velocity", "temperature", "reference", "link_position"):
             signal = getattr(self, name)
             if signal is not None and signal.shape != (n,):
                 raise ValueError(

@@ -28,8 +28,8 @@ from elastid.store import Checkpoint, read_responses
 from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
+from elastid.validation.comparison import Comparison, Refit
 from elastid.validation.cross_validation import divide
-from elastid.validation.results import Comparison, Refit
 from elastid.validation.spec import VariantSpec
 
 RESULT = "compare.json"

@@ -21,8 +21,8 @@ from elastid.robot.simplified import elastic_coordinates
 from elastid.store import read_responses
 from elastid.study import LoadedStudy, Study
 from elastid.validation.compare import ComparedVariant, rank
+from elastid.validation.comparison import ComparedModel, Elastic, Refit, Trial
 from elastid.validation.elasticity_search import describe_search, search
-from elastid.validation.results import ComparedModel, Elastic, Refit, Trial
 from elastid.validation.spec import VariantSpec
 
 

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
-from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries
+from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries, run_entries
 from elastid.base.note import grouped
 from elastid.friction_fit.motion import MotionFriction
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.study import Study
-from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 
-def friction_study_summary(
-    study: Study, result: FrictionResult, balances: Sequence[TorqueBalance] = ()
-) -> dict[str, Any]:
+def friction_study_summary(study: Study, result: FrictionResult, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """The content of summary.json: parameters with intervals and origin, what was not identified, measured ranges.
 
-    torque: of motions, what each part of the model explains.
+    torque: of motions, what each part of the model explains.  twin: how far the model is off when it is simulated along
+    them.
     """
     every = (*result.notes, *(note for joint in result.joints for note in joint.notes))
     return _head(study, result.status, result.message) | {
@@ -29,7 +27,8 @@ def friction_study_summary(
             for held in joint.held
         ],
         "motions": {joint.joint: _motion(joint.motion) for joint in result.joints if joint.motion is not None},
-        "torque": balance_entries(balances),
+        "torque": balance_entries(twin.balances),
+        "twin": run_entries(twin.runs),
         "measured": {joint.joint: _ranges(joint) for joint in result.joints},
         "warnings": [str(group) for group in grouped(every) if group.first.severity == "warning"],
         "notes": note_entries(every),

@@ -9,6 +9,7 @@ from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.friction_rows import friction_rows
 from elastid.robot import Friction, Robot
 from elastid.robot.friction_numbers import law_of, through_gear, with_laws
+from elastid.robot.simplified import without_dry_friction
 from elastid.study import Study
 from elastid.study.robot_text import robot_text
 
@@ -18,20 +19,20 @@ if TYPE_CHECKING:
 MOTOR_SIDE = "Numbers of friction are on the side of the motor"
 
 
-def robot_of_friction(study: Study, result: FrictionResult) -> str:
+def with_identified_friction(study: Study, result: FrictionResult) -> Robot:
     """The study's robot with the law of friction of each joint and the ranges in which it was measured.
 
     What a study did not measure before sliding (bristles, elements) stays as the robot's file has it.
     """
-    robot = study.as_robot()
-    laws = {
-        joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
-        for joint in result.joints
-        if joint.friction is not None and joint.viscous is not None
-    }
+    return with_laws(study.as_robot(), _identified(study.as_robot(), result))
+
+
+def robot_of_friction(study: Study, result: FrictionResult) -> str:
+    """The file of that robot."""
+    laws = _identified(study.as_robot(), result)
     comments = (
-        f"Robot {robot.name} with the friction that study {study.name} has identified at the motors of joints "
-        f"{', '.join(laws) or 'none'}.",
+        f"Robot {study.as_robot().name} with the friction that study {study.name} has identified at the motors of "
+        f"joints {', '.join(laws) or 'none'}.",
         f"{MOTOR_SIDE}; `measured` are the ranges outside which they are unknown.",
         "On the side of the link, with standard deviation and 95 % interval:",
         *(
@@ -39,27 +40,46 @@ def robot_of_friction(study: Study, result: FrictionResult) -> str:
             for each in result.numbers
         ),
     )
-    return robot_text(with_laws(robot, laws), comments)
+    return robot_text(with_identified_friction(study, result), comments)
 
 
 def robot_of_fit(name: str, robot: Robot, friction: FrictionTakenOut | None, known: tuple[str, ...]) -> str:
-    """A fitted robot: its elastic numbers, motors, viscous friction, and F_c of motors that it was taken out of.
+    """The file of a fitted robot: elastic numbers, viscous friction, and F_c of motors that it was taken out of.
 
     known: lines on the intervals of its numbers.
     """
+    laws = _taken_out(robot, friction)
+    comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
+    if laws:
+        comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
+    return robot_text(with_laws(robot, laws), (*comments, *known))
+
+
+def with_found_friction(robot: Robot, friction: FrictionTakenOut | None) -> Robot:
+    """A fitted robot with the dry friction of its records and no other.
+
+    That of its file is in the fitted viscous coefficients where it was not taken out of the responses.
+    """
+    return with_laws(without_dry_friction(robot), _taken_out(robot, friction))
+
+
+def _identified(robot: Robot, result: FrictionResult) -> dict[str, tuple[Friction, float]]:
+    return {
+        joint.joint: (_with_presliding(robot, joint.joint, joint.friction, joint.viscous), joint.viscous)
+        for joint in result.joints
+        if joint.friction is not None and joint.viscous is not None
+    }
+
+
+def _taken_out(robot: Robot, friction: FrictionTakenOut | None) -> dict[str, tuple[Friction, float]]:
     laws: dict[str, tuple[Friction, float]] = {}
     motors = {f"motor {joint.name}": joint for joint in robot.driven}
     for row in () if friction is None else friction_rows(friction):
         joint = motors[row.place]
         if row.level is not None and row.level > 0 and joint.motor is not None:
-            laws[joint.name] = (
-                _with_level(robot, joint.name, row.level),
-                joint.motor.viscous * joint.motor.ratio**2,
-            )
-    comments = [f"Robot {robot.name} with the numbers that study {name} has identified."]
-    if laws:
-        comments.append(f"{MOTOR_SIDE}; Coulomb friction of joints {', '.join(laws)} was found in the records.")
-    return robot_text(with_laws(robot, laws), (*comments, *known))
+            viscous = joint.motor.viscous * joint.motor.ratio**2
+            laws[joint.name] = _with_level(robot, joint.name, row.level), viscous
+    return laws
 
 
 def _with_presliding(robot: Robot, joint: str, law: Friction, viscous: float) -> Friction:

@@ -1,4 +1,4 @@
-"""Values as JSON holds them: numbers that may be infinite, notes, and torques part by part."""
+"""Values as JSON holds them: numbers that may be infinite, notes, torques part by part, and runs of a twin."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 from elastid.base.note import Note, grouped
 from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import TwinRun
 
 # Version of the form of summary.json and validation.json.
 SCHEMA = 1
@@ -51,4 +52,29 @@ def balance_entries(balances: Iterable[TorqueBalance]) -> list[dict[str, Any]]:
             ],
         }
         for balance in balances
+    ]
+
+
+def run_entries(runs: Iterable[TwinRun]) -> list[dict[str, Any]]:
+    """How far the twin is off each log, over all and by octave, without the signals; null without friction to leave."""
+    return [
+        {
+            "log": run.log,
+            "driven_by": run.drive,
+            "held_hz": run.held_hz,
+            "seconds": run.seconds,
+            "lost": run.lost,
+            "lost_without_friction": run.lost_without_friction,
+            "signals": [
+                {
+                    "signal": signal.kind,
+                    "place": signal.place,
+                    "error": finite(signal.error),
+                    "error_without_friction": finite(signal.error_without_friction),
+                    "bands": [{name: finite(value) for name, value in asdict(band).items()} for band in signal.bands],
+                }
+                for signal in run.signals
+            ],
+        }
+        for run in runs
     ]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from elastid.app.dry_friction import contents, friction_summary, mixed_numbers
-from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries
+from elastid.app.json_values import SCHEMA, all_finite, balance_entries, finite, note_entries, run_entries
 from elastid.base.note import Note, grouped
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.modification_index import ModificationIndex
@@ -31,7 +31,7 @@ from elastid.report.parameter_rows import parameter_rows
 from elastid.store import text_file
 from elastid.study import Study
 from elastid.validation.results import Agreement, Replay, Validation
-from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 CORRELATED = 0.9
 
@@ -170,13 +170,14 @@ def interrupted(study: Study, ends: Sequence[LocalOptimum]) -> dict[str, Any]:
     return best | {"status": "interrupted", "cost": finite(ends[0].cost), "parameters": rows}
 
 
-def validation_summary(study: Study, validation: Validation, balances: Sequence[TorqueBalance] = ()) -> dict[str, Any]:
+def validation_summary(study: Study, validation: Validation, twin: TwinFindings = NO_TWIN) -> dict[str, Any]:
     """The content of validation.json: that of validation.h5 without its curves.
 
     configurations: FRF errors, of the fit or, where left_out, of the prediction.  replays: the fit in time in percent,
     row by row of its records, column by column of its outputs.  folds: errors of each configuration under the fit to
     the others; null where there was none, and message says why.  Empty lists where nothing was replayed or left out in
     turn; verdict, cost, replayed and folded: the same in words.  torque: what each part of the model explains.
+    twin: how far the model is off when it is simulated along a record.
     """
     return {
         "schema": SCHEMA,
@@ -196,7 +197,8 @@ def validation_summary(study: Study, validation: Validation, balances: Sequence[
         ],
         "replayed": validation.replayed,
         "replays": [_replay(replay) for replay in validation.replays],
-        "torque": balance_entries(balances),
+        "torque": balance_entries(twin.balances),
+        "twin": run_entries(twin.runs),
         "folded": validation.folded,
         "folds": [
             {

@@ -110,6 +110,8 @@ def _cut(record: FrictionRecord, there: Plateau, back: Plateau, number: int) -> 
         torque=record.torque[part],
         velocity=cut(record.velocity),
         temperature=cut(record.temperature),
+        reference=cut(record.reference),
+        link_position=cut(record.link_position),
         there=(there.start - start, there.stop - start),
         back=(back.start - start, back.stop - start),
         speed=(abs(there.velocity) + abs(back.velocity)) / 2,

@@ -34,6 +34,8 @@ UNITS = {
     "gravity.sin": "N*m",
     "offset": "N*m",
 }
+# Numbers of what is no friction.
+RIGID = ("inertia", "gravity.cos", "gravity.sin", "offset")
 
 
 @dataclass(frozen=True)
@@ -87,6 +89,18 @@ def regress_motion(*motions: Motion, passband_hz: float = PASSBAND_HZ) -> Motion
     plateaus = tuple(plateau for each in signals for plateau in each.plateaus)
     held = parts_held(plateaus, motions[0].slides)
     return MotionFriction(motions[0], alike, apart, chance < FALSE_ALARM, chance, plateaus, held, passband_hz)
+
+
+def rigid_torque(found: MotionFriction, signals: MotionSignals, torque: FloatArray) -> FloatArray:
+    """The torque (n,) at full rate of all that is no friction in the first log: rigid body, gravity and offset.
+
+    torque (n,): of the log, with the rigid body, of which a joint that moved with others has no numbers of its own.
+    """
+    if "inertia" not in found.chosen.names:
+        return np.asarray(torque - found.motion.torque)
+    columns = _raw_columns(found.motion, signals, found.are_apart)
+    rigid = [name for name in columns if name in RIGID]
+    return np.asarray(sum(found.chosen[name] * columns[name] for name in rigid))
 
 
 @frozen_value
@@ -167,6 +181,10 @@ def _regressed(motions: Sequence[Motion], signals: Sequence[MotionSignals], apar
 
 
 def _columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
+    return {name: signals.filtered(column) for name, column in _raw_columns(motion, signals, apart).items()}
+
+
+def _raw_columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, FloatArray]:
     v, s = signals.velocity, np.sign(signals.velocity)
     columns = {"inertia": signals.acceleration, "viscous": v, "coulomb": s}
     if apart:
@@ -175,4 +193,4 @@ def _columns(motion: Motion, signals: MotionSignals, apart: bool) -> dict[str, F
         columns |= {"offset": np.ones_like(v)}
     if motion.turns_against_gravity:
         columns |= {"gravity.cos": np.cos(signals.position), "gravity.sin": np.sin(signals.position)}
-    return {name: signals.filtered(column) for name, column in columns.items()}
+    return columns

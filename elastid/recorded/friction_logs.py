@@ -140,6 +140,8 @@ class _LogReader:
                 position=positions[joint.name],
                 torque=signals["u", f"motor {joint.name}", ""],
                 velocity=_signal(signals, "y", joint.name, "velocity"),
+                reference=_signal(signals, "reference", joint.name),
+                link_position=_link_position(signals, joint.name),
                 temperature=self._temperature(signals, joint.name, len(positions[joint.name])),
                 speed=self.file.speed,
                 load=self.file.load,
@@ -214,6 +216,12 @@ def _by_place(channels: Sequence[ChannelSpec], signals: FloatArray) -> dict[tupl
         (c.role, c.at, c.quantity if c.role == "y" else ""): np.ascontiguousarray(signals[:, i])
         for i, c in enumerate(channels)
     }
+
+
+def _link_position(signals: Mapping[tuple[str, str, str], FloatArray], joint: str) -> FloatArray | None:
+    """Of a joint that has an encoder beside that of its motor."""
+    both = all(("y", f"{kind} {joint}", "position") in signals for kind in ("motor", "joint"))
+    return signals["y", f"joint {joint}", "position"] if both else None
 
 
 def _signal(

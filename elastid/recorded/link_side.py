@@ -58,7 +58,7 @@ def to_joints(channels: Sequence[ChannelSpec], robot: Places) -> FloatArray:
     for row, channel in enumerate(channels):
         if channel.side != "motor" or channel.at not in motors:
             continue
-        mixed = (angle if channel.role == "y" else torque)[motors.index(channel.at)]
+        mixed = (angle if channel.is_motion else torque)[motors.index(channel.at)]
         for source in np.flatnonzero(np.abs(mixed) > _MIN_COUPLING):
             T[row, _place(channels, channel, motors[source])] = mixed[source]
     return T
@@ -76,7 +76,7 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
             raise DataError(
                 f"{path}: {channel.full_name}: none of its {len(column)} samples is a finite number; check its name"
             )
-        if np.ptp(values) > 0 or channel.role == "t":
+        if np.ptp(values) > 0 or channel.role in ("t", "reference"):
             continue
         if channel.role == "y" or not _another_moves(channel, channels, columns):
             raise DataError(
@@ -110,17 +110,17 @@ def _gear_factor(channel: ChannelSpec, robot: Places) -> float:
             f"there are {', '.join(robot.motor_locations)}"
         )
     ratio = robot.ratio(joint)
-    return ratio if channel.role != "y" else 1 / ratio
+    return 1 / ratio if channel.is_motion else ratio
 
 
 def _place(channels: Sequence[ChannelSpec], like: ChannelSpec, at: str) -> int:
     """The channel of a motor with the role, quantity and side of another."""
     for place, channel in enumerate(channels):
-        same_kind = like.role != "y" or channel.quantity == like.quantity
+        same_kind = not like.is_motion or channel.quantity == like.quantity
         if (channel.role, channel.side, channel.at) == (like.role, "motor", at) and same_kind:
             return place
     raise StudyError(
         f"channel {like.name_in_file}: {like.at} is coupled by gears with {at}, of which no channel with role "
-        f"{like.role} and side: motor{'' if like.role != 'y' else f' holds the {like.quantity}'}; log it too, or give "
+        f"{like.role} and side: motor{f' holds the {like.quantity}' if like.is_motion else ''}; log it too, or give "
         "the signal on the link side"
     )

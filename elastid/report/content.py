@@ -16,8 +16,9 @@ from elastid.frf.friction.result import FrictionTakenOut
 from elastid.report.modes.mode_row import ModeRow
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-from elastid.validation.results import Comparison, Validation
-from elastid.validation.twin import TorqueBalance
+from elastid.validation.comparison import Comparison
+from elastid.validation.results import Validation
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class ReportContent:
     truth: parameter names to SI values where the rig is simulated.  plan: None where the excitation was not planned
     here; forecast, limit_use and nearest_run (to a limit) belong to it, and robot is drawn in its configurations.
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
-    balances: of the motors' torque, part by part.
+    twin: the motors' torque part by part, and the model simulated along a record.
     model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
     """
@@ -51,7 +52,7 @@ class ReportContent:
     model_std: tuple[FloatArray, ...] = ()
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None
-    balances: tuple[TorqueBalance, ...] = ()
+    twin: TwinFindings = NO_TWIN
 
     @property
     def repairs(self) -> dict[str, dict[str, int]]:

@@ -11,7 +11,7 @@ from elastid.experiment.plan.friction import FrictionPlan
 from elastid.friction_fit.law_choice import ABSENT, NOT_ASKED, Held
 from elastid.friction_fit.result import FrictionNumber, FrictionResult, JointFriction
 from elastid.observer.follow import FollowedFriction
-from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 # Symbols of the numbers that the sentence of a joint has, each by direction where these differ.
 ANSWERED = ("F_c", "F_s", "f")
@@ -40,8 +40,8 @@ class Refusal:
 class FrictionContent:
     """What a friction study found, its text and its provenance; the page has no date and is reproducible.
 
-    plan: of the passes, where they were planned here.  filters: of the joints that were followed.  balances: of the
-    torque of motions, part by part.
+    plan: of the passes, where they were planned here.  filters: of the joints that were followed.  twin: the
+    torque of motions part by part, and the model simulated along them.
     """
 
     title: str
@@ -50,7 +50,7 @@ class FrictionContent:
     provenance: Mapping[str, str]
     plan: FrictionPlan | None = None
     filters: tuple[FollowedFriction, ...] = ()
-    balances: tuple[TorqueBalance, ...] = ()
+    twin: TwinFindings = NO_TWIN
 
     @property
     def notes(self) -> tuple[NoteGroup, ...]:

@@ -75,6 +75,26 @@ def without_motor_coupling(robot: Robot) -> Robot:
     return _with_joints(robot, lambda joint: replace(joint, motor=_alone(joint)))
 
 
+def without_dry_friction(robot: Robot) -> Robot:
+    """Motors and joints with their viscous friction alone."""
+
+    def smooth(joint: Joint) -> Joint:
+        motor = None if joint.motor is None else replace(joint.motor, coulomb=0.0, friction=None)
+        return replace(joint, friction=None, motor=motor)
+
+    return _with_joints(robot, smooth)
+
+
+def without_friction(robot: Robot) -> Robot:
+    """Motors and joints without viscous and dry friction."""
+
+    def free(joint: Joint) -> Joint:
+        motor = None if joint.motor is None else replace(joint.motor, viscous=0.0)
+        return replace(joint, viscous=0.0, motor=motor)
+
+    return _with_joints(without_dry_friction(robot), free)
+
+
 def _with_joints(robot: Robot, changed: Callable[[Joint], Joint | None]) -> Robot:
     def of(body: Body) -> Body:
         return replace(body, joints=tuple(new for joint in body.joints if (new := changed(joint)) is not None))

@@ -105,10 +105,16 @@ def closed_loop(
 
 
 def simulate(
-    loop: ClosedLoop, gains: Gains, commands: Commands, q0: FloatArray, curves: FloatArray | None = None
+    loop: ClosedLoop,
+    gains: Gains,
+    commands: Commands,
+    q0: FloatArray,
+    curves: FloatArray | None = None,
+    v0: FloatArray | None = None,
 ) -> Trajectory:
-    """Run the loop from rest in q0 (n_q,) over the n samples of the commands.
+    """Run the loop from q0 (n_q,) over the n samples of the commands.
 
+    v0 (n_q,): at the start, where friction has slid so for long; at rest by default.
     curves (n, 9 n_f) or (9 n_f,): the friction's numbers, by default those without load at the reference temperature.
     Raises DataError where a motor leaves its limits or is lost.
     """
@@ -117,8 +123,9 @@ def simulate(
     signals = [getattr(commands, field.name) for field in fields(commands)]
     signals += [np.broadcast_to(gain, (n, n_u)) for gain in (gains.kp, gains.kd, gains.ki)]
     signals.append(np.broadcast_to(numbers, (n, numbers.shape[-1])))
-    z = np.zeros(loop.contacts.n_states)
-    state = [q0, np.zeros(len(q0)), z, loop.drives.start(commands.torque[0]), np.zeros(n_u), loop.B.T @ q0]
+    v = np.zeros(len(q0)) if v0 is None else v0
+    z = loop.contacts.steady(v, np.atleast_2d(numbers)[0])
+    state = [q0, v, z, loop.drives.start(commands.torque[0]), np.zeros(n_u), loop.B.T @ (q0 - v / loop.rate_hz)]
     chunks = []
     for start in range(0, n, CHUNK_SAMPLES):
         block = [signal[start : start + CHUNK_SAMPLES] for signal in signals]

@@ -12,6 +12,9 @@ from elastid.friction.law import CURVE, Curve, Expression, Law
 from elastid.friction.robot_friction import PlacedLaw
 from elastid.model.elastic import ElasticModel
 
+# s: long against the time in which bristles bend.
+STEADY_S = 1e3
+
 
 @frozen_value(eq=False)
 class Contacts:
@@ -41,6 +44,12 @@ class Contacts:
         """States after `step` s at constant v (n_q,)."""
         each = self._each(v, z, curves)
         return ca.vertcat(ca.SX(0, 1), *(law.advanced(slip, state, curve, step) for law, slip, state, curve in each))
+
+    def steady(self, v: FloatArray, curves: FloatArray) -> FloatArray:
+        """States (n_states,) of friction that has slid at v (n_q,) for long; unbent where it is at rest."""
+        return np.asarray(
+            ca.evalf(self.advanced(ca.SX(v), ca.SX(self.n_states, 1), ca.SX(curves), STEADY_S)).full()[:, 0]
+        )
 
     def at_rest(self) -> tuple[FloatArray, FloatArray]:
         """Stiffness and damping (n_q, n_q) of all contacts at rest."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from elastid.store.files import Stamp, text_file
-from elastid.validation.results import ComparedModel, Comparison, Trial
+from elastid.validation.comparison import ComparedModel, Comparison, Trial
 
 SCHEMA = 1
 

@@ -14,9 +14,9 @@ from elastid.friction_fit.result import FrictionResult, JointLevels
 from elastid.friction_record import FrictionRecord, FrictionRecords, WarmUpLog
 from elastid.record import drive_unit
 from elastid.store.files import NO_STAMP, Stamp, created, opened, read_notes, scale, text_file, variable, write_notes
-from elastid.store.twin import write_balances
+from elastid.store.twin import write_twin
 from elastid.store.values import read_dataclass, write_value
-from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 PLAN, RECORDS, LEVELS, FRICTION = "friction plan", "friction records", "friction levels", "friction"
 
@@ -108,9 +108,9 @@ def read_levels(path: Path | str) -> tuple[JointLevels, ...]:
 
 
 def write_friction_result(
-    path: Path, result: FrictionResult, stamp: Stamp = NO_STAMP, balances: Sequence[TorqueBalance] = ()
+    path: Path, result: FrictionResult, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
 ) -> None:
-    """friction.h5: the numbers of all joints as a table, a group with everything, and the torque part by part."""
+    """friction.h5: the numbers of all joints as a table, a group with everything, and the twin."""
     with created(path, FRICTION, stamp) as file:
         numbers = result.numbers
         axis = scale(file, "number", [each.name for each in numbers] or [""], "identified number, link side")
@@ -124,7 +124,7 @@ def write_friction_result(
         ):
             variable(file, name, [float(getattr(each, name)) for each in numbers] or [0.0], [axis], what, "SI")
         write_value(file, "result", result)
-        write_balances(file, balances)
+        write_twin(file, twin)
 
 
 def read_friction_result(path: Path | str) -> FrictionResult:

@@ -25,10 +25,10 @@ from elastid.store.files import (
 from elastid.store.linear_models import read_linear, write_linear
 from elastid.store.modification_indices import read_indices, write_indices
 from elastid.store.parameters import read_parameters, write_parameters
-from elastid.store.twin import write_balances
+from elastid.store.twin import write_twin
 from elastid.validation.resonances import Peak
 from elastid.validation.results import Agreement, Fold, Replay, Validation
-from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", "criterion", "cost_dof")
 
@@ -136,7 +136,7 @@ _PEAK_TEXTS, _PEAK_NUMBERS = ("output", "input", "kind"), ("measured_hz", "model
 
 
 def write_validation(
-    path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, balances: tuple[TorqueBalance, ...] = ()
+    path: Path | str, validation: Validation, stamp: Stamp = NO_STAMP, twin: TwinFindings = NO_TWIN
 ) -> None:
     """validation.h5: a group for each configuration, arrays by element (output, input), records replayed in it."""
     with created(path, "validation", stamp) as file:
@@ -149,7 +149,7 @@ def write_validation(
         _write_folds(file, validation.folds)
         for replay in validation.replays:
             _write_replay(file[key(replay.configuration)].create_group("replay"), replay)
-        write_balances(file, balances)
+        write_twin(file, twin)
 
 
 def read_validation(path: Path | str) -> Validation:

@@ -16,7 +16,7 @@ import numpy as np
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.uncertainty.profile import Profile
 from elastid.store.files import text_file
-from elastid.validation.results import LeftOut, Refit
+from elastid.validation.comparison import LeftOut, Refit
 
 
 def _read_profile(name: str, interval: list[float], x: list[float], cost: list[float]) -> Profile:

@@ -35,7 +35,7 @@ from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
 from elastid.validation.agreement import agreement
-from elastid.validation.results import ComparedModel, Comparison, LeftOut, Refit
+from elastid.validation.comparison import ComparedModel, Comparison, LeftOut, Refit
 
 # Relative difference of the misfits of two fits of one model.
 MISFIT_TOLERANCE = 1e-3

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from elastid.validation.results import Agreement, Fold, Refit
+from elastid.validation.comparison import Refit
+from elastid.validation.results import Agreement, Fold
 
 # A model generalises if its error on left-out configurations is at most this ratio of that on fitted ones ...
 MAX_ERROR_RATIO = 1.5

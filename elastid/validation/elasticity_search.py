@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeAlias
 
-from elastid.validation.results import ComparedModel, Elastic, Trial
+from elastid.validation.comparison import ComparedModel, Elastic, Trial
 
 Fit: TypeAlias = Callable[[Sequence[Elastic]], Mapping[Elastic, ComparedModel]]
 

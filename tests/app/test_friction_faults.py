@@ -43,6 +43,8 @@ experiment:
 report: {{formats: [png]}}
 """
 THERMOMETER = "- {role: t, at: joint 1, channel: temperature, quantity: temperature}"
+REFERENCE = "- {role: reference, at: motor 1, channel: angle, quantity: position, unit: deg, side: motor}"
+CONTROLLER = "\n    controller: {position_gain: 30, velocity_gain: 400}"
 SPEEDS = (0.03, 0.1, 0.2, 0.4, 0.6, 0.9)
 
 
@@ -134,6 +136,13 @@ def test_a_temperature_in_kelvin_is_refused_with_its_unit(tmp_path: Path) -> Non
         ({"temperature": "yes"}, "friction.law.temperature: no log has a temperature; add a channel of role t"),
         ({"constant": ""}, "experiment.recorded.channels[0].quantity: a current needs torque_constant (N*m/A)"),
         ({"passes": "{count: 9}"}, "friction.passes: speeds, count and window are of passes that are still to be made"),
+        ({"thermometer": REFERENCE}, "channels: the reference of the logs is of no use without its controller"),
+        ({"thermometer": CONTROLLER}, "controller: no channel has role reference, so that nothing tells what the"),
+        (
+            {"thermometer": REFERENCE + CONTROLLER.replace("30", "[30, 40]")},
+            "controller.position_gain: 2 gains for 1 driven joints; give one for all, or one for each",
+        ),
+        ({"thermometer": REFERENCE + CONTROLLER.replace("30", "-1")}, "a loop that holds a joint has a positive one"),
         ({"files": "      - {path: log.csv, joint: 2}"}, "files[0].joint: no driven joint is called '2'"),
         ({"files": "      - {path: log.csv, load: full}"}, "files[0].load: no load is called 'full'; there are empty"),
         ({"files": "      - {path: log.csv, speed: -1}"}, "speed is -1; it must be positive: passes go there and back"),

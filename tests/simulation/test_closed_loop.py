@@ -10,12 +10,16 @@ from plants.integration import acceleration, runge_kutta
 from plants.two_links import FREE, arm, loop, motor, quiet, rough
 
 from elastid.base.errors import DataError
+from elastid.friction.dynamic import Bristle
+from elastid.friction.robot_friction import PlacedLaw
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.serial import serial
 from elastid.record import Configuration
+from elastid.robot import Friction
 from elastid.simulation.closed_loop import CHUNK_SAMPLES, Commands, closed_loop, simulate
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
+from elastid.simulation.friction_states import contacts
 
 
 def test_gravity_is_held_from_the_start() -> None:
@@ -78,3 +82,15 @@ def test_a_lost_motor_is_named_with_the_time() -> None:
     limited = replace(loop(model), limits=np.array([[-0.01, 0.01], [-9, 9]]))
     with pytest.raises(DataError, match=r"motor 1 is lost .* within \[-0.01, 0.01\] rad"):
         simulate(limited, Gains(np.zeros(2), np.zeros(2)), commands, np.zeros(4))
+
+
+def test_a_motion_begins_as_it_goes_on() -> None:
+    """A motor at constant speed under the torque of its bent bristles keeps its speed from the first sample on."""
+    model, n, speed = serial(motor()), 300, 0.4
+    bristles = contacts(model, [PlacedLaw("motor 1", Bristle(1e5, 20.0), Friction(coulomb=30.0), 1.0)])
+    drives = Drives(np.zeros(1), np.array([np.inf]))
+    sliding = closed_loop(model, bristles, FREE[:1], 1000.0, 1, drives)
+    z = np.zeros((n, 1))
+    free = Gains(np.zeros(1), np.zeros(1))
+    run = simulate(sliding, free, Commands(z, z, z + 30.0, z, z), np.zeros(1), v0=np.full(1, speed))
+    np.testing.assert_allclose(run.q[:, 0], speed * np.arange(n) / 1000, rtol=1e-6, atol=1e-9)

@@ -8,7 +8,7 @@ import pytest
 from plants.artefacts import STAMP, same
 
 from elastid.store.comparison import read_comparison, write_comparison
-from elastid.validation.results import ComparedModel, Comparison, Trial
+from elastid.validation.comparison import ComparedModel, Comparison, Trial
 
 MODELS = (
     ComparedModel("own", 3, 1 / 3, 100, 0.0, np.array([0.1, 0.2]), 0.3, 2.0),

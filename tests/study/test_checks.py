@@ -136,6 +136,13 @@ FILES = ", ".join(f"{{path: a.csv, configuration: {name}}}" for name in "abcd")
             "two channels of role u",
         ),
         (
+            "recorded",
+            f"{CHANNELS}, {{role: reference, at: motor 2, channel: q, quantity: position}}",
+            FILES,
+            "channels[3].role",
+            "role reference belongs to studies of friction",
+        ),
+        (
             "responses",
             CHANNELS,
             f"{FILES}, {{path: a.csv, configuration: a}}",

@@ -20,7 +20,7 @@ from elastid.robot import Robot
 from elastid.robot.simplified import stiffened
 from elastid.study import load_robot
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
-from elastid.validation.results import Comparison, LeftOut, Refit
+from elastid.validation.comparison import Comparison, LeftOut, Refit
 
 CONFIGURATIONS = ("a", "b", "c", "d")
 

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from plants.two_mass import FREQ_HZ, response, two_mass
 
 from elastid.validation.agreement import agreement
+from elastid.validation.comparison import LeftOut, Refit
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds, generalises
-from elastid.validation.results import Fold, LeftOut, Refit
+from elastid.validation.results import Fold
 
 FINE = Fold("c1", 1.0, 0.5, 2.0)
 FAILED = Fold("c2", math.nan, math.nan, math.nan, "every start failed")

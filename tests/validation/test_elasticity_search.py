@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from elastid.validation.comparison import ComparedModel
 from elastid.validation.elasticity_search import describe_search, final_model, search
-from elastid.validation.results import ComparedModel
 
 NAMES = ("a", "b", "c", "d", "e")
 ADDED = np.array([0.8, 1.0, 1.1, 1.3])

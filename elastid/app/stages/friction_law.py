@@ -7,6 +7,7 @@ from elastid.app.identified_robot import robot_of_friction
 from elastid.app.run import Run
 from elastid.app.summaries import write_summary
 from elastid.app.tables import friction_table
+from elastid.app.twin_runs import runs_of_friction
 from elastid.base.errors import FitError
 from elastid.experiment.simulated.plant import true_robot
 from elastid.friction_fit.identify import identify_friction
@@ -23,6 +24,7 @@ from elastid.store.friction_study import (
 from elastid.study import Study
 from elastid.validation.friction_twin import friction_balances
 from elastid.validation.twin import describe_balance
+from elastid.validation.twin_run import TwinFindings
 
 
 def friction(run: Run) -> None:
@@ -34,16 +36,18 @@ def friction(run: Run) -> None:
     except FitError as error:
         write_summary(path, failed_friction(study, str(error)))
         raise
-    balances = friction_balances(result.joints, measured)
-    write_summary(path, friction_study_summary(study, result, balances))
+    twin = TwinFindings(friction_balances(result.joints, measured), runs_of_friction(study, result, measured))
+    write_summary(path, friction_study_summary(study, result, twin))
     with text_file(run.folder / run.stages["friction"].leaves[2]) as file:
         file.write(robot_of_friction(study, result))
-    write_friction_result(run.path("friction"), result, run.stamps["friction"], balances)
+    write_friction_result(run.path("friction"), result, run.stamps["friction"], twin)
     said = [note for each in found for note in each.notes]
     run.console.notes(note for each in result.joints for note in each.notes if note not in said)
     run.console.say(f"friction: {result.message}")
-    for balance in balances:
+    for balance in twin.balances:
         run.console.say(f"friction: {describe_balance(balance)}")
+    for words in twin.run_words:
+        run.console.say(f"friction: {words}")
 
 
 def conclude(run: Run) -> None:

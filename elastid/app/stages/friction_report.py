@@ -7,7 +7,7 @@ from elastid.report.friction_content import FrictionContent
 from elastid.report.page.page_of_friction import write_page_of_friction
 from elastid.store.filter import read_filter
 from elastid.store.friction_study import FRICTION, read_friction_plan, read_friction_result
-from elastid.store.twin import read_balances
+from elastid.store.twin import read_twin
 
 
 def report(run: Run) -> None:
@@ -19,7 +19,7 @@ def report(run: Run) -> None:
         study_text=run.loaded.text,
         provenance=stamp.shown,
         plan=read_friction_plan(run.path("design")) if "design" in run.stages else None,
-        balances=read_balances(run.path("friction"), FRICTION),
+        twin=read_twin(run.path("friction"), FRICTION),
         filters=read_filter(run.path("follow")) if "follow" in run.stages else (),
     )
     with run.execution("report") as execution:

@@ -19,7 +19,7 @@ from elastid.store import (
     read_validation,
 )
 from elastid.store.comparison import read_comparison
-from elastid.store.twin import read_balances
+from elastid.store.twin import read_twin
 
 
 def report(run: Run) -> None:
@@ -54,6 +54,6 @@ def _content(run: Run) -> ReportContent:
         comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
         model_std=fitted.response_std,
         friction=friction,
-        balances=read_balances(run.path("validate"), "validation"),
+        twin=read_twin(run.path("validate"), "validation"),
         contents=contents(study, friction, result.parameters.free),
     )

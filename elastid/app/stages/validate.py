@@ -9,6 +9,7 @@ from functools import partial
 from elastid.app.dry_friction import shaft_couplings
 from elastid.app.run import Run
 from elastid.app.summaries import validation_summary, write_summary
+from elastid.app.twin_runs import runs_of_fit
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.fitted_robot import FittedRobot
@@ -31,6 +32,7 @@ from elastid.validation.elastic_twin import elastic_balances, model_parts, rigid
 from elastid.validation.replay import describe_replays, replay
 from elastid.validation.results import Fold, Replay, Validation
 from elastid.validation.twin import TorqueBalance, describe_balance
+from elastid.validation.twin_run import TwinFindings
 
 
 def validate(run: Run) -> None:
@@ -38,9 +40,11 @@ def validate(run: Run) -> None:
     unfinished = run.resumed("validate")
     with run.execution("validate", unfinished) as execution:
         validation = _validation(run, execution)
-    balances = tuple(_balances(run))
-    write_summary(run.summary("validate"), validation_summary(run.study, validation, balances))
-    write_validation(run.path("validate"), validation, run.stamps["validate"], balances)
+    measured = "measure" in run.stages and _is_as_measured(run)
+    balances = tuple(_balances(run)) if measured else ()
+    twin = TwinFindings(balances, runs_of_fit(run) if measured else ())
+    write_summary(run.summary("validate"), validation_summary(run.study, validation, twin))
+    write_validation(run.path("validate"), validation, run.stamps["validate"], twin)
     unfinished.clear()
     for words in (validation.verdict, validation.folded, validation.cost, validation.replayed):
         if words:
@@ -48,6 +52,8 @@ def validate(run: Run) -> None:
     if balances:
         worst = max(balances, key=lambda balance: balance.left)
         run.console.say(f"validate: {describe_balance(worst)}")
+    for words in twin.run_words:
+        run.console.say(f"validate: {words}")
 
 
 def _validation(run: Run, execution: Execution) -> Validation:
@@ -104,10 +110,8 @@ def _replays(run: Run, fitted: FittedRobot, execution: Execution) -> Iterator[Re
 
 
 def _balances(run: Run) -> Iterator[TorqueBalance]:
-    """The torque of each motor in the first record of each configuration, part by part; none where none is replayed."""
+    """The torque of each motor in the first record of each configuration, part by part."""
     study = run.study
-    if "measure" not in run.stages or not _is_as_measured(run):
-        return
     fitted = FittedRobot.of(
         read_fit(run.path("fit")), study.as_robot(), read_responses(run.path("estimate")), study.model
     )

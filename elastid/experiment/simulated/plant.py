@@ -14,16 +14,20 @@ from elastid.base.units import Quantity, to_si
 from elastid.experiment.simulated.hardware import drives
 from elastid.experiment.specs.simulated import EncoderRippleSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
-from elastid.linear.equilibrium import OperatingPoint
+from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.formulation import EXACT, formulate
 from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
 from elastid.robot import Robot
 from elastid.robot.friction_numbers import friction_numbers, with_numbers
 from elastid.simulation.closed_loop import ClosedLoop, closed_loop
 from elastid.simulation.dynamics import MAX_STEP_RATE, fastest_rate
 from elastid.simulation.friction_states import contacts
 from elastid.simulation.spec import StabilisationSpec
+
+# Of a robot that is simulated beside its log: each is unrolled in the equations, which take seconds to build beyond.
+MAX_SUBSTEPS = 40
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +81,34 @@ def plant_of(
     return Plant(model, closed_loop(model, sliding, limits, rate_hz, substeps, hardware, loops, samples))
 
 
+def exact_plant(
+    robot: Robot, equations: ModelSpec, rate_hz: float, start: Configuration, saturation: bool = False
+) -> tuple[Plant, OperatingPoint]:
+    """A robot with exact encoders and smooth drives, at rest in `start`, with as many steps a sample as it takes.
+
+    StudyError where it finds no rest there, and where that is more than MAX_SUBSTEPS.
+    """
+    model = model_of(robot, equations)
+    point = equilibrium(model, model.theta, start)
+    rate = fastest_rate(model, contacts(model, frictions(robot)), point.q)
+    substeps = _least_substeps(rate, rate_hz)
+    if substeps > MAX_SUBSTEPS:
+        raise StudyError(
+            f"the fastest motion of robot {robot.name} (a pole of {rate:.4g} 1/s: its stiffest mode, or friction at "
+            f"standstill) takes {substeps} steps in a sample of {rate_hz:g} Hz, and {MAX_SUBSTEPS} are affordable"
+        )
+    return plant_of(robot, equations, StabilisationSpec(), rate_hz, substeps, 0, (), (), saturation, 0), point
+
+
+def _least_substeps(rate: float, rate_hz: float) -> int:
+    """Runge-Kutta steps in a sample for a pole of `rate` 1/s."""
+    return max(1, math.ceil(rate / rate_hz / MAX_STEP_RATE))
+
+
 def check_steps(plant: Plant, point: OperatingPoint, substeps: int, rate_hz: float, rate_key: str) -> None:
     """StudyError where the integration steps are too long for the plant's fastest pole; rate_key: of the study."""
     rate = fastest_rate(plant.model, plant.loop.contacts, point.q)
-    needed = math.ceil(rate / rate_hz / MAX_STEP_RATE)
+    needed = _least_substeps(rate, rate_hz)
     if substeps < needed:
         raise StudyError(
             f"experiment.simulated.substeps: {substeps} steps a sample cannot follow the fastest motion of robot "

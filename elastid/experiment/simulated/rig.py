@@ -6,7 +6,7 @@ friction, encoders and noise. Its records are treated like measured ones.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,13 +18,15 @@ from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.closed_loop import feed_forward_of
 from elastid.experiment.simulated.hardware import Noise, draw_noise, filter_motions, friction_of_a_run, loads_of
-from elastid.experiment.simulated.plant import Plant, check_steps, plant_of, true_robot
+from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, plant_of, true_robot
 from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
 from elastid.experiment.simulated.sensors import logged_quantity, sense, sense_movement
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import SimulatedSpec
+from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
 from elastid.experiment.specs.simulated_checks import chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
+from elastid.model.formulation import EXACT
+from elastid.model.spec import ModelSpec
 from elastid.record import Record
 from elastid.robot import Robot
 from elastid.simulation.closed_loop import ClosedLoop, Commands, Trajectory, simulate
@@ -82,14 +84,53 @@ class SimulatedRig:
 
     def measure(self, experiment: Experiment) -> Record:
         """Simulate one run. DataError where a motor is lost, StudyError where the steps are too long for the robot."""
-        plan = self.plan
         plant, point, given = self._prepared(experiment)
-        q0 = point.q
         noise = self._noise(experiment)
-        end = plan.run_samples - plan.first_sample  # the way out is not measured
-        trajectory = self._moved(plant, point, given, experiment, noise, 1.0, end)
-        measured = slice(end - plan.periods * plan.period_samples, end)
-        setup = (plant.model, q0, self.outputs, plan.rate_hz, plan.period_samples)
+        trajectory = self._moved(plant, point, self._gains(plant, point), given, experiment, noise, 1.0, self._end)
+        notes = (
+            *clipped(trajectory.u[self._measured], plant, experiment),
+            *exceeded(plant.model.robot, trajectory, plant.model.B, self.plan.rate_hz),
+            *opened(plant.model, trajectory),
+            *self._extrapolated(plant, point, trajectory),
+        )
+        return self._record(experiment, plant, point, given, trajectory, noise, notes)
+
+    def follow(self, experiment: Experiment, robot: Robot, spec: ModelSpec = EXACT) -> Record:
+        """The run of another robot under this rig's controller: its gains, its reference and its torques, no noise.
+
+        robot: with numbers of its own, encoders without counts, and friction that does not warm up.
+        DataError where a motor is lost, StudyError where it finds no rest.
+        """
+        simulated = replace(self.simulated, noise=NoiseSpec(), warming=None)
+        quiet = replace(self, spec=replace(self.spec, simulated=simulated))
+        own, rest, given = self._prepared(experiment)
+        plant, point = exact_plant(robot, spec, self.plan.rate_hz, experiment.configuration, simulated.saturation)
+        noise = quiet._noise(experiment)
+        trajectory = quiet._moved(plant, point, self._gains(own, rest), given, experiment, noise, 1.0, self._end)
+        return quiet._record(experiment, plant, point, given, trajectory, noise, ())
+
+    @property
+    def _end(self) -> int:
+        """Samples of a run without the way out, which is not measured."""
+        return self.plan.run_samples - self.plan.first_sample
+
+    @property
+    def _measured(self) -> slice:
+        return slice(self._end - self.plan.periods * self.plan.period_samples, self._end)
+
+    def _record(
+        self,
+        experiment: Experiment,
+        plant: Plant,
+        point: OperatingPoint,
+        given: Reference,
+        trajectory: Trajectory,
+        noise: Noise,
+        notes: tuple[Note, ...],
+    ) -> Record:
+        """What is logged of a run."""
+        plan, end, measured = self.plan, self._end, self._measured
+        setup = (plant.model, point.q, self.outputs, plan.rate_hz, plan.period_samples)
         u = trajectory.u + noise.torque[:end]
         y = sense(trajectory.q, trajectory.reading, *setup) + noise.outputs[:end]
         y = filter_motions(plant.model.robot, y, plan.rate_hz)
@@ -110,12 +151,7 @@ class SimulatedRig:
             u=u[measured] * [chain.gain("u", place) for place in plan.inputs],
             y=y[measured] * [chain.gain("y", place) for place in self.outputs],
             r=np.tile(plan.torque(experiment), (plan.periods, 1)),
-            notes=(
-                *clipped(trajectory.u[measured], plant, experiment),
-                *exceeded(plant.model.robot, trajectory, plant.model.B, plan.rate_hz),
-                *opened(plant.model, trajectory),
-                *self._extrapolated(plant, point, trajectory),
-            ),
+            notes=notes,
             hold="zero-order",
             sliding=self.robot.sliding((*plan.inputs, *self.outputs)),
         )
@@ -133,7 +169,8 @@ class SimulatedRig:
         """
         plant, point, given = self._prepared(experiment)
         noise = self._noise(experiment)
-        trajectory = self._moved(plant, point, given, experiment, noise, factor, self.plan.run_samples)
+        gains = self._gains(plant, point)
+        trajectory = self._moved(plant, point, gains, given, experiment, noise, factor, self.plan.run_samples)
         return trajectory.q @ plant.model.B, trajectory.u
 
     def _noise(self, experiment: Experiment) -> Noise:
@@ -153,10 +190,17 @@ class SimulatedRig:
         torque = feed_forward_of(plant.model)
         return plant, point, reference(self.plan, spec.carrier, torque, experiment.configuration)
 
+    def _gains(self, plant: Plant, point: OperatingPoint) -> Gains:
+        """Of the controller, which knows the inertia of this plant."""
+        spec = self.simulated.controller
+        integral_time = spec.velocity_integral_time
+        return tune(plant.model, point.q, spec.bandwidth_hz, spec.damping_ratio, integral_time)
+
     def _moved(
         self,
         plant: Plant,
         point: OperatingPoint,
+        gains: Gains,
         given: Reference,
         experiment: Experiment,
         noise: Noise,
@@ -165,9 +209,7 @@ class SimulatedRig:
     ) -> Trajectory:
         """The first n samples of a run, from rest where the reference begins."""
         spec, q0 = self.simulated, point.q
-        controller, sliding = spec.controller, plant.loop.contacts
-        integral_time = controller.velocity_integral_time
-        gains = tune(plant.model, q0, controller.bandwidth_hz, controller.damping_ratio, integral_time)
+        sliding = plant.loop.contacts
         curves = friction_of_a_run(sliding, plant.model.robot, point, spec.warming, self.plan, experiment, self.seed)
         torque = given.feed_forward + given.injected(factor * self.plan.torque(experiment))
         commands = Commands(

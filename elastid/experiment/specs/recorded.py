@@ -6,6 +6,7 @@ from typing import Literal, TypeAlias
 
 from elastid.base.section import section
 from elastid.base.units import Frequency, JointVelocity, Temperature, Time, TorqueConstant, factor, of_translation
+from elastid.experiment.specs.cascade import CascadeSpec
 from elastid.record import MOTION_UNIT, Hold
 
 # SI units of a channel's quantity.
@@ -30,7 +31,8 @@ class ChannelSpec:
 
     Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
 
-    role: r injected torque, u acting torque, y motion, t temperature of a joint (studies of friction).
+    role: r injected torque, u acting torque, y motion; in studies of friction also t temperature of a joint, and
+    reference: the position of a motor that the controller was asked for, by which validation moves the model.
     at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
     feels gravity); without a robot any name, such as `shaker` or `tip x`.
     channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
@@ -44,7 +46,7 @@ class ChannelSpec:
     hold: of an acting torque (role u), where it differs from that of the section.
     """
 
-    role: Literal["r", "u", "y", "t"]
+    role: Literal["r", "u", "y", "t", "reference"]
     at: str
     channel: str = ""
     column: int | None = None
@@ -68,11 +70,12 @@ class ChannelSpec:
             raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
         if self.column is not None and self.column < 1:
             raise ValueError(f"column is {self.column}; the first column is 1")
-        fits_motion = (self.quantity in MOTIONS) == (self.role == "y")
-        if not fits_motion or (self.quantity == "temperature") != (self.role == "t"):
+        fits_motion = self.is_motion == (self.role in ("y", "reference"))
+        fits_reference = self.role != "reference" or self.quantity == "position"
+        if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
             raise ValueError(
                 f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion, t a "
-                "temperature"
+                "temperature, reference a position"
             )
         if self.role == "t" and self.side == "motor":
             raise ValueError("side is of a gear, which changes no temperature; leave it out with role t")
@@ -82,6 +85,11 @@ class ChannelSpec:
             raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
         if self.scale == 0:
             raise ValueError("scale is 0; the channel would be lost")
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether it is a position, a velocity or an acceleration."""
+        return self.quantity in MOTIONS
 
     @property
     def name_in_file(self) -> str:
@@ -190,6 +198,7 @@ class RecordedSpec:
     sample to the next: it acts half a sample later than its samples say, and weaker by a sinc, and angles (quantity:
     position) that are logged at the same rate, sampled without a filter, contain images of it, which the model then has
     too. `band-limited` where u was measured through a filter, or logged much faster than the drive updates it.
+    controller: of the robot, in studies of friction whose channels have its reference.
     """
 
     rate_hz: Frequency | Literal["unknown"]
@@ -201,6 +210,7 @@ class RecordedSpec:
     half_wave: bool = False
     time: str = ""
     hold: Hold = "band-limited"
+    controller: CascadeSpec | None = None
 
     def __post_init__(self) -> None:
         """One period at most; at least one input and one output."""

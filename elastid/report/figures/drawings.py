@@ -24,11 +24,13 @@ from elastid.report.figures.parameters import forest
 from elastid.report.figures.response_quality import coherence, levels
 from elastid.report.figures.responses import configuration_title, frf_magnitude, frf_phase, singular_values
 from elastid.report.figures.twin import TORQUE_CAPTION, torque_balance_figure
+from elastid.report.figures.twin_run import RUN_CAPTION, twin_run_figure
 from elastid.report.figures.validation import left_out_errors, model_errors, replay_signals
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
+from elastid.validation.twin_run import TORQUE, TwinRun
 
 # Begins the section of a figure of one configuration.
 CONFIGURATION = "configuration "
@@ -59,10 +61,11 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
         yield Drawing("errors", "validation", caption, partial(model_errors, content.validation))
-    if content.balances:
-        worst = max(content.balances, key=lambda balance: balance.left)
+    if content.twin.balances:
+        worst = max(content.twin.balances, key=lambda balance: balance.left)
         caption = f"{worst.place}, {worst.log}: {TORQUE_CAPTION}"
         yield Drawing("torque", "torque", caption, partial(torque_balance_figure, worst))
+    yield from twin_drawings(content.twin.runs)
     yield from friction_drawings(content.friction, content.robot)
     yield from _configurations(content)
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
@@ -82,6 +85,14 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     if content.plan is not None:
         caption = "Torque injected in the first experiment."
         yield Drawing("excitation", "excitation", caption, partial(excitation, content.plan))
+
+
+def twin_drawings(runs: Iterable[TwinRun]) -> Iterator[Drawing]:
+    """Of each run that was not lost, the motor whose torque is furthest off."""
+    for i, run in enumerate(run for run in runs if run.signals):
+        motor = max(run.of(TORQUE), key=lambda signal: signal.error).place
+        caption = f"{run.log}, {motor}: {RUN_CAPTION}"
+        yield Drawing(f"twin-{i + 1}", "twin", caption, partial(twin_run_figure, run, motor))
 
 
 def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:

@@ -14,7 +14,7 @@ from elastid.friction_fit.result import FrictionResult, JointFriction
 from elastid.friction_fit.static_law import StaticLaw
 from elastid.friction_fit.warm_up import ThermalModel, WarmUp, level_over_heat
 from elastid.observer.follow import FollowedFriction
-from elastid.report.figures.drawings import Drawing
+from elastid.report.figures.drawings import Drawing, twin_drawings
 from elastid.report.figures.friction_at_rest import friction_at_rest
 from elastid.report.figures.friction_conditions import conditions_of, friction_conditions
 from elastid.report.figures.friction_curve import friction_curve
@@ -25,6 +25,7 @@ from elastid.report.figures.friction_pass import friction_pass
 from elastid.report.figures.friction_warm_up import friction_warm_up
 from elastid.report.figures.twin import TORQUE_CAPTION, torque_balance_figure
 from elastid.validation.twin import TorqueBalance
+from elastid.validation.twin_run import NO_TWIN, TwinFindings
 
 # Begins the section of a figure of one joint.
 JOINT = "joint "
@@ -33,12 +34,13 @@ Named: TypeAlias = tuple[str, str, Callable[[], Figure]]
 
 
 def friction_study_drawings(
-    result: FrictionResult, filters: Sequence[FollowedFriction] = (), balances: Sequence[TorqueBalance] = ()
+    result: FrictionResult, filters: Sequence[FollowedFriction] = (), twin: TwinFindings = NO_TWIN
 ) -> Iterator[Drawing]:
-    """The figures of all joints, to be drawn."""
+    """The figures of all joints, and of the twin along their logs, to be drawn."""
+    yield from twin_drawings(twin.runs)
     for file, joint in zip(_file_names([joint.joint for joint in result.joints]), result.joints, strict=True):
         followed = [each for each in filters if each.joint == joint.joint]
-        explained = [each for each in balances if each.place == f"{JOINT}{joint.joint}"]
+        explained = [each for each in twin.balances if each.place == f"{JOINT}{joint.joint}"]
         for name, caption, draw in (*_of_joint(joint), *map(_of_balance, explained), *map(_of_filter, followed)):
             yield Drawing(f"{file}-{name}", f"{JOINT}{joint.joint}", f"Joint {joint.joint}: {caption}", draw)
 

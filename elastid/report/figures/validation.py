@@ -11,7 +11,8 @@ from matplotlib.figure import Figure
 
 from elastid.base.arrays import FloatArray
 from elastid.report.figures import style
-from elastid.validation.results import Agreement, Comparison, Replay, Validation
+from elastid.validation.comparison import Comparison
+from elastid.validation.results import Agreement, Replay, Validation
 
 # The quantities that have a map, in the order in which they stand.
 MAPS = (

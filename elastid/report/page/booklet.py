@@ -19,7 +19,8 @@ from elastid.report.figures.drawings import Drawing
 from elastid.report.friction_rows import FrictionRow, friction_rows
 from elastid.report.modes.mode_row import ModeRow
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
-from elastid.validation.twin import TorqueBalance, describe_balance
+from elastid.validation.twin import describe_balance
+from elastid.validation.twin_run import TwinFindings
 
 # A4 in inches; letters in a line and lines on a page, in a fixed-width font of style.NORMAL points.
 PAPER = (8.27, 11.69)
@@ -96,11 +97,11 @@ def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:
             yield from wrapped(str(note), "  ")
 
 
-def torque_text(balances: Iterable[TorqueBalance]) -> Iterator[str]:
-    """What the parts of the model explain of the torque of each log, in words."""
-    for balance in balances:
+def twin_text(found: TwinFindings) -> Iterator[str]:
+    """What the parts of the model explain of each log, and how far it is off when it is simulated, in words."""
+    for words in (*map(describe_balance, found.balances), *found.run_words):
         yield ""
-        yield from wrapped(describe_balance(balance))
+        yield from wrapped(words)
 
 
 def _friction_row(row: FrictionRow) -> tuple[str, ...]:

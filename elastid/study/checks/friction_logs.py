@@ -25,6 +25,7 @@ def check_friction_logs(study: Study, recorded: RecordedSpec, base: Path) -> Ite
         message = "friction depends on velocities, which need the sampling rate; give it in Hz"
         yield Problem((*_RECORDED, "rate_hz"), message)
     yield from _check_joints(study, recorded)
+    yield from _check_controller(study, recorded)
     if isinstance(study.as_friction().passes, PassesSpec):
         message = "speeds, count and window are of passes that are still to be made; logs have passes: detect"
         yield Problem(("friction", "passes"), message, at_key=True)
@@ -52,6 +53,23 @@ def _check_joints(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
                 "joint out of friction.joints",
                 at_key=True,
             )
+
+
+def _check_controller(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
+    """A controller has gains for all joints and a reference in the logs, and a reference a controller."""
+    controller, path = recorded.controller, (*_RECORDED, "controller")
+    has_reference = any(channel.role == "reference" for channel in recorded.channels)
+    if controller is None:
+        if has_reference:
+            message = "the reference of the logs is of no use without its controller; give controller, or leave it out"
+            yield Problem((*_RECORDED, "channels"), message, at_key=True)
+        return
+    key, refused = controller.refusal(len(study.as_robot().driven))
+    if refused:
+        yield Problem((*path, key), refused)
+    if not has_reference:
+        message = "no channel has role reference, so that nothing tells what the controller was asked for; add it"
+        yield Problem(path, message, at_key=True)
 
 
 def _is_position(channel: ChannelSpec, joint: str) -> bool:

@@ -19,14 +19,16 @@ from elastid.study.yaml_source import KeyPath
 WITHOUT_PERIOD = ("auto", "local_polynomial", "local_rational", "h1", "h2", "hv")
 # A folder with more files than this is not listed in a message.
 MAX_LISTED = 20
+_RECORDED: KeyPath = ("experiment", "recorded")
 
 
 def check_recorded(study: Study, recorded: RecordedSpec, base: Path) -> Iterator[Problem]:
     """Log files exist, no run of the robot is given twice; channels are on the robot; the method suits the period."""
-    path: KeyPath = ("experiment", "recorded")
+    path = _RECORDED
     yield from check_files(study, recorded.files, path, base)
     yield from check_channels(study, recorded.channels, path)
     yield from _check_method(study, recorded)
+    yield from _check_reference(recorded)
     seen: dict[tuple[str, int, int], str] = {}
     for i, file in enumerate(recorded.files):
         run = (file.configuration, file.realisation, file.experiment)
@@ -49,6 +51,16 @@ def _check_method(study: Study, recorded: RecordedSpec) -> Iterator[Problem]:
             "experiment.recorded.period (a time, or find), or take a method that needs none: "
             f"{', '.join(WITHOUT_PERIOD)}",
         )
+
+
+def _check_reference(recorded: RecordedSpec) -> Iterator[Problem]:
+    """Reference and controller are of motions; a multisine is judged under its own torque."""
+    said = "belongs to studies of friction; here the model is simulated under the torque of the log: leave it out"
+    if recorded.controller is not None:
+        yield Problem((*_RECORDED, "controller"), f"a controller {said}", at_key=True)
+    for i, channel in enumerate(recorded.channels):
+        if channel.role == "reference":
+            yield Problem((*_RECORDED, "channels", i, "role"), f"role reference {said}")
 
 
 def check_responses(study: Study, responses: ResponsesSpec, base: Path) -> Iterator[Problem]:
@@ -97,7 +109,7 @@ def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath)
     seen: set[tuple[str, str, int]] = set()
     for i, channel in enumerate(channels):
         here: KeyPath = (*path, "channels", i)
-        if channel.role in ("r", "u") and channel.at not in motors:
+        if channel.role in ("r", "u", "reference") and channel.at not in motors:
             yield unknown((*here, "at"), "motor" if study.robot else "input", channel.at, motors)
         else:
             yield from check_place((*here, "at"), channel.at, places)

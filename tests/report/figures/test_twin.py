@@ -1,15 +1,20 @@
-"""The figure of a torque part by part shows the numbers that it is drawn from, and the file keeps all of them."""
+"""The figures of a twin show the numbers that they are drawn from, and the file keeps all of them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from plants.friction_study import friction_result
+from plants.friction_study import friction_content, friction_result
 from plants.report_values import lines_of
 
+from elastid.base.arrays import FloatArray
 from elastid.report.figures.twin import torque_balance_figure
+from elastid.report.figures.twin_run import twin_run_figure
+from elastid.report.page.page_of_friction import html_of_friction
 from elastid.store.friction_study import FRICTION, write_friction_result
-from elastid.store.twin import read_balances
+from elastid.store.twin import read_twin
 from elastid.validation.twin import DRY, INERTIA, TorqueBalance, torque_balance
+from elastid.validation.twin_run import LINK, MOTION, TORQUE, SignalKind, TwinFindings, TwinRun, twin_signal
 
 
 def balance() -> TorqueBalance:
@@ -33,9 +38,42 @@ def test_lines_are_the_torques_and_bars_are_left_and_power_by_octave() -> None:
     assert [text.get_text() for text in left.get_xticklabels()][-1] == "16–32"
 
 
-def test_a_balance_comes_back_from_its_file(tmp_path: Path) -> None:
-    path = tmp_path / "friction.h5"
-    write_friction_result(path, friction_result(), balances=[balance()])
-    assert repr(read_balances(path, FRICTION)) == repr((balance(),))
+def run() -> TwinRun:
+    """Motion, torque and link of a motor, and those of another; without friction only the motion of the first."""
+    t = np.arange(1000) / 200.0
+    slow, fast = np.sin(2 * np.pi * 3 * t), np.sin(2 * np.pi * 20 * t)
+    rows: list[tuple[SignalKind, str, FloatArray | None]] = [
+        (MOTION, "motor 1", 0.5 * slow), (TORQUE, "motor 1", None), (LINK, "joint 1", None), (TORQUE, "motor 2", None),
+    ]  # fmt: skip
+    signals = tuple(
+        twin_signal(kind, place, "N*m", (slow + 0.1 * fast, slow, free), 200.0, (0.0, 32.0))
+        for kind, place, free in rows
+    )
+    return TwinRun("log", "torque", 0.5, 5.0, 200.0, signals)
+
+
+def test_a_run_is_drawn_over_time_and_by_octave() -> None:
+    """The part about the largest error of the torque, and a bar for each octave."""
+    figure = twin_run_figure(run(), "motor 1")
+    over_time, by_octave = figure.axes[0], figure.axes[1]
+    assert len(figure.axes) == 6
+    lines = lines_of(over_time)
+    assert set(lines) == {"measured", "simulated", "simulated without friction"}
+    assert len(lines["measured"].get_ydata()) == 250
+    bars = [[bar.get_height() for bar in each] for each in by_octave.containers]
+    bands = run().signals[0].bands
+    np.testing.assert_allclose(bars[0], [100 * band.error for band in bands])
+    np.testing.assert_allclose(bars[1], [100 * band.error_without_friction for band in bands])
+
+
+def test_both_come_back_from_their_file_and_are_on_the_page(tmp_path: Path) -> None:
+    path, twin = tmp_path / "friction.h5", TwinFindings((balance(),), (run(), replace(run(), signals=(), lost="fast")))
+    write_friction_result(path, friction_result(), twin=twin)
+    assert repr(read_twin(path, FRICTION)) == repr(twin)
     write_friction_result(path, friction_result())
-    assert read_balances(path, FRICTION) == ()
+    assert read_twin(path, FRICTION) == TwinFindings()
+    html = html_of_friction(replace(friction_content(), twin=twin), ())
+    assert "Twin against its log" in html
+    assert "the twin is lost: fast" in html
+    assert html.count('<td class="text">link motion</td>') == 1
+    assert "Twin against its log" not in html_of_friction(friction_content(), ())

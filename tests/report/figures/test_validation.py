@@ -9,7 +9,7 @@ from plants.report_values import lines_of, pair, replays, report_content
 from elastid.report.figures.validation import left_out_errors, model_errors, replay_signals
 from elastid.report.page.page import rendered
 from elastid.validation.agreement import validate
-from elastid.validation.results import ComparedModel, Comparison
+from elastid.validation.comparison import ComparedModel, Comparison
 
 
 def test_the_heat_maps_show_every_error_where_it_belongs():

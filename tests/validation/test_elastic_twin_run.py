@@ -1,0 +1,141 @@
+"""The twin of a robot along a simulated record: with the true numbers it is off by the noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.model.formulation import EXACT
+from elastid.record import Configuration, Record
+from elastid.robot import Body, Friction, Joint, LuGre, Motor, Robot, Spring
+from elastid.robot.simplified import without_friction
+from elastid.validation.elastic_twin_run import FittedTwin, elastic_runs
+from elastid.validation.twin_run import LINK, MOTION, TORQUE, TwinRun, describe_run
+
+TORQUE_STD, ANGLE_STD = 0.5, 2e-6
+BAND_HZ = (2.0, 45.0)
+PERIOD, RATE_HZ = 1000, 500.0
+
+
+def arm(stiffness: float = 3e4, friction: Friction = Friction(0.08)) -> Robot:  # noqa: B008
+    """A link that hangs on an elastic joint, with friction at its motor: 8 Nm on the link side."""
+    joint = Joint("1", "y", Spring(stiffness, 15.0), Motor(2e-4, 100.0, viscous=1e-3, friction=friction))
+    body = Body("link", joints=(joint,), mass=12, center_of_mass=(0, 0, -0.4), inertia=0.5)
+    return Robot("arm", (body,), gravity=(0.0, 0.0, -9.81))
+
+
+def rig_of(robot: Robot) -> SimulatedRig:
+    """One experiment of odd lines, over a slow movement so that friction slides, with noise of torque and angles."""
+    lines = np.arange(9, 90, 2)
+    phases = np.exp(2j * np.pi * np.random.default_rng(3).random(len(lines)))
+    R = (60.0 / np.sqrt(len(lines) / 2) * phases)[None, None, None, :, None]
+    plan = Plan((Configuration("c1", np.array([0.3])),), ("motor 1",), RATE_HZ, PERIOD, 2, 2, lines, R)
+    spec = SimulatedSpec(
+        outputs=("motor 1", "joint 1"),
+        carrier=CarrierSpec(amplitude=0.02, cycles=2),
+        substeps=4,
+        noise=NoiseSpec(torque_std=TORQUE_STD, angle_std=ANGLE_STD),
+    )
+    return SimulatedRig(robot, ExperimentSpec({"c1": (0.3,)}, simulated=spec), plan, 1)
+
+
+@pytest.fixture(scope="module")
+def measured() -> tuple[SimulatedRig, Record]:
+    rig = rig_of(arm())
+    return rig, rig.measure(rig.experiments[0])
+
+
+def errors(run: TwinRun) -> dict[str, float]:
+    return {signal.kind: signal.error for signal in run.signals}
+
+
+def noise_share(record: Record, signal: np.ndarray, std: float) -> float:
+    """Noise within the band over the signal within the band."""
+    inside = np.zeros(PERIOD // 2 + 1, dtype=bool)
+    inside[int(BAND_HZ[0] * PERIOD / RATE_HZ) : int(BAND_HZ[1] * PERIOD / RATE_HZ) + 1] = True
+    spectrum = np.where(inside, np.fft.rfft(signal[-PERIOD:]), 0)
+    return float(std * np.sqrt(2 * inside.sum() / PERIOD) / np.std(np.fft.irfft(spectrum, PERIOD)))
+
+
+def test_the_true_twin_is_off_by_the_noise_and_without_friction_by_far_more(
+    measured: tuple[SimulatedRig, Record],
+) -> None:
+    """Under the reference by the noise of each signal; under the torque motions by what its noise moves besides."""
+    rig, record = measured
+    under_torque, followed = elastic_runs(record, FittedTwin(arm(), 0.0, EXACT), BAND_HZ, rig)
+    assert (under_torque.drive, followed.drive) == ("torque", "reference")
+    expected = noise_share(record, record.u[:, 0], TORQUE_STD)
+    assert errors(followed)[TORQUE] == pytest.approx(expected, rel=0.25)
+    for kind, column in ((MOTION, 0), (LINK, 1)):
+        # The loop reads the noise of its own encoder.
+        assert errors(followed)[kind] < 2 * noise_share(record, record.y[:, column], ANGLE_STD)
+        assert errors(under_torque)[kind] < 5 * expected
+    assert errors(under_torque)[TORQUE] < expected
+    assert under_torque.held_hz == pytest.approx(0.4)
+    for run in (under_torque, followed):
+        motion = run.of(MOTION)[0]
+        assert motion.error_without_friction > 10 * motion.error
+        assert max(band.error for band in motion.bands) < 0.2
+    assert "without friction" in describe_run(followed)
+    assert "driven by its reference through its controller" in describe_run(followed)
+
+
+def test_a_softer_spring_is_seen_where_it_counts(measured: tuple[SimulatedRig, Record]) -> None:
+    """4 % of stiffness: the motor's angle is most off in the octaves of antiresonance and resonance."""
+    _, record = measured
+    (run,) = elastic_runs(record, FittedTwin(arm(0.96 * 3e4), 0.0, EXACT), BAND_HZ, None)
+    bands = run.of(MOTION)[0].bands
+    assert max(band.error for band in bands[:2]) < 0.5 * min(band.error for band in bands[2:])
+    assert run.of(MOTION)[0].worst == max(bands, key=lambda band: band.error)
+
+
+def test_a_band_limited_torque_with_a_delay_is_driven_as_it_acts(measured: tuple[SimulatedRig, Record]) -> None:
+    """The held torque as a band-limited log has it: weaker by its sinc and half a sample later; and 1 ms more."""
+    _, record = measured
+    freq_hz = np.fft.rfftfreq(record.n_samples, 1 / RATE_HZ)
+    late = record.hold_response(freq_hz) * np.exp(2j * np.pi * freq_hz * 1e-3)[:, None]
+    u = np.fft.irfft(np.fft.rfft(record.u, axis=0) * late, record.n_samples, axis=0)
+    smooth = replace(record, u=u, hold="band-limited")
+    (run,) = elastic_runs(smooth, FittedTwin(arm(), 1e-3, EXACT), BAND_HZ, None)
+    assert errors(run)[MOTION] < 0.02
+    (unaware,) = elastic_runs(smooth, FittedTwin(arm(), 0.0, EXACT), BAND_HZ, None)
+    assert errors(unaware)[MOTION] > 3 * errors(run)[MOTION]
+
+
+def test_bristles_and_a_record_without_a_period_are_followed_from_their_start(
+    measured: tuple[SimulatedRig, Record],
+) -> None:
+    """LuGre's law under the torque, from the middle of a motion on: friction has slid so for long."""
+    bristly = arm(friction=Friction(0.08, lugre=LuGre(30.0, 0.02)))
+    rig = rig_of(bristly)
+    record = rig.measure(rig.experiments[0])
+    twin = FittedTwin(bristly, 0.0, EXACT)
+    (periodic,) = elastic_runs(record, twin, BAND_HZ, None)
+    assert errors(periodic)[MOTION] < 0.02
+    assert periodic.of(MOTION)[0].error_without_friction > 10 * errors(periodic)[MOTION]
+    (once,) = elastic_runs(replace(record, is_periodic=False, period_samples=record.n_samples), twin, BAND_HZ, None)
+    assert once.seconds == record.n_samples / RATE_HZ
+    # Speed and deflection of the link are not in the log: what they begin with fades at low frequencies.
+    assert max(band.error for band in once.of(MOTION)[0].bands) < 0.05
+
+
+def test_a_twin_that_runs_away_is_said_to_be_lost(measured: tuple[SimulatedRig, Record]) -> None:
+    """A motor of a fortieth of its inertia is unstable in the same sampled loop; stiff friction is too fast."""
+    rig, record = measured
+    smooth = without_friction(arm())
+    body, (joint,) = smooth.bodies[0], smooth.driven
+    assert joint.motor is not None
+    light = replace(joint, motor=replace(joint.motor, inertia=5e-6))
+    twin = FittedTwin(replace(smooth, bodies=(replace(body, joints=(light,)),)), 0.0, EXACT)
+    under_torque, followed = elastic_runs(record, twin, BAND_HZ, rig)
+    assert not under_torque.lost
+    assert followed.lost.startswith("configuration c1")
+    assert not followed.signals
+    assert "the twin is lost: configuration c1" in describe_run(followed)
+    assert elastic_runs(replace(record, rate_is_known=False), twin, BAND_HZ, rig) == ()
+    (stiff,) = elastic_runs(record, FittedTwin(arm(friction=Friction(8.0)), 0.0, EXACT), BAND_HZ, None)
+    assert "steps in a sample of 500 Hz, and 40 are affordable" in stiff.lost

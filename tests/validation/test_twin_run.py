@@ -1,0 +1,62 @@
+"""Errors of a twin's signals over time and by octave, and what is said of them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from elastid.validation.twin_run import MOTION, NO_CONTROLLER, TORQUE, TwinFindings, TwinRun, describe_run, twin_signal
+
+RATE_HZ, N = 200.0, 2000
+
+
+def waves(*amplitudes: float) -> np.ndarray:
+    """At 3, 6 and 20 Hz."""
+    t = np.arange(N) / RATE_HZ
+    return np.sum([a * np.sin(2 * np.pi * f * t) for a, f in zip(amplitudes, (3.0, 6.0, 20.0), strict=True)], axis=0)
+
+
+def run(**changes: object) -> TwinRun:
+    """10 % off at 6 Hz, all of 20 Hz missing; without friction off by half at 3 Hz too."""
+    three = waves(4, 2, 1) + 7.0, waves(4, 1.8, 0) + 7.0, waves(2, 1.8, 0) + 7.0
+    signals = (twin_signal(MOTION, "motor 1", "rad", three, RATE_HZ, (0.0, 32.0)),)
+    return TwinRun("log", "torque", 0.5, 10.0, RATE_HZ, **{"signals": signals, **changes})  # type: ignore[arg-type]
+
+
+def test_errors_are_over_the_signal_about_its_mean_and_by_octave() -> None:
+    signal = run().signals[0]
+    assert signal.error == pytest.approx(math.sqrt((0.2**2 + 1) / 21))
+    assert signal.error_without_friction == pytest.approx(math.sqrt((2**2 + 0.2**2 + 1) / 21))
+    bands = {(band.low_hz, band.high_hz): band for band in signal.bands}
+    assert bands[2.0, 4.0].error == pytest.approx(0.0, abs=1e-6)
+    assert bands[2.0, 4.0].error_without_friction == pytest.approx(0.5, rel=1e-3)
+    assert bands[4.0, 8.0].error == pytest.approx(0.1, rel=1e-3)
+    assert bands[16.0, 32.0].error == pytest.approx(1.0, rel=1e-3)
+    assert bands[16.0, 32.0].power == pytest.approx(1 / 21, rel=1e-3)
+    assert signal.worst is bands[16.0, 32.0]
+
+
+def test_the_words_have_the_numbers_and_what_holds_the_twin() -> None:
+    text = describe_run(run())
+    assert "over 10 s of log, driven by its torque, held on the log by a loop of 0.5 Hz" in text
+    assert "motor angle 22.3 % (without friction 49 %)" in text
+    assert "worst from 16 to 32 Hz in the motor angle of motor 1: 100 % of what is there" in text
+    assert "Without friction it is lost: too fast." in describe_run(run(lost_without_friction="too fast"))
+
+
+def test_a_lost_twin_and_a_missing_controller_are_said_once() -> None:
+    lost = TwinRun("log", "reference", 0.0, 10.0, RATE_HZ, lost="motor 1 is lost 2 s after the start")
+    assert describe_run(lost).endswith("the twin is lost: motor 1 is lost 2 s after the start.")
+    assert TwinFindings(runs=(run(), run())).run_words[-1] == NO_CONTROLLER
+    assert NO_CONTROLLER not in TwinFindings(runs=(run(), lost)).run_words
+    assert TwinFindings().run_words == ()
+
+
+def test_a_twin_without_friction_to_leave_has_no_number_for_it() -> None:
+    signal = twin_signal(TORQUE, "motor 1", "N*m", (waves(4, 2, 1), waves(4, 2, 1), None), RATE_HZ, (0.0, 32.0))
+    assert signal.error == 0.0
+    assert math.isnan(signal.error_without_friction)
+    assert "without" not in describe_run(run(signals=(signal,)))
+    with pytest.raises(ValueError, match=r"torque at motor 1: measured \(2000,\), simulated \(3,\)"):
+        replace(signal, simulated=signal.simulated[:3])
