@@ -26,6 +26,8 @@ class Console:
         self._log = logging.getLogger("elastid.app.run")
         self._log.propagate = False
         self._log.setLevel(logging.DEBUG)
+        if not self._log.handlers:  # without one Python itself prints what is logged as a warning
+            self._log.addHandler(logging.NullHandler())
 
     @contextmanager
     def logging_to(self, folder: Path) -> Iterator[None]:

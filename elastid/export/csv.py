@@ -64,8 +64,9 @@ def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
         found = modes(linear, model.theta)
         sure = uncertain_modes(linear, fit.parameters, fit.x, fit.covariance)
         columns = (each.tolist() for each in (found.freq_hz, found.zeta, sure.freq_std, sure.zeta_std))
-        for i, row in enumerate(zip(*columns, strict=True), start=1):
-            yield linear.configuration.name, i, *row
+        for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
+            # A mode of held numbers alone has no std.
+            yield linear.configuration.name, i, *values, freq_std or "", zeta_std or ""
 
 
 def _response(of: FrequencyResponse, G: ComplexArray, variance: FloatArray | None) -> Iterable[Sequence[Any]]:
