@@ -19,8 +19,10 @@ from elastid.fit.weights.smoothed_noise import SmoothedNoise
 # How often a verdict speaks against a true model.
 FALSE_ALARM = 0.01
 LAGS = (1, 2, 3)
-# Draws of random phases for the mean and scatter of the autocorrelations of white residuals.
-PHASE_DRAWS = 400
+# Draws of random phases for the scatter of the autocorrelations of white residuals, least and most, and of so many
+# values together.
+PHASE_DRAWS = (400, 2000)
+MAX_DRAWN_VALUES = 2_000_000
 
 
 def whitening(noise: SmoothedNoise) -> ComplexArray:
@@ -86,23 +88,31 @@ def falls_short_by_chance(ratio: float, dof: float) -> float:
 def white_by_chance(z: ComplexArray) -> float:
     r"""P(as much correlation between neighbouring lines) of whitened residuals z (F, m); NaN of too few lines.
 
-    .. math:: T = \sum_{l=1}^{3} \sum_a \frac{|\sum_k \bar z_{ka} z_{k+l,a}|^2}{\sum_k |z_{ka}|^2 |z_{k+l,a}|^2}
+    .. math:: T = \sum_{l=1}^{3} \sum_{a=1}^{m} \frac{|\sum_k \bar z_{ka} z_{k+l,a}|^2}{\sum_k |z_{ka}|^2 |z_{k+l,a}|^2}
 
-    held against a gamma distribution with the mean and variance of T when every line is turned by a random phase, the
-    same for all elements: magnitudes and correlations between elements stay, those along frequency vanish.
+    held against its distribution when every line is turned by a random phase, the same for all elements: magnitudes and
+    correlations between elements stay, those along frequency vanish. Its mean is 3 m; with the variance and the third
+    moment of such draws it is a shifted gamma distribution (Pearson's type III), whose tail is that of T: lags depend
+    on each other, and elements are correlated, so that two moments would call white residuals coloured too often.
     """
     z = z[:, np.any(z != 0, axis=0)]
     if len(z) <= max(LAGS) + 1 or not z.size:
         return math.nan
-    turns = np.exp(2j * np.pi * np.random.default_rng(0).random((PHASE_DRAWS, len(z))))
-    found, drawn = 0.0, np.zeros(PHASE_DRAWS)
+    draws = int(np.clip(MAX_DRAWN_VALUES // z.size, *PHASE_DRAWS))
+    turns = np.exp(2j * np.pi * np.random.default_rng(0).random((draws, len(z))))
+    found, drawn = 0.0, np.zeros(draws)
     for lag in LAGS:
         product = z[:-lag].conj() * z[lag:]
         scale = np.maximum(np.sum(np.abs(product) ** 2, axis=0), 1e-300)
         found += float(np.sum(np.abs(product.sum(axis=0)) ** 2 / scale))
         drawn += np.sum(np.abs((turns[:, :-lag].conj() * turns[:, lag:]) @ product) ** 2 / scale, axis=1)
-    mean, variance = float(drawn.mean()), float(drawn.var())
-    return float(gammaincc(mean**2 / variance, found * mean / variance))
+    mean = float(len(LAGS) * z.shape[1])
+    variance, third = float(np.mean((drawn - mean) ** 2)), float(np.mean((drawn - mean) ** 3))
+    third = max(
+        third, 2 * variance**2 / mean
+    )  # of a gamma distribution from zero on, the least that sums of squares have
+    shape = 4 * variance**3 / third**2
+    return float(gammaincc(shape, max(0.0, shape + math.sqrt(shape / variance) * (found - mean))))
 
 
 def together(p: Sequence[float] | FloatArray) -> float:
