@@ -78,6 +78,7 @@ def test_a_response_without_covariance_says_that_its_noise_is_unknown(measured, 
     assert "measure two periods or more" in found.meaning
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_of_values(measured, result) -> None:
     """Bode with the model dense and its band, parameters, friction curve; a notebook shows each as a picture."""
     model = result.model("c1")

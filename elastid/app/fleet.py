@@ -31,7 +31,7 @@ MEMBERS = "members"
 ATTEMPTS = 2
 DIED = f"its worker died {ATTEMPTS} times, perhaps for lack of memory; run it alone, or with fewer --jobs"
 # How studies end whose numbers are compared: of elasticity and of friction.
-COMPARED = ("converged", "at_bound", "identified", "partly")
+COMPARED = ("converged", "noise_unknown", "at_bound", "identified", "partly")
 # Members that a message names.
 MAX_LISTED = 5
 

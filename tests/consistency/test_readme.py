@@ -34,20 +34,24 @@ def test_every_block_says_its_language() -> None:
     assert README.count("```") == 2 * len(BLOCKS)
 
 
-def test_the_study_of_the_readme_is_one_and_its_links_lead_somewhere(tmp_path: Path) -> None:
-    """Beside the robot and the logs that its template brings; every linked file is there."""
+def test_the_study_of_the_readme_is_that_of_its_template(tmp_path: Path) -> None:
+    """Beside the robot and the logs that the template brings; the commands run the template's own."""
     study = scaffold.new(tmp_path / "mystudy", "recorded")
+    template = load(study).study
     (text,) = blocks("yaml")
     study.write_text(text)
-    assert list(load(study).study.fit.parameters) == ["k_1", "d_1", "Jm_1", "I_load", "fm_1"]
-    linked = re.findall(r"\]\(([^)#:]+)\)", README)
-    assert [path for path in linked if not (ROOT / path).exists()] == []
+    assert load(study).study == template
+
+
+def test_links_of_the_readme_lead_somewhere() -> None:
+    """Every linked file is there."""
+    assert [path for path in re.findall(r"\]\(([^)#:]+)\)", README) if not (ROOT / path).exists()] == []
 
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
-    """The commands, the study that is printed and the Python, in this order and in one copy of the repository."""
+    """The commands and the Python, in this order and in one copy of the repository."""
     folder = tmp_path / "elastid"
     shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".*", "runs", "__pycache__"))
     for name, line in STAND_INS.items():
@@ -59,7 +63,6 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
         run(folder, "bash", "-e", "-o", "pipefail", "-c", text)
     check_demo(folder / "runs" / "demo")
     check_library(folder)
-    check_printed_study(folder)
     assert (folder / "runs" / "friction_of_an_axis" / "report.html").stat().st_size > 50_000
 
 
@@ -107,12 +110,3 @@ def check_library(folder: Path) -> None:
     said = run(folder, sys.executable, "scripts/examples/ex05_run_folder_in_a_notebook.py", "runs/demo")
     assert "Fit: converged" in said
     assert "natural frequency in Hz" in said
-
-
-def check_printed_study(folder: Path) -> None:
-    """The YAML beside the template's robot and logs finds what the template finds."""
-    (text,) = blocks("yaml")
-    (folder / "mystudy" / "short.yml").write_text(text.replace("name: recorded", "name: short"))
-    run(folder, "uv", "run", "elastid", "run", "mystudy/short.yml")
-    printed, own = (json.loads((folder / "runs" / of / "summary.json").read_text()) for of in ("short", "recorded"))
-    assert printed["parameters"] == own["parameters"]
