@@ -140,10 +140,10 @@ def _dynamics(
     """Largest |holding torque| over the window, inertia, and damping k_d of the loop."""
     model = model_of(robot)
     q0 = _middle(robot, index, posture.name, tuple(posture.angles.tolist()), sum(window) / 2)
-    position = np.tile(model.B.T @ q0, (WINDOW_POINTS, 1))
-    position[:, index] = np.linspace(*window, WINDOW_POINTS)
-    still = np.zeros_like(position)
-    holding = feed_forward(model, q0, position, still, still)[:, index]
+    moved = np.zeros((WINDOW_POINTS, model.n_u))
+    moved[:, index] = np.linspace(*window, WINDOW_POINTS) - sum(window) / 2
+    still = np.zeros_like(moved)
+    holding = feed_forward(model, q0, moved, still, still)[:, index]
     gains = tune(model, q0, controller.bandwidth_hz, controller.damping_ratio)
     inertia = gains.kp[index] / (2 * math.pi * controller.bandwidth_hz) ** 2
     return float(np.abs(holding).max()), float(inertia), float(gains.kd[index])

@@ -53,6 +53,12 @@ def test_a_prismatic_axis_has_mass_and_friction_by_direction(tmp_path: Path) -> 
     )
     assert torque["left_without_friction"] == pytest.approx(0.49, abs=0.01)
     assert torque["left"] < 0.001
+    # Simulated forwards: under the log's force, and under its reference through its controller.
+    under_force, followed = ({s["signal"]: s for s in run["signals"]} for run in summary["twin"])
+    assert under_force["motor angle"]["error"] == pytest.approx(0.0036, abs=0.0005)
+    assert under_force["motor angle"]["error_without_friction"] == pytest.approx(0.42, abs=0.02)
+    assert followed["torque"]["error"] == pytest.approx(0.030, abs=0.003)
+    assert followed["torque"]["error_without_friction"] == pytest.approx(0.70, abs=0.02)
     (refused,) = (each["reason"] for each in summary["not_identified"] if each["part"] == "stribeck")
     assert refused.startswith("the motion dwells at 3 speeds")
     assert load_robot(tmp_path / "run" / "identified_robot.yml").driven[0].motor.viscous > 0  # type: ignore[union-attr]
@@ -114,6 +120,12 @@ def test_six_axes_have_friction_with_the_error_of_their_rigid_body(tmp_path: Pat
     rigid = [torque[f"joint {joint}"]["shares"]["rigid body"] for joint in range(1, 7)]
     assert rigid == pytest.approx([0.297, 0.820, 0.906, 0.031, 0.754, 0.087], abs=0.01)
     assert all(each["left"] < 0.05 < each["left_without_friction"] for each in torque.values())
+    (twin,) = summary["twin"]
+    assert twin["driven_by"] == "torque"
+    errors = {(s["signal"], s["place"]): (s["error"], s["error_without_friction"]) for s in twin["signals"]}
+    motors = [errors["motor angle", f"motor {joint}"] for joint in range(1, 7)]
+    assert all(error < 0.06 < without for error, without in motors)
+    assert [errors["link motion", f"joint {joint}"][0] < 0.06 for joint in range(1, 4)] == [True] * 3
     # Friction that reverses at once: above 5 Hz the model without it leaves less of axis 4.
     top = torque["joint 4"]["bands"][-1]
     assert top["low_hz"] == 5

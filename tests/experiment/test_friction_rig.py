@@ -10,12 +10,16 @@ import pytest
 from plants.friction_axis import LAW, axis, rig
 
 from elastid.base.errors import StudyError
+from elastid.experiment.simulated.friction_run import holding_torque
 from elastid.experiment.simulated.heating import heat_of
 from elastid.experiment.specs.heat import HeatSpec
 from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
 from elastid.friction_fit.pass_levels import find_levels
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec
+from elastid.linear.equilibrium import equilibrium
+from elastid.model.formulation import formulate
+from elastid.record import Configuration
 from elastid.robot import TemperatureDependence
 from elastid.robot.friction_numbers import friction_numbers
 
@@ -117,3 +121,12 @@ def test_what_the_rig_cannot_do_is_said() -> None:
     coarse = rig(FrictionSpec(rate_hz=50.0, passes=PASSES), substeps=1)
     with pytest.raises(StudyError, match=r"substeps: 1 steps a sample .* or raise friction.rate_hz"):
         coarse.measure(coarse.motions[0])
+
+
+def test_the_holding_torque_of_a_posture_is_that_of_its_equilibrium() -> None:
+    """In the posture of the start, and in another to the sag of the spring, which is that of the start."""
+    robot = axis()
+    model = formulate(robot)
+    there, elsewhere = (equilibrium(model, model.theta, Configuration("p", np.array([q]))) for q in (0.8, -0.4))
+    found = holding_torque(model, there, 0, np.array([0.8, -0.4]))
+    np.testing.assert_allclose(found[:, 0], [there.u[0], elsewhere.u[0]], rtol=4e-3)

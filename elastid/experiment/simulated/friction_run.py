@@ -76,7 +76,8 @@ class FrictionRun:
         position += self.point.configuration.angles
         position[:, i], velocity[:, i] = self.path.position, self.path.velocity
         acceleration[:, i], injected[:, i] = self.path.acceleration, self.path.torque
-        torque = injected + feed_forward(model, self.point.q, position, velocity, acceleration)
+        moved = position - self.point.configuration.angles
+        torque = injected + feed_forward(model, self.point.q, moved, velocity, acceleration)
         commands = Commands(position, velocity, torque, noise.disturbance, noise.reading)
         bandwidth_hz = controller.bandwidth_hz
         if self.motion.planned is None and self.motion.period_samples is not None:
@@ -118,7 +119,7 @@ class FrictionRun:
 
 def holding_torque(model: ElasticModel, point: OperatingPoint, index: int, position: FloatArray) -> FloatArray:
     """u (m, n_u) that holds the robot with one joint at positions (m,), the others as in the operating point."""
-    every = np.tile(point.configuration.angles, (len(position), 1))
-    every[:, index] = position
-    still = np.zeros_like(every)
-    return feed_forward(model, point.q, every, still, still)
+    moved = np.zeros((len(position), model.n_u))
+    moved[:, index] = position - point.configuration.angles[index]
+    still = np.zeros_like(moved)
+    return feed_forward(model, point.q, moved, still, still)
