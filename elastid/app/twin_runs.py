@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from elastid.app.identified_robot import with_found_friction, with_identified_friction
+from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.fitted_robot import robots_by_group
-from elastid.friction_fit.result import FrictionResult
-from elastid.friction_record import FrictionRecords
 from elastid.linear.linear_model import DELAY
 from elastid.store import read_configurations, read_fit, read_friction, read_plan, read_records, read_responses
-from elastid.study import Study
 from elastid.validation.elastic_twin_run import FittedTwin, elastic_runs
-from elastid.validation.friction_twin_run import friction_runs
 from elastid.validation.twin_run import TwinRun
 
 
@@ -31,13 +27,6 @@ def runs_of_fit(run: Run) -> tuple[TwinRun, ...]:
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
     return elastic_runs(record, FittedTwin(moved, numbers.get(DELAY, 0.0), study.model), band_hz, _rig(run))
-
-
-def runs_of_friction(study: Study, result: FrictionResult, measured: FrictionRecords) -> tuple[TwinRun, ...]:
-    """Along the first log of each group of joints that moved together."""
-    recorded = study.experiment.recorded
-    robot = with_identified_friction(study, result)
-    return friction_runs(robot, result.joints, measured, None if recorded is None else recorded.controller)
 
 
 def _rig(run: Run) -> SimulatedRig | None:

@@ -19,7 +19,6 @@ from itertools import pairwise
 from typing import Final, Literal, TypeAlias
 
 import numpy as np
-from scipy.signal.windows import hann
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.validation.twin import MIN_POWER_SHARE, TorqueBalance, octaves
@@ -149,7 +148,7 @@ def _band_errors(
 ) -> list[BandError]:
     measured, simulated, free = signals
     n = len(measured)
-    window, freq_hz = hann(n, sym=False), np.fft.rfftfreq(n, 1 / rate_hz)
+    window, freq_hz = np.hanning(n + 1)[:-1], np.fft.rfftfreq(n, 1 / rate_hz)
     power = np.abs(np.fft.rfft(window * (measured - measured.mean()))) ** 2
     errors = [
         np.full(len(freq_hz), np.nan) if each is None else np.abs(np.fft.rfft(window * (measured - each))) ** 2
