@@ -55,7 +55,7 @@ def power_over_noise(
     """
     measured = noise.measured
     S = whiten @ measured.full() @ np.swapaxes(whiten, -1, -2).conj()
-    own = noise.own_variance if noise.matrix is None else noise.own_matrix
+    own = noise.own_variance if noise.is_diagonal else noise.own_matrix
     expected = float(np.sum(np.einsum("faa->f", S).real / np.maximum(1 - own / measured.dof, 0.1)))
     n = int(np.count_nonzero(z))
     return (float(np.sum(np.abs(z) ** 2)) + beside) / max(expected, 1e-300), 2 * n / (1 + noise.repeats)

@@ -13,7 +13,10 @@ SCRIPTS = Path(__file__).parents[2] / "scripts"
 EXAMPLES = SCRIPTS / "examples"
 FOLDERS = (SCRIPTS / "benchmarks", SCRIPTS / "studies")
 RUNNABLE = sorted(
-    path for folder in FOLDERS for path in folder.glob("*.py") if path.stem not in ("study_plants", "fast_rig")
+    path
+    for folder in FOLDERS
+    for path in folder.glob("*.py")
+    if path.stem not in ("study_plants", "fast_rig", "timing")
 )
 
 

@@ -47,7 +47,7 @@ def loss(found, C):
 def test_noise_of_outputs_and_torques_is_known_from_two_degrees_of_freedom_a_line(C, dof):
     """The loss is that of 60 and more degrees of freedom of each line (n^2 / (2 dof) each), weights are unbiased."""
     rng = np.random.default_rng(0)
-    found = [smooth_noise(response(rng, C, dof)).matrix[:, :2, :2] for _ in range(10)]
+    found = [smooth_noise(response(rng, C, dof)).covariance[:, :2, :2] for _ in range(10)]
     assert np.mean([loss(one, C) for one in found]) < 4 / (2 * 60) + 0.02
     power = np.mean([np.einsum("fab,fba->f", np.linalg.inv(one), C).real.mean() / 2 for one in found])
     assert power == pytest.approx(1.0, abs=0.03)
@@ -58,14 +58,14 @@ def test_what_the_model_lacks_is_taken_from_the_neighbouring_lines():
     rng, C = np.random.default_rng(1), 0.1 * OUTPUTS + ELSEWHERE
     one = response(rng, C, 6)
     model = noise_model(one.noise.right, NoiseShapes.of(FREQ, one.G, "velocity", None))
-    assert loss(smooth_noise(one).matrix[:, :2, :2], C) < 0.7 * loss(model, C)
+    assert loss(smooth_noise(one).covariance[:, :2, :2], C) < 0.7 * loss(model, C)
 
 
 def test_a_line_that_is_really_noisier_keeps_its_own_level():
     """Mains, 100 times as noisy on one line: it counts for little, its neighbours as before."""
     rng, C = np.random.default_rng(2), (OUTPUTS + TORQUE).copy()
     C[80] *= 100
-    found = smooth_noise(response(rng, C, 4)).matrix[:, :2, :2]
+    found = smooth_noise(response(rng, C, 4)).covariance[:, :2, :2]
     power = np.einsum("fab,fba->f", np.linalg.inv(found), C).real / 2
     assert power[80] < 4
     assert np.all(power[np.r_[76:80, 81:85]] < 2)
@@ -82,7 +82,7 @@ def test_the_measured_covariance_is_corrected_for_its_part_in_its_own_weight():
             weights = weigh(one, FitSpec(weights=WeightSpec(floor=floor)))
             S = weights.noise_covariance()
             power = np.swapaxes(floor * np.abs(one.G), 1, 2).reshape(-1, 4, 1) ** 2
-            total = weights.correlated + power * np.eye(4)
+            total = weights.correlated.full() + power * np.eye(4)
             W = np.linalg.inv(total)
             seen += np.einsum("fab,fba->", W, S).real
             truth = np.einsum("ab,fcd->facbd", np.eye(2), C).reshape(-1, 4, 4)

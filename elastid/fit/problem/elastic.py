@@ -22,7 +22,7 @@ from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_met
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.normal_equations import NormalEquations
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind, as_real, error_gain
-from elastid.fit.weights.full_covariance import whitening
+from elastid.fit.weights.full_covariance import Whitening
 from elastid.fit.weights.weights import Weights
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -39,25 +39,30 @@ MIN_LOG_SIGNAL_TO_NOISE = 2.0
 class Part:
     """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
 
-    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  mixing (F, n_y n_u, n_y n_u):
-    whitens gain e of a line whose elements err together, in the order of G; None where they count one by one.
+    gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
+    gain e of a line whose elements err together; None where they count one by one.
     """
 
     kernel: Kernel
     measured: ComplexArray
     gain: FloatArray
     criterion: ResidualKind
-    mixing: ComplexArray | None = None
+    whitening: Whitening | None = None
 
     @property
     def configuration(self) -> str:
         """The name of the configuration."""
         return self.kernel.model.configuration.name
 
+    @property
+    def mixing(self) -> ComplexArray | None:
+        """(F, n_y n_u, n_y n_u) times gain e of a line, in the order of G, is white; worked out at every call."""
+        return None if self.whitening is None else self.whitening.matrix
+
     @cached_property
     def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
-        return NormalEquations(Columns(self.kernel), self.measured, self.gain, self.criterion, self.mixing)
+        return NormalEquations(Columns(self.kernel), self.measured, self.gain, self.criterion, self.whitening)
 
     @property
     def n_residuals(self) -> int:
@@ -67,13 +72,12 @@ class Part:
     def below(self, edge_hz: float) -> Part:
         """The same without the lines above a frequency."""
         keep = self.kernel.freq_hz <= edge_hz
-        mixing = None if self.mixing is None else self.mixing[keep]
         return replace(
             self,
             kernel=replace(self.kernel, freq_hz=self.kernel.freq_hz[keep]),
             measured=self.measured[keep],
             gain=self.gain[keep],
-            mixing=mixing,
+            whitening=self.whitening and self.whitening.lines(keep),
         )
 
     def whitened(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
@@ -83,7 +87,8 @@ class Part:
         used = self.gain > 0
         r = np.where(used, self.gain * e, 0.0)
         dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
-        return (r, dr) if self.mixing is None else (mixed(self.mixing, r), mixed(self.mixing, dr))
+        mixing = self.mixing
+        return (r, dr) if mixing is None else (mixed(mixing, r), mixed(mixing, dr))
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +200,7 @@ def elastic_fit(
         _part(
             response,
             at_measured_places(model, response),
-            weight if correlated else replace(weight, correlated=None),
+            weight if correlated else replace(weight, is_correlated=False),
             parameters,
             criterion,
         )
@@ -252,11 +257,11 @@ def _part(
         slope = np.where(used, error_gain(criterion, response.G), 1.0)
     error = np.where(used, np.abs(slope) * weights.sigma, np.inf)
     gain = np.sqrt(2 * weights.factor) / error
-    mixing = None
+    whitening = None
     if weights.correlated is not None:
         sigma, floor = np.where(used, weights.sigma, np.inf), weights.floor * np.abs(response.G)
-        mixing = whitening(weights.correlated, floor, sigma, np.conj(slope) / np.abs(slope))
-    return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, mixing)
+        whitening = Whitening(weights.correlated, floor, sigma, np.conj(slope) / np.abs(slope))
+    return Part(kernel, frozen(response.G, np.complex128), frozen(gain), criterion, whitening)
 
 
 def mixed(mixing: ComplexArray, values: ComplexArray) -> ComplexArray:

@@ -21,6 +21,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.problem.triangle import Full, Packed
+from elastid.fit.weights.full_covariance import Whitening
 from elastid.linear.response.derivatives import Columns
 
 
@@ -32,11 +33,11 @@ class NormalEquations:
     measured: ComplexArray
     gain: FloatArray
     criterion: ResidualKind
-    mixing: ComplexArray | None
+    whitening: Whitening | None
 
     def __reduce__(self) -> tuple[type[NormalEquations], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
-        return NormalEquations, (Columns(self.columns.kernel), self.measured, self.gain, self.criterion, self.mixing)
+        return NormalEquations, (Columns(self.columns.kernel), self.measured, self.gain, self.criterion, self.whitening)
 
     def at(
         self, theta: FloatArray, precision: type[np.floating[Any]] = np.float64
@@ -95,7 +96,9 @@ class NormalEquations:
         if self.criterion == "complex":
             r = known.R.residual(block, known.q[block], G)
             return float(known.constant[block].sum() + np.vdot(r, r).real), r, None
-        whitened = self._whitened(block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0])
+        whitened = self._whitened(
+            self._mixing, block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
+        )
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         return float(np.vdot(whitened, whitened).real), self._projected(known.Q[block], whitened), slope
 
@@ -108,15 +111,20 @@ class NormalEquations:
             full[:, columns, rows] = G
         return full
 
-    def _whitened(self, block: slice, e: ComplexArray) -> ComplexArray:
+    @cached_property
+    def _mixing(self) -> ComplexArray | None:
+        """`Part.mixing`, kept for the logarithm, which needs it at every x."""
+        return None if self.whitening is None else self.whitening.matrix
+
+    def _whitened(self, mixing: ComplexArray | None, block: slice, e: ComplexArray) -> ComplexArray:
         """mixing gain e (F, n_y n_u) of some lines."""
         gain = self.gain[block]
         r = np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
-        return r if self.mixing is None else np.asarray((self.mixing[block] @ r[:, :, None])[:, :, 0])
+        return r if mixing is None else np.asarray((mixing[block] @ r[:, :, None])[:, :, 0])
 
     def _projected(self, Q: ComplexArray | FloatArray, whitened: ComplexArray) -> ComplexArray:
         """Q^H of whitened residuals (F, n_y n_u): (F, n_e)."""
-        if self.mixing is not None:
+        if self.whitening is not None:
             return np.asarray((np.swapaxes(Q, 1, 2).conj() @ whitened[:, :, None])[:, :, 0])
         first, second = self._places
         return Q[:, :, 0] * whitened[:, first] + Q[:, :, 1] * whitened[:, second]
@@ -139,20 +147,21 @@ class NormalEquations:
         """R, and what of the data is left with it."""
         first, second = self._places
         form = Packed.of if self.columns.kernel.takes_compiled else Full
-        if self.mixing is None:
+        mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
+        if mixing is None:
             one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
             other = np.where(first == second, 0.0, other)
             R: ComplexArray | FloatArray = np.hypot(one, other)
             Q: ComplexArray | FloatArray = np.stack([one, other], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
         else:
-            W = self.mixing * self.gain.reshape(len(self.gain), 1, -1)
+            W = mixing * self.gain.reshape(len(self.gain), 1, -1)
             mirrored = np.where(first == second, 0.0, 1.0)
             Q, R = np.linalg.qr(W[:, :, first] + mirrored * W[:, :, second])
         if self.criterion != "complex":
             return Compressed(form(R), Q=Q)
-        data = self._whitened(slice(None), self.measured)
+        data = self._whitened(mixing, slice(None), self.measured)
         q = self._projected(Q, data)
-        if self.mixing is not None:
+        if mixing is not None:
             left = data - (Q @ q[:, :, None])[:, :, 0]
         else:
             left = data.copy()

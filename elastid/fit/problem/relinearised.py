@@ -54,4 +54,4 @@ class RelinearisedFit:
 def _weighed_as(part: Part, first: Part) -> Part:
     """The part on the lines of another, with its weights."""
     edge = first.kernel.freq_hz.max(initial=0.0)
-    return replace(part.below(edge), gain=first.gain, mixing=first.mixing)
+    return replace(part.below(edge), gain=first.gain, whitening=first.whitening)

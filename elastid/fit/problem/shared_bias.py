@@ -74,7 +74,8 @@ def bias_slopes(part: Part, response: FrequencyResponse, factors: Sequence[Facto
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(used, part.gain * error_gain(part.criterion, part.measured), 0j)
     whitened = bias_of(response, factors) * gain
-    return -whitened if part.mixing is None else -mixed(part.mixing, whitened)
+    mixing = part.mixing
+    return -whitened if mixing is None else -mixed(mixing, whitened)
 
 
 def next_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: FloatArray, c: FloatArray) -> FloatArray:

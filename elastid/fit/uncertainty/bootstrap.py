@@ -118,8 +118,9 @@ def _residual(part: Part, weights: Weights, theta: FloatArray) -> _Source:
     e = np.where(used, RESIDUALS[part.criterion](part.measured, G)[0], 0.0)
     r = np.where(used, part.gain * np.where(used, e, 0.0), 0.0).reshape(F, -1)
     gain = np.where(used, part.gain, 1.0).reshape(F, -1)
-    whiten = gain[:, None, :] * (np.eye(r.shape[1]) if part.mixing is None else part.mixing)
-    if part.mixing is not None:
-        r = (part.mixing @ r[:, :, None])[:, :, 0]
+    mixing = part.mixing
+    whiten = gain[:, None, :] * (np.eye(r.shape[1]) if mixing is None else mixing)
+    if mixing is not None:
+        r = (mixing @ r[:, :, None])[:, :, 0]
     block = min(F, math.ceil(correlation_length([r])))
     return _Source(G, np.linalg.inv(whiten).astype(complex), used, r, block, part.criterion == "log")

@@ -103,11 +103,12 @@ def _whitening(part: Part) -> ComplexArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
     t = vec(gain)
-    if part.mixing is None:
+    mixing = part.mixing
+    if mixing is None:
         return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
     n_y, n_u = part.measured.shape[1:]
     column_by_column = np.arange(n_y * n_u).reshape(n_y, n_u).T.ravel()
-    return np.asarray(part.mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
+    return np.asarray(mixing[:, column_by_column[:, None], column_by_column] * t[:, None, :])
 
 
 def _spread(T: ComplexArray, noise: SmoothedNoise) -> float:

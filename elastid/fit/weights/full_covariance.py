@@ -7,39 +7,66 @@ C~ is the measured covariance of vec G, smoothed over lines (`smoothed_noise`), 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
 from elastid.fit.spec import WeightSpec
 from elastid.fit.weights.smoothed_noise import SmoothedNoise
-from elastid.response import FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse
 
 # The smallest eigenvalue of the correlations, beside the largest, that is not taken for rounding.
 EIGENVALUE_TOLERANCE = 1e-10
 
 
-def correlated_noise(
+@dataclass(frozen=True, eq=False)
+class Whitening:
+    """Whitens errors relative to sigma (F, n_y, n_u), inf where an element is left out; small, since not worked out.
+
+    noise: C~.  floor (F, n_y, n_u): alpha |G|.  phase (F, n_y, n_u): factors of modulus one between the residual and
+    the error of G.
+    """
+
+    noise: Covariance
+    floor: FloatArray
+    sigma: FloatArray
+    phase: ComplexArray | FloatArray
+
+    @property
+    def matrix(self) -> ComplexArray:
+        """L^-1 diag(sigma phase) (F, n_y n_u, n_y n_u), elements in the order of G; anew at every call."""
+        return whitening(self.noise.full(), self.floor, self.sigma, self.phase)
+
+    def lines(self, keep: BoolArray | slice) -> Whitening:
+        """The same on some lines."""
+        kept = np.zeros(len(self.sigma), dtype=np.bool_)
+        kept[keep] = True
+        return Whitening(self.noise.lines(kept), self.floor[keep], self.sigma[keep], self.phase[keep])
+
+
+def weighs_correlations(
     response: FrequencyResponse, smooth: SmoothedNoise | None, sigma: FloatArray, spec: WeightSpec
-) -> ComplexArray | None:
-    """C~ (F, n_y n_u, n_y n_u) to weigh with, vec column-major; None for weights element by element.
+) -> bool:
+    """Whether C~ weighs the elements of a line together, or each element counts by itself.
 
     smooth: the noise.  sigma (F, n_y, n_u): what elements weigh, inf where they are left out.
     Raises DataError where `full` is asked for and no covariance is known, or it is singular and no floor makes it
     regular.
     """
     asked, where = spec.covariance == "full", f"configuration {response.configuration.name}"
-    if spec.covariance == "diagonal" or (not asked and (smooth is None or smooth.matrix is None)):
-        return None
-    if smooth is None or smooth.matrix is None:
+    if spec.covariance == "diagonal" or (not asked and (smooth is None or smooth.is_diagonal)):
+        return False
+    if smooth is None or smooth.is_diagonal:
         raise DataError(
             f"{where}: fit.weights.covariance is full, but only {'variances are' if smooth else 'nothing is'} known of "
             "its noise; take auto or diagonal, or measure more periods or realisations"
         )
-    flaw = _flaw(response, smooth.matrix, sigma) if spec.floor == 0 else ""
+    flaw = _flaw(response, smooth.covariance, sigma) if spec.floor == 0 else ""
     if flaw and asked:
         raise DataError(f"{where}: {flaw}; take fit.weights.covariance: diagonal, or a floor above zero")
-    return None if flaw else smooth.matrix
+    return not flaw
 
 
 def whitening(

@@ -19,25 +19,31 @@ BELOW_NOISE_PROBABILITY = 1e-3
 
 @frozen_value
 class SmoothedNoise:
-    """measured: the sample covariance taken, variance (F, n_y, n_u): smooth, so that weights 1 / v are unbiased.
+    """measured: the sample covariance taken; smooth: of neighbouring lines, so that weights 1 / v are unbiased.
 
-    matrix (F, n_y n_u, n_y n_u): the smooth covariance of vec G, column-major, or None where variances alone are known.
+    Both in the same form: matrices of all elements are worked out where they are needed and not kept.
     own_variance, own_matrix (F,): kappa, how much of variance and matrix is the line's own (`smooth_covariance`).
     """
 
     measured: Covariance
-    variance: FloatArray
-    matrix: ComplexArray | None
+    smooth: Covariance
     own_variance: FloatArray
     own_matrix: FloatArray
 
     @property
+    def variance(self) -> FloatArray:
+        """The smooth variance v~ (F, n_y, n_u)."""
+        return self.smooth.variance
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Whether variances alone are known."""
+        return self.smooth.form == "diagonal"
+
+    @property
     def covariance(self) -> ComplexArray:
         """The smooth covariance of vec G (F, n_y n_u, n_y n_u), diagonal where variances alone are known."""
-        if self.matrix is not None:
-            return self.matrix
-        diagonal = np.swapaxes(self.variance, 1, 2).reshape(len(self.variance), -1)
-        return (diagonal[:, :, None] * np.eye(diagonal.shape[1])).astype(np.complex128)
+        return self.smooth.full()
 
     @property
     def repeats(self) -> float:
@@ -60,17 +66,19 @@ def smooth_noise(response: FrequencyResponse, width: int = 0) -> SmoothedNoise |
         for i, j in np.ndindex(n_y, n_u):
             variance[:, i, j], _, w = smooth_variance(known.variance[:, i, j], response.G[:, i, j], known.dof, width)
             own = np.full(F, 1 / w)
-        return SmoothedNoise(known, variance, None, own, own)
+        return SmoothedNoise(known, Covariance(variance, known.dof), own, own)
     S = known.matrix if known.left is None or known.right is None else known.right
     assert S is not None
     if math.isinf(known.dof):
-        return SmoothedNoise(known, known.variance, known.full(), np.zeros(F), np.zeros(F))
+        return SmoothedNoise(known, known, np.zeros(F), np.zeros(F))
     found = smooth_covariance(S, _model(response, known, S), known.dof, width)
-    matrix = found.covariance
-    if known.left is not None:
-        matrix = np.einsum("fab,fcd->facbd", known.left, matrix).reshape(F, n_y * n_u, n_y * n_u)
-    variance = np.einsum("faa->fa", matrix).real.reshape(F, n_u, n_y).swapaxes(1, 2)
-    return SmoothedNoise(known, variance, matrix, found.own_variance, found.own)
+    power = np.einsum("faa->fa", found.covariance).real
+    if known.left is None:
+        smooth = Covariance(power.reshape(F, n_u, n_y).swapaxes(1, 2), known.dof, matrix=found.covariance)
+    else:
+        variance = power[:, :, None] * np.einsum("faa->fa", known.left).real[:, None, :]
+        smooth = Covariance(variance, known.dof, known.left, found.covariance)
+    return SmoothedNoise(known, smooth, found.own_variance, found.own)
 
 
 def _model(response: FrequencyResponse, known: Covariance, S: ComplexArray) -> ComplexArray:

@@ -19,9 +19,9 @@ from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_valu
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
 from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
-from elastid.fit.weights.full_covariance import correlated_noise
+from elastid.fit.weights.full_covariance import weighs_correlations
 from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.response import FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse
 
 # The largest correction of a measured variance for its part in its own weight is the inverse of this.
 MIN_CORRECTION = 0.1
@@ -34,8 +34,7 @@ class Weights:
     factor (F, n_y, n_u): of the study, times the inverse variance.  noise: of the response, None where it is unknown.
     scale (F, n_y, n_u): scale_a S_ab scale_b corrects the measured covariance S for the part that it has in its own
     weights.  floor: alpha.  notes: what was left out, and why.
-    correlated (F, n_y n_u, n_y n_u): the noise's part of the covariance to weigh with, vec column-major; None where
-    elements count one by one.
+    is_correlated: whether the noise's covariance weighs the elements of a line together, or they count one by one.
     """
 
     sigma: FloatArray
@@ -44,7 +43,12 @@ class Weights:
     floor: float
     notes: tuple[Note, ...]
     factor: FloatArray
-    correlated: ComplexArray | None = None
+    is_correlated: bool = False
+
+    @property
+    def correlated(self) -> Covariance | None:
+        """The noise's part of the covariance to weigh with; None where elements count one by one."""
+        return self.noise.smooth if self.is_correlated and self.noise is not None else None
 
     @property
     def used(self) -> BoolArray:
@@ -107,8 +111,8 @@ def weigh(response: FrequencyResponse, spec: FitSpec) -> Weights:
         )
         used &= ~silent
     sigma = np.where(used, sigma, np.inf)
-    correlated = correlated_noise(response, noise, sigma, spec.weights)
-    scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated is not None)
+    correlated = weighs_correlations(response, noise, sigma, spec.weights)
+    scale = _scale(noise, np.square(floor * np.abs(response.G)), correlated)
     return Weights(sigma, noise, scale, floor, tuple(notes), factor, correlated)
 
 

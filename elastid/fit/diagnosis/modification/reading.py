@@ -63,8 +63,8 @@ def thinned(fit: ElasticFit, residuals: int = MAX_RESIDUALS) -> ElasticFit:
     def thin(part: Part) -> Part:
         keep = slice(None, None, min(every, max(1, len(part.measured) // MIN_LINES)))
         kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[keep])
-        mixing = None if part.mixing is None else part.mixing[keep]
-        return replace(part, kernel=kernel, measured=part.measured[keep], gain=part.gain[keep], mixing=mixing)
+        whitening = part.whitening and part.whitening.lines(keep)
+        return replace(part, kernel=kernel, measured=part.measured[keep], gain=part.gain[keep], whitening=whitening)
 
     return replace(fit, parts=tuple(thin(part) for part in fit.parts))
 
@@ -123,7 +123,7 @@ def settled(reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray) -
 def _logarithmic(part: Part) -> Part:
     """The same with the logarithmic criterion, element by element."""
     gain = np.minimum(part.gain * np.abs(part.measured), MAX_LOG_GAIN)
-    return replace(part, criterion="log", gain=gain, mixing=None)
+    return replace(part, criterion="log", gain=gain, whitening=None)
 
 
 def as_read() -> Reading:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,11 +39,16 @@ class Evaluated:
     free: ComplexArray
     held: dict[str, ComplexArray]
 
+    @cached_property
+    def mixing(self) -> ComplexArray | None:
+        """`Part.mixing`, for all that is whitened here."""
+        return self.part.mixing
+
     def whitened(self, slopes: ComplexArray) -> FloatArray:
         """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
         part = self.part
         gain = part.gain * RESIDUALS[part.criterion](part.measured, self.G)[1]
-        return _flat(part, np.where(part.gain > 0, gain, 0.0) * slopes)
+        return _flat(self.mixing, np.where(part.gain > 0, gain, 0.0) * slopes)
 
     @property
     def residual(self) -> FloatArray:
@@ -50,14 +56,14 @@ class Evaluated:
         part = self.part
         e = RESIDUALS[part.criterion](part.measured, self.G)[0]
         return np.asarray(
-            _flat(part, np.where(part.gain > 0, part.gain * np.where(part.gain > 0, e, 0.0), 0.0)[None])[0]
+            _flat(self.mixing, np.where(part.gain > 0, part.gain * np.where(part.gain > 0, e, 0.0), 0.0)[None])[0]
         )
 
 
-def _flat(part: Part, values: ComplexArray) -> FloatArray:
-    flat = values.reshape(len(values), len(part.gain), -1)
-    if part.mixing is not None:
-        flat = np.einsum("fab,nfb->nfa", part.mixing, flat, optimize=True)
+def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
+    flat = values.reshape(*values.shape[:2], -1)
+    if mixing is not None:
+        flat = np.einsum("fab,nfb->nfa", mixing, flat, optimize=True)
     return as_real(flat.reshape(len(values), -1))
 
 
