@@ -45,7 +45,7 @@ class NormalEquations:
         """V, J^T r (P,) and J^T J (P, P) at theta (n_theta,), P the kernel's wanted parameters.
 
         J^T J is put together from sums over the lines of omega^p U^H U, U the weighted columns, p = 0 ... 4.
-        precision: of these sums alone; single is enough for a step and takes two thirds of the time. The derivatives of
+        precision: of these sums alone; single is enough for a step and takes less time. The derivatives of
         images of held torques, a thousandth of the others at a tenth of the rate, are in J^T r but not in J^T J.
         """
         pieces, freq_hz = self.columns.pieces, self.columns.kernel.freq_hz

@@ -3,9 +3,8 @@ r"""Z(omega) X = B, leaves condensed first: coordinates on which only one other 
 .. math:: \Big(Z_{rr} - \sum_l \frac{z_l^2}{Z_{ll}} e_l e_l^T\Big) X_r = B_r - \sum_l \frac{z_l}{Z_{ll}} e_l B_l, \qquad
           X_l = \frac{B_l - z_l X_{r(l)}}{Z_{ll}}
 
-The path of NumPy alone: an LU of 12 rows instead of 18 for six motors on twelve further coordinates takes three
-quarters of the time, an evaluation of the fit nine tenths (scripts/benchmarks/fit.py). A leaf on its own resonance
-without damping has no quotient; lines near one are solved whole.
+The path of NumPy alone: an LU of 12 rows instead of 18 for six motors on twelve further coordinates. A leaf on its own
+resonance without damping has no quotient; lines near one are solved whole.
 """
 
 from __future__ import annotations

@@ -233,8 +233,10 @@ class Kernel:
     def _solver(self) -> Leaves | Elimination:
         """Of Z X = B at any theta, by the pattern of Z's entries that are not zero for every theta."""
         n = self.model.n
-        matrices = np.vstack([np.stack([self.model.M, self.model.D, self.model.K]), self._slopes[1].reshape(-1, n, n)])
-        coupled = np.any(matrices != 0, axis=0)
+        moved = np.zeros(3 * n * n, dtype=np.bool_)
+        moved[self._slopes[1]] = True
+        still = np.stack([self.model.M, self.model.D, self.model.K]) != 0
+        coupled = np.any(still | moved.reshape(3, n, n), axis=0)
         return Elimination.of(coupled) if self.takes_compiled else Leaves.of(coupled)
 
     @cached_property
@@ -244,18 +246,21 @@ class Kernel:
 
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
-        change = (theta - self.model.theta_ref)[self._slopes[0]]
-        moved = (change @ self._slopes[1]).reshape(3, self.model.n, self.model.n)
-        return moved + np.stack([self.model.M, self.model.D, self.model.K])
+        places, moved, slopes = self._slopes
+        found = np.stack([self.model.M, self.model.D, self.model.K])
+        found.reshape(-1)[moved] += (theta - self.model.theta_ref)[places] @ slopes
+        return found
 
     @cached_property
-    def _slopes(self) -> tuple[IntArray, FloatArray]:
-        """Places in theta of the parameters that move M, D, K, and how (n_slopes, 3 n n)."""
+    def _slopes(self) -> tuple[IntArray, IntArray, FloatArray]:
+        """Places in theta of the parameters that move M, D, K, which entries (n_moved,) of 3 n n move, and how much."""
         n, slopes = self.model.n, self.model.slopes
         places = [self.model.parameters.index(name) for name in slopes]
         zero = np.zeros((n, n))
         stacked = [[zero if part is None else part for part in (s.M, s.D, s.K)] for s in slopes.values()]
-        return np.array(places, np.int64), np.array(stacked).reshape(len(places), 3 * n * n)
+        slope_of = np.array(stacked).reshape(len(places), 3 * n * n)
+        moved = np.flatnonzero(slope_of.any(axis=0))
+        return np.array(places, np.int64), moved, slope_of[:, moved]
 
     @cached_property
     def _right_sides(self) -> FloatArray:

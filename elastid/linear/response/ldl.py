@@ -3,10 +3,9 @@ r"""Z(omega) X = B by Z = L D L^T, all coordinates in an order that fills L leas
 .. math:: Z^{(k+1)}_{ij} = Z^{(k)}_{ij} - \frac{z^{(k)}_{ki} z^{(k)}_{kj}}{z^{(k)}_{kk}}, \qquad i, j > k
 
 Symmetric, so half of an LU; entries that are zero for every theta are skipped: six motors behind their gears cost next
-to nothing. A third of the time of `condensation`, three quarters for an evaluation of the fit, but a second to load:
-the one compiled path, for fits that win it back. Nothing is exchanged for the sake of digits: a line whose pivot is
-small beside the terms that it is made of, as that of an undamped part on its own resonance, is solved by LAPACK
-instead.
+to nothing. Faster than `condensation` (scripts/benchmarks/fit.py), but a second to load: for fits that win it back.
+Nothing is exchanged for the sake of digits: a line whose pivot is small beside the terms that it is made of, as that of
+an undamped part on its own resonance, is solved by LAPACK instead.
 """
 
 from __future__ import annotations
