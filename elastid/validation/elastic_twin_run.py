@@ -95,9 +95,9 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     """The last period of the robot under the periodic torque of a record; DataError where it is lost."""
     plant = TwinPlant.of(robot, record.rate_hz, record.configuration, spec)
     model, q0, angles = plant.plant.model, plant.point.q, record.configuration.angles
-    period, N = _last(record), record.period_samples
+    period, N, motors = _last(record), record.period_samples, [model.inputs.index(place) for place in record.inputs]
     position = np.tile(angles, (N, 1))
-    for i, place in enumerate(record.inputs):
+    for i, place in zip(motors, record.inputs, strict=True):
         if (place, "position") in zip(record.outputs, record.quantities, strict=True):
             column = record.outputs.index(place)
             position[:, i] = record.y[period, column] / robot.chain.gain("y", place)
@@ -105,16 +105,18 @@ def _under_torque(record: Record, robot: Robot, spec: ModelSpec, held_hz: float)
     velocity = (position - np.roll(position, 1, axis=0)) * record.rate_hz
     if not record.is_periodic:
         velocity[0] = velocity[1]
-    torque = plant.point.u + _held(record, period) / [robot.chain.gain("u", place) for place in record.inputs]
+    torque = np.tile(plant.point.u, (N, 1))
+    torque[:, motors] += _held(record, period) / [robot.chain.gain("u", place) for place in record.inputs]
     lead = _lead(record, held_hz)
     still = np.zeros(((lead + 1) * N, model.n_u))
     path, rate, driving = (np.tile(each, (lead + 1, 1)) for each in (position, velocity, torque))
     commands = Commands(path, rate, driving, still, still)
     (start,) = rigid_path(model, q0, angles, position[:1])
-    moved = plant.moved_from(plant.holding_gains(held_hz), commands, start, rigid_motion(model, start) @ velocity[0])
+    gains = plant.gains(np.isin(np.arange(model.n_u), motors), plant.holding_gains(held_hz))
+    moved = plant.moved_from(gains, commands, start, rigid_motion(model, start) @ velocity[0])
     y = sense(moved.q, moved.reading, model, q0, record.outputs, record.rate_hz, N)
     y = filter_motions(robot, y, record.rate_hz) * [robot.chain.gain("y", place) for place in record.outputs]
-    u = moved.u * [robot.chain.gain("u", place) for place in record.inputs]
+    u = moved.u[:, motors] * [robot.chain.gain("u", place) for place in record.inputs]
     return replace(
         record, u=u[-N:], y=y[-N:], r=None, left_out=(), hold="zero-order", hold_samples=(),
         quantities=tuple(logged_quantity(place) for place in record.outputs),

@@ -31,7 +31,6 @@ from elastid.validation.twin_run import LINK, MOTION, TORQUE, Drive, SignalKind,
 
 # Of the loop about the logged motion: below it gravity pulls an arm of a metre away faster than it is held.
 HELD_HZ = 0.5
-RESTING_HZ = 5.0
 
 
 @frozen_value
@@ -139,7 +138,6 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
     own = feed_forward(model, free.point.q, log.position - log.position[0], log.velocity, log.acceleration)
     lacking = np.where(moving, own - log.rigid, 0.0)
     still = np.zeros_like(own)
-    resting = free.holding_gains(RESTING_HZ)
     if controller is None:
         # The plant holds a torque from sample to sample: the mean of both ends acts on it.
         acting = (log.torque + np.vstack([log.torque[1:], log.torque[-1:]])) / 2
@@ -155,8 +153,8 @@ def _commands(log: _Log, free: TwinPlant, controller: CascadeSpec | None) -> tup
             position[:, i] = record.reference[: len(position)]
         velocity = controller.velocity_feed_forward * np.gradient(position, 1 / log.rate_hz, axis=0)
         acting = np.tile(_at_start(log, held, position[0], velocity[0]), (len(own), 1))
-    gains = Gains(*(np.where(moving, getattr(held, k), getattr(resting, k)) for k in ("kp", "kd", "ki")))
-    return Commands(position, velocity, np.where(moving, acting, own), lacking, still), gains
+    commands = Commands(position, velocity, np.where(moving, acting, own), lacking, still)
+    return commands, free.gains(moving, held)
 
 
 def _cascade(controller: CascadeSpec, n_u: int) -> Gains:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import BoolArray, FloatArray
 from elastid.experiment.simulated.plant import Plant, exact_plant
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.model.formulation import EXACT
@@ -20,6 +20,8 @@ from elastid.simulation.controller import Gains, rigid_motion, tune
 LONGEST_S = 30.0
 # The loop about a logged motion is damped critically, so that it adds no resonance.
 HELD_DAMPING_RATIO = 1.0
+# Of motors whose torque is not in the log.
+RESTING_HZ = 5.0
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class TwinPlant:
     def holding_gains(self, bandwidth_hz: float) -> Gains:
         """Of a loop about the logged motion."""
         return tune(self.plant.model, self.point.q, bandwidth_hz, HELD_DAMPING_RATIO)
+
+    def gains(self, moving: BoolArray, held: Gains) -> Gains:
+        """Those of `held` for motors that move (n_u,), of a loop of RESTING_HZ for the others."""
+        resting = self.holding_gains(RESTING_HZ)
+        return Gains(*(np.where(moving, getattr(held, name), getattr(resting, name)) for name in ("kp", "kd", "ki")))
 
     def moved(self, gains: Gains, commands: Commands, velocity: FloatArray) -> Trajectory:
         """The motion from rest of the springs, the motors at this velocity (n_u,); DataError where a motor is lost."""
