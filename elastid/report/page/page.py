@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -85,7 +86,8 @@ def write_figures(
 
 def _written(figures: Path, formats: Sequence[FigureFormat], drawing: Drawing) -> EmbeddedFigure:
     """The files of a figure, and what the page has of it."""
-    figure = drawing.draw()
+    with rc_context({"axes.titley": 1.0}):  # where matplotlib seeks room for titles, it places all ticks twice
+        figure = drawing.draw()
     png = rendered(figure, "png") if drawing.on_page or "png" in formats else b""
     for kind in formats:
         write_whole(figures / f"{drawing.name}.{kind}", png if kind == "png" else rendered(figure, kind))
