@@ -52,8 +52,6 @@ def channel_notes(response: FrequencyResponse) -> tuple[Note, ...]:
 
 def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]:
     """Output place -> input place, for those of the places that another motor moves more than their own."""
-    from scipy.optimize import linear_sum_assignment
-
     rows = [response.outputs.index(place) for place in places]
     columns = [response.inputs.index(place) for place in places]
     G = response.G[-max(1, round(_HIGHEST_SHARE * response.n_lines)) :][:, rows][:, :, columns]
@@ -66,6 +64,10 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     if not np.max(np.linalg.norm(G, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))) < 1 / np.finfo(float).eps:
         return {}
     Lambda = np.median((G * np.swapaxes(inverse, 1, 2)).real, axis=0)
+    if np.array_equal(Lambda.argmax(axis=1), np.arange(len(places))):
+        return {}
+    from scipy.optimize import linear_sum_assignment  # slow to load, for the few responses that look exchanged
+
     _, best = linear_sum_assignment(-Lambda)
     on_best, on_own = Lambda[np.arange(len(places)), best], np.diag(Lambda)
     moved = best != np.arange(len(places))
