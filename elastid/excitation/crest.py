@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.excitation.phases import random_phases, schroeder
@@ -85,7 +85,9 @@ def crest_factors(lines: IntArray, S: ComplexArray) -> FloatArray:
 
 
 def _continued(signals: Signals, phases: FloatArray, steps: Sequence[tuple[int, int, int]]) -> FloatArray:
-    from scipy.optimize import minimize  # half of the time in which a command without it starts
+    # Half of the time in which a command without them starts.
+    from scipy.fft import next_fast_len
+    from scipy.optimize import minimize
 
     for p, samples_per_cycle, iterations in steps:
         n = int(next_fast_len(samples_per_cycle * int(signals.lines[-1]), real=True))

@@ -60,7 +60,7 @@ def test_specs_and_values_load_no_heavy_package() -> None:
 @pytest.mark.parametrize(
     ("stage", "unneeded"),
     [
-        ("estimate", {"casadi", "scipy.optimize"}),
+        ("estimate", {"casadi", "scipy"}),
         ("fit", {"scipy.optimize"}),
         ("validate", {"scipy.optimize"}),
         ("report", {"scipy.optimize", "matplotlib.pyplot", "matplotlib.backends.backend_pdf"}),

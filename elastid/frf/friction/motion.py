@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, rfft
+from numpy.fft import irfft, rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.record import MOTION_ORDER, Record

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from scipy.fft import irfft
+from numpy.fft import irfft
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.excitation.grids import line_frequencies

@@ -13,7 +13,7 @@ depend on the motion; so this is repeated. An error of a leaves as large a part 
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import fft
+from numpy.fft import fft
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.frf.friction.motion import Motion, integrated, laplace, motion_of, whole_samples

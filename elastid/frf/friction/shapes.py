@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
-from scipy.fft import rfft
+from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.frf.friction.motion import Motion, whole_samples

@@ -16,7 +16,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import rfft
+from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.frf.local.least_squares import LocalFit
