@@ -12,26 +12,20 @@ from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequen
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from contextvars import ContextVar
 from dataclasses import dataclass, field
-from functools import partial
-from importlib.util import find_spec
 from multiprocessing import forkserver, get_context, parent_process
 from pathlib import Path
 from signal import SIG_BLOCK, SIG_IGN, SIG_SETMASK, SIGINT, pthread_sigmask, signal
 from threading import Thread
 from typing import Any, TypeAlias, TypeVar
 
+from elastid.base.cluster import SCHEDULER, on_cluster, survived_on_cluster
 from elastid.base.errors import ElastidError
 
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 Progress: TypeAlias = Callable[[int, int], None]
 Submit: TypeAlias = Callable[[Item], Future[Value]]
-
-# Seconds for a Dask scheduler to answer.
-ANSWER_S = 10.0
-_SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
 
 def silent(done: int, total: int) -> None:
@@ -48,13 +42,13 @@ def unordered(
     Raises ElastidError where a worker was killed.
     """
     progress(0, len(items))
-    if min(jobs, len(items)) <= 1 and not _SCHEDULER.get():
+    if min(jobs, len(items)) <= 1 and not SCHEDULER.get():
         for index, item in enumerate(items):
             yield index, function(item)
             progress(index + 1, len(items))
         return
-    address = _SCHEDULER.get()
-    with _on_cluster(address, function) if address else _processes(min(jobs, len(items)), function) as submit:
+    address = SCHEDULER.get()
+    with on_cluster(address, function) if address else _processes(min(jobs, len(items)), function) as submit:
         futures = {submit(item): index for index, item in enumerate(items)}
         for done, future in enumerate(as_completed(futures), start=1):
             yield futures[future], future.result()
@@ -69,8 +63,8 @@ def surviving(
     For long work: each worker is a pool of its own. On a cluster the scheduler has then tried the item several times.
     """
     progress(0, len(items))
-    address = _SCHEDULER.get()
-    found = _survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
+    address = SCHEDULER.get()
+    found = survived_on_cluster(address, function, items) if address else _survived(function, items, jobs)
     for done, result in enumerate(found, start=1):
         yield result
         progress(done, len(items))
@@ -123,21 +117,6 @@ class Execution:
     ) -> Iterator[tuple[int, Value]]:
         """`unordered`, resumed: what the checkpoint holds under the name of an item is taken from it."""
         return resumed(function, items, names, self.checkpoint, self.jobs, self.progress)
-
-
-@contextmanager
-def on_dask(address: str) -> Iterator[None]:
-    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address changes nothing.
-
-    Raises ElastidError where Dask is not installed.
-    """
-    if address and find_spec("distributed") is None:
-        raise ElastidError("Dask is not installed; install elastid with the extra dask, or leave --dask out")
-    token = _SCHEDULER.set(address)
-    try:
-        yield
-    finally:
-        _SCHEDULER.reset(token)
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -230,43 +209,6 @@ def _main_is_unguarded() -> bool:
         return False
 
 
-@contextmanager
-def _on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
-    """The workers of a Dask cluster, each with the function."""
-    with _client(address) as client:
-        there = client.scatter(function, broadcast=True, hash=False)
-        yield partial(client.get_executor(pure=False).submit, _applied, there)
-
-
-def _survived_on_cluster(
-    address: str, function: Callable[[Item], Value], items: Sequence[Item]
-) -> Iterator[tuple[int, Value | None]]:
-    """The function goes with each item, so that no worker's death loses it."""
-    from distributed import KilledWorker
-
-    with _client(address) as client:
-        submit = client.get_executor(pure=False).submit
-        futures = {submit(function, item): index for index, item in enumerate(items)}
-        for future in as_completed(futures):
-            died = isinstance(future.exception(), KilledWorker)
-            yield futures[future], None if died else future.result()
-
-
-@contextmanager
-def _client(address: str) -> Iterator[Any]:
-    """A Dask cluster; ElastidError where no scheduler answers."""
-    from distributed import Client
-
-    try:
-        client = Client(address, timeout=ANSWER_S, set_as_default=False)
-    except OSError as error:
-        raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
-    try:
-        yield client
-    finally:
-        client.close()
-
-
 def ordered(
     function: Callable[[Item], Value], items: Sequence[Item], jobs: int, progress: Progress = silent
 ) -> list[Value]:
@@ -291,10 +233,6 @@ def _start_worker(work: bytes) -> None:
 
 def _work(item: Any) -> Any:
     return _FUNCTION[-1](item)
-
-
-def _applied(function: Callable[[Item], Value], item: Item) -> Value:
-    return function(item)
 
 
 def _end_with_parent() -> None:

@@ -1,13 +1,15 @@
 """Work on the workers of a Dask cluster: the same results as in this process."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from plants.three_mass import fit_of, measured, noise_of, parameters, plant
 
+from elastid.base.cluster import on_dask
 from elastid.base.errors import ElastidError
-from elastid.base.execution import on_dask, ordered
+from elastid.base.execution import ordered, surviving
 from elastid.fit.solve.multistart import multistart, spread
 
 distributed = pytest.importorskip("distributed")
@@ -33,6 +35,16 @@ def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are(
         assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
         with pytest.raises(ValueError, match=r"math domain|nonnegative"):
             ordered(math.sqrt, [1.0, -1.0], 1)
+        with pytest.raises(ElastidError, match="died at the same item, perhaps for lack of memory"):
+            ordered(killed_at_two, [1, 2, 3], 1)
+        assert dict(surviving(killed_at_two, [1, 2, 3], 1)) == {0: 1, 1: None, 2: 9}
+
+
+def killed_at_two(item: int) -> int:
+    """As a scheduler tells of an item at which several workers died."""
+    if item == 2:
+        raise distributed.KilledWorker("task", SimpleNamespace(address="tcp://1"), 3)
+    return item * item
 
 
 @pytest.mark.slow
@@ -56,6 +68,6 @@ def test_a_multistart_on_a_cluster_is_that_of_one_process(address):
 @pytest.mark.filterwarnings("default")
 def test_a_scheduler_that_does_not_answer_is_named(monkeypatch):
     """Nobody listens there."""
-    monkeypatch.setattr("elastid.base.execution.ANSWER_S", 0.5)
+    monkeypatch.setattr("elastid.base.cluster.ANSWER_S", 0.5)
     with on_dask("tcp://127.0.0.1:9"), pytest.raises(ElastidError, match=r"no Dask scheduler answers at tcp://127"):
         ordered(abs, [1, 2], 1)

@@ -1,0 +1,84 @@
+"""Work on the workers of a Dask cluster, which must see the same files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, as_completed
+from contextlib import contextmanager
+from contextvars import ContextVar
+from functools import partial
+from importlib.util import find_spec
+from typing import Any, TypeVar
+
+from elastid.base.errors import ElastidError
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+
+# Seconds for a Dask scheduler to answer.
+ANSWER_S = 10.0
+# Address of the scheduler that work goes to; empty where it stays on this machine.
+SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
+
+
+@contextmanager
+def on_dask(address: str) -> Iterator[None]:
+    """Inside, work goes to the Dask scheduler at `address` instead of processes; an empty address changes nothing.
+
+    Raises ElastidError where Dask is not installed.
+    """
+    if address and find_spec("distributed") is None:
+        raise ElastidError("Dask is not installed; install elastid with the extra dask, or leave --dask out")
+    token = SCHEDULER.set(address)
+    try:
+        yield
+    finally:
+        SCHEDULER.reset(token)
+
+
+@contextmanager
+def on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Callable[[Item], Future[Value]]]:
+    """What submits an item to the workers of a Dask cluster, each of which has the function."""
+    with _client(address) as client:
+        there = client.scatter(function, broadcast=True, hash=False)
+        yield partial(client.get_executor(pure=False).submit, _applied, there)
+
+
+def survived_on_cluster(
+    address: str, function: Callable[[Item], Value], items: Sequence[Item]
+) -> Iterator[tuple[int, Value | None]]:
+    """(index, function(item)), or (index, None) where workers died at an item again and again.
+
+    The function goes with each item, so that no worker's death loses it.
+    """
+    from distributed import KilledWorker
+
+    with _client(address) as client:
+        submit = client.get_executor(pure=False).submit
+        futures = {submit(function, item): index for index, item in enumerate(items)}
+        for future in as_completed(futures):
+            died = isinstance(future.exception(), KilledWorker)
+            yield futures[future], None if died else future.result()
+
+
+@contextmanager
+def _client(address: str) -> Iterator[Any]:
+    """A Dask cluster; ElastidError where no scheduler answers, or where one item kills all its workers."""
+    from distributed import Client, KilledWorker
+
+    try:
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
+    except OSError as error:
+        raise ElastidError(f"no Dask scheduler answers at {address}: {error}") from error
+    try:
+        yield client
+    except KilledWorker as error:
+        raise ElastidError(
+            f"workers of the cluster at {address} died at the same item, perhaps for lack of memory; give them more"
+        ) from error
+    finally:
+        client.close()
+
+
+def _applied(function: Callable[[Item], Value], item: Item) -> Value:
+    return function(item)
