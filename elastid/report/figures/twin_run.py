@@ -57,7 +57,7 @@ def _draw_time(axes: Axes, signal: TwinSignal, rate_hz: float, part: slice) -> N
 
 
 def _draw_bands(axes: Axes, signal: TwinSignal) -> None:
-    x, names = np.arange(len(signal.bands)), [f"–{band.high_hz:.2g}" for band in signal.bands]
+    x, names = np.arange(len(signal.bands)), [f"{band.high_hz:.2g}" for band in signal.bands]
     for offset, values, color in (
         (-0.2, [band.error for band in signal.bands], style.FITTED),
         (0.2, [band.error_without_friction for band in signal.bands], style.WEAK),
