@@ -3,7 +3,7 @@ r"""Low crest factors: phases that minimise the peaks of several signals of the 
 .. math:: \min_{a, b} \Bigl(\sum_{e, o, t} |x_{eo}(t) / w_o|^p\Bigr)^{1/p}, \qquad
           x_{eo}(t) = \mathrm{Re} \sum_k \sum_i T_{oi}(k)\, U_{eki}\, e^{2\pi j k t / T}
 
-over all experiments e of an orthogonal set and all linear outputs o, with p growing from 4 to 2048: each step begins
+over all experiments e of an orthogonal set and all linear outputs o, with p growing from 4 to 8192: each step begins
 where the last one ended (L-BFGS with the exact gradient, two FFTs). Lines without amplitude stay without. (The L_p
 method of Guillaume, Schoukens, Pintelon and Kollar, IEEE Trans. Instrumentation and Measurement 40 (1991) 982.)
 """
@@ -22,9 +22,9 @@ from elastid.excitation.spec import Effort
 
 # p, samples per cycle of the highest line, iterations at most.
 _EARLY = ((4, 4, 60), (8, 4, 60), (16, 4, 60), (32, 8, 60), (64, 8, 60))
-_LATE = ((128, 16, 60), (256, 16, 80), (512, 16, 80), (1024, 20, 100), (2048, 24, 200))
-_LONG = ((128, 16, 200), (256, 16, 200), (512, 24, 300), (1024, 24, 300), (4096, 32, 600))
-# Starts, how many of the best are carried to the end, and its steps.
+_LATE = ((128, 12, 60), (512, 16, 100), (2048, 20, 100), (8192, 32, 100))
+_LONG = ((128, 16, 200), (256, 16, 200), (512, 24, 300), (1024, 24, 300), (8192, 32, 600))
+# Starts, how many of the best are carried to the end, and its steps; the ends of sets differ less, half are enough.
 _EFFORT = {"normal": (4, 1, _LATE), "high": (16, 6, _LONG)}
 # Samples per cycle of the highest line at which a peak is missed by 0.5 % at most.
 _PEAK_SAMPLES = 32
@@ -50,23 +50,22 @@ class Signals:
 
 
 def minimise_peaks(
-    signals: Signals, rng: np.random.Generator, effort: Effort = "normal"
+    signals: Signals, rng: np.random.Generator, effort: Effort = "normal", is_alone: bool = True
 ) -> tuple[FloatArray, FloatArray]:
     """Phases a (F, n_u) of the inputs and b (F, E) of the experiments with small peaks of every signal.
 
-    The first start is Schroeder's for every input, the others are drawn: another generator, another optimum.
+    is_alone: the first start is Schroeder's for every input, and often the best. Realisations must differ, or they
+    would all show the same distortion: every start is drawn, and another generator gives another optimum.
     """
     E, F, n_u = signals.base.shape
     starts, kept, late = _EFFORT[effort]
     candidates = []
-    for start in range(starts):
-        if start == 0:
+    for start in range(starts if E == 1 else starts // 2):
+        inside = random_phases((F, n_u), rng)
+        if is_alone and start == 0:
             power = np.sqrt(np.mean(np.abs(signals.base) ** 2, axis=0))
             inside = np.stack([schroeder(column) for column in power.T], axis=1)
-            between = random_phases((F, E), rng) if E > 1 else np.zeros((F, E))
-        else:
-            inside, between = random_phases((F, n_u), rng), np.zeros((F, E))
-        phases = _continued(signals, np.concatenate([inside.ravel(), between.ravel()]), _EARLY)
+        phases = _continued(signals, np.concatenate([inside.ravel(), np.zeros(F * E)]), _EARLY)
         candidates.append((_peak(signals, phases), start, phases))
     best = sorted(candidates, key=lambda candidate: candidate[:2])[:kept]
     ends = [_continued(signals, phases, late) for _, _, phases in best]

@@ -52,11 +52,13 @@ def experiments(
     rng: np.random.Generator,
     responses: ComplexArray,
     effort: Effort = "normal",
+    is_alone: bool = True,
 ) -> ComplexArray:
     """U (n_u experiments, F, n_u inputs) of one realisation, with amplitudes A (F, n_u) at lines (F,).
 
     responses (F, n_o, n_u): from the inputs to the signals whose crest factors `optimised` phases lower, all weighted
-    alike.  A sweep and a binary signal have a spectrum of their own: A multiplies it and sets the power.
+    alike.  A sweep and a binary signal have a spectrum of their own: A multiplies it and sets the power.  is_alone: no
+    other realisation must differ from this one.
     """
     F, n_u = amplitude.shape
     basis = orthogonal_basis(orthogonal, F, n_u)
@@ -65,7 +67,7 @@ def experiments(
         base = with_phases(basis, amplitude, between, between)
         outputs = np.einsum("foi,efi->eof", responses, base)
         scale = np.sqrt(np.mean(np.sum(np.abs(outputs) ** 2, axis=2), axis=0) / 2)
-        inside, between = minimise_peaks(Signals(lines, base, responses, scale), rng, effort)
+        inside, between = minimise_peaks(Signals(lines, base, responses, scale), rng, effort, is_alone)
     elif phases == "random":
         inside, between = random_phases((2, F, n_u), rng)
     elif phases == "schroeder":

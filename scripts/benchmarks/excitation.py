@@ -4,7 +4,8 @@
 
 True peaks, 32 samples per cycle of the highest line. random: median of 300 draws; clipping: van der Ouderaa, Schoukens
 and Renneboog, IEEE Trans. Instrumentation and Measurement 37 (1988) 145, best of 5 starts of 1000 steps. The orthogonal
-set is judged by the worst of its 36 signals. Times are CPU seconds of one process with one BLAS thread.
+set is judged by the worst of its 36 signals. drawn: as one of several realisations, which must differ. Times are CPU
+seconds of one process with one BLAS thread. Fails where a crest factor is above its goal, or a set takes 10 s.
 The last line is one JSON object with the numbers of the table.
 """
 
@@ -43,8 +44,9 @@ GOALS = {
     "quasi-log 1-400": 1.87,
     "full 31, 1/f": 1.20,
     "3 inputs, 100 lines, worst of 9": None,
-    "6 inputs, 100 lines, worst of 36": 1.80,
+    "6 inputs, 100 lines, worst of 36": 1.48,
 }
+MAX_SECONDS = 10.0
 
 
 def lines_of(name: str) -> IntArray:
@@ -92,9 +94,9 @@ def timed(work: Callable[[], float]) -> tuple[float, float]:
     return value, time.process_time() - start
 
 
-def optimised(signals: Signals, effort: Effort, seed: int = 0) -> float:
+def optimised(signals: Signals, effort: Effort, is_alone: bool = True) -> float:
     """Worst crest factor of the signals."""
-    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(seed), effort))
+    _, S = signals.spectra(*minimise_peaks(signals, np.random.default_rng(0), effort, is_alone))
     return float(crest_factors(signals.lines, S).max())
 
 
@@ -117,6 +119,7 @@ def single(name: str, quick: bool) -> dict[str, float]:
         "schroeder": crest(lines, amplitude, schroeder(amplitude)),
         "clipping": clip,
         "optimised": normal,
+        "drawn": optimised(signals, "normal", is_alone=False),
         "seconds": seconds,
         "high": high,
         "high_seconds": high_seconds,
@@ -142,6 +145,7 @@ def of_set(n_u: int, F: int, quick: bool) -> dict[str, float]:
         "schroeder": worst(basis * np.exp(1j * schroeder(np.ones(F)))[:, None]),
         "clipping": float("nan"),
         "optimised": normal,
+        "drawn": optimised(signals, "normal", is_alone=False),
         "seconds": seconds,
         "high": high,
         "high_seconds": high_seconds,
@@ -154,15 +158,16 @@ def main() -> None:
     quick = parser.parse_args().quick
     optimised(of_one(np.arange(1, 16), np.ones(15)), "normal")  # SciPy is loaded, FFT plans are made
     sets = {"6 inputs, 100 lines, worst of 36": (6, 100), "3 inputs, 100 lines, worst of 9": (3, 100)}
-    columns = ("lines", "random", "schroeder", "clipping", "optimised", "goal", "seconds", "high", "high s")
+    columns = ("lines", "random", "schroeder", "clipping", "drawn", "optimised", "goal", "seconds", "high", "high s")
     print(f"{'grid':34}" + "".join(f"{column:>10}" for column in columns), flush=True)
     rows: dict[str, dict[str, float]] = {}
     for name, goal in GOALS.items():
         row = rows[name] = of_set(*sets[name], quick) if name in sets else single(name, quick)
-        numbers = [row[k] for k in ("random", "schroeder", "clipping", "optimised")]
+        numbers = [row[k] for k in ("random", "schroeder", "clipping", "drawn", "optimised")]
         cells = [f"{row['lines']}", *(f"{v:.3f}" for v in numbers), "" if goal is None else f"{goal:.2f}"]
         cells += [f"{row['seconds']:.2f}", f"{row['high']:.3f}", f"{row['high_seconds']:.2f}"]
         print(f"{name:34}" + "".join(f"{cell:>10}" for cell in cells), flush=True)
+        assert goal is None or (row["optimised"] <= goal and row["seconds"] < MAX_SECONDS), (name, row)
     finite = {name: {k: None if v != v else round(v, 4) for k, v in row.items()} for name, row in rows.items()}
     print(json.dumps(finite))
 

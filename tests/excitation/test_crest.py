@@ -78,12 +78,12 @@ def test_optimised_phases_reach_the_crest_factors_of_long_searches(
 
 @pytest.mark.slow
 def test_all_signals_of_an_orthogonal_set_are_compressed_together() -> None:
-    """Worst of the 36 signals of six inputs: at most 1.8, where random phases have 4 and Schroeder's 1.9."""
+    """Worst of the 36 signals of six inputs: at most 1.51, where random phases have 4 and Schroeder's 1.9."""
     lines = np.arange(1, 41)
     signals = Signals(lines, orthogonal_basis("dft", 40, 6), eye(40, 6), np.full(6, np.sqrt(20)))
     a, b = minimise_peaks(signals, np.random.default_rng(0))
     U, S = signals.spectra(a, b)
-    assert crest_factors(lines, S).max() <= 1.8
+    assert crest_factors(lines, S).max() <= 1.51
     product = U.transpose(1, 2, 0) @ U.transpose(1, 0, 2).conj()
     np.testing.assert_allclose(product, 6 * eye(40, 6), atol=1e-10)
 
@@ -104,14 +104,20 @@ def test_torque_and_velocity_are_compressed_together() -> None:
     assert crest_factors(lines, signals.spectra(a, b)[1])[0, 1] > 2
 
 
-def test_another_generator_gives_another_optimum_and_the_same_one_the_same() -> None:
-    """Realisations of optimised phases differ; a design can be repeated."""
-    signals = Signals(np.arange(1, 7), orthogonal_basis("dft", 6, 2), eye(6, 2), np.full(2, np.sqrt(3)))
-    first, second = (signals.spectra(*minimise_peaks(signals, np.random.default_rng(seed)))[0] for seed in (1, 2))
-    again = signals.spectra(*minimise_peaks(signals, np.random.default_rng(1)))[0]
-    np.testing.assert_array_equal(first, again)
-    correlation = np.abs(np.vdot(first, second)) / np.linalg.norm(first) ** 2
-    assert correlation < 0.8
+@pytest.mark.parametrize("n_u", [1, 2])
+def test_realisations_have_different_optimised_phases(n_u: int) -> None:
+    """However they are shifted in time or reversed; those of the same generator are the same, a design is repeated."""
+    F = 24
+    signals = Signals(np.arange(11, 35), orthogonal_basis("dft", F, n_u), eye(F, n_u), np.full(n_u, np.sqrt(F / 2)))
+
+    def realisation(seed: int) -> np.ndarray:
+        phases = minimise_peaks(signals, np.random.default_rng(seed), is_alone=False)
+        return signals.spectra(*phases)[0][0, :, 0]
+
+    first, second = realisation(1), realisation(2)
+    np.testing.assert_array_equal(first, realisation(1))
+    for other in (second, second.conj()):
+        assert np.abs(np.fft.fft(first.conj() * other, 4096)).max() < 0.8 * F
 
 
 def test_peaks_are_found_between_the_samples() -> None:

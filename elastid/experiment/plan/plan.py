@@ -161,8 +161,8 @@ def make_plan(
     chosen: configurations that a design has added to those of the study.  spectra: amplitudes (F, n_u) in Nm that it
     has found, by the configuration's name.  closed_loop: needed where excitation.flat or compress names a quantity
     other than the torque.  The phases of a set depend on seed, configuration index and realisation alone, so that a
-    further configuration or realisation leaves the others as they were.  Raises StudyError where the robot cannot do
-    it.
+    further configuration or realisation leaves the others as they were (but for optimised phases, the first other
+    realisation).  Raises StudyError where the robot cannot do it.
     """
     given = [ChosenConfiguration(c, experiment.realisations) for c in checked_configurations(experiment, robot)]
     everyone = (*given, *chosen)

@@ -88,7 +88,8 @@ def torque_spectra(
         responses = closed_loop(configuration, freq_hz).of(excitation.compress)
     amplitude = spectrum if spectrum is not None else amplitudes(relative, torque_rms(excitation, robot))
     how = (excitation.phases, excitation.orthogonal, lines, amplitude)
-    return np.array([experiments(*how, np.random.default_rng(d), responses, excitation.effort) for d in draws])
+    search = (responses, excitation.effort, len(draws) == 1)
+    return np.array([experiments(*how, np.random.default_rng(d), *search) for d in draws])
 
 
 def torque_rms(excitation: MultisineSpec, robot: Robot) -> FloatArray:
