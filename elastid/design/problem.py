@@ -117,11 +117,17 @@ class DesignProblem:
         return make_plan(self.excitation, experiment, self.robot, self.seed, chosen, own, loop)
 
     def probe(self, experiment: ExperimentSpec, realisations: int = PROBE_REALISATIONS) -> Plan:
-        """A plan of the given configurations, and of a few more that stand for all candidates."""
+        """A plan of the given configurations, and of a few more that stand for all candidates.
+
+        Its phases are random where the study's are optimised, since it is not measured.
+        """
+        drawn = self
+        if self.excitation.phases == "optimised":
+            drawn = replace(self, excitation=replace(self.excitation, phases="random"))
         if self.design is None:
-            return self.plan(experiment)
+            return drawn.plan(experiment)
         some = self.candidates(self.design).configurations[:N_PROBES]
-        return self.plan(
+        return drawn.plan(
             experiment, [ChosenConfiguration(replace(c, name=f"probe{i}"), realisations) for i, c in enumerate(some)]
         )
 
