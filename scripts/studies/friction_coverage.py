@@ -7,13 +7,16 @@ Simulated records of a robot with Coulomb friction of so many times the rms torq
 for every data set), estimated and fitted from the truth without a floor, so that the intervals are made of noise and
 friction alone. Of every case: the share of the 95 % intervals of all k and d that hold the truth, and by parameter the
 bias and the scatter of ln p over the standard deviation that the fit states. The share of every case must lie between
-94 and 96 %, three of its own standard deviations allowed for chance. A set of two axes costs 0.3 CPU seconds with
-`none` and 0.9 with `auto`, one of three axes 0.8 and 3. The last line is one JSON object.
+94 and 96 %, three of its own standard deviations allowed for chance. Both treatments share the records of a data set;
+one of two axes costs 0.06 CPU seconds to simulate, 0.2 with `none` and 1.2 with `auto`, one of three axes 0.3, 0.4 and
+3. The last line is one JSON object.
 
-Without friction 500 Hz and encoders without a filter are as good as any other rate, since the model has the images of
-the held torque. Under a carrier, friction left in, the damping of the arm of the two axes was held in 88 % and its
-stiffness in 99 % at 0.16 (300 sets at 1 kHz), perhaps because friction's distortion is correlated between lines that
-lie twice the carrier's frequency apart.
+Found, three axes with a carrier, 40 data sets each: with friction taken out 97.0 +- 0.9, 97.3 +- 0.9 and 97.0 +- 0.9 %
+at 0, 0.05 and 0.16, bias at most 0.5 of the stated deviations of 0.002 to 0.06 %; with `none` 94.5 +- 1.2 % at 0.16 (30
+data sets). Were friction's images left in the angles and reversals found on 8 cells a sample, 79 % at 0.16, bias up to
+2.5. At 0.3 it is 90.5 +- 1.1 %, short of the goal: the damping of the first axis is 0.05 % (2.1 stated deviations) too
+small, since reversals have not converged and levels, which are found along a motion without its part above half the
+rate, are 0.4 % too small where a motor nearly rests at its reversals.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -34,7 +37,7 @@ from typing import Any, get_args
 
 import numpy as np
 from fast_rig import FastRig
-from study_plants import with_coulomb
+from study_plants import fit_from_truth, with_coulomb
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
@@ -43,9 +46,7 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
-from elastid.fit.identify import fit_parameters
-from elastid.fit.result import FitResult
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.result import QUANTILE
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.without_friction import estimate_without_friction
@@ -59,14 +60,6 @@ MAX_ERROR = 2e-3
 COVERED, CHANCE = (0.94, 0.96), 3.0
 # Runge-Kutta steps in a sample in which a motor reverses: with 2 the friction of a reversal is biased.
 SUBSTEPS = 16
-FIT = FitSpec(
-    log_first=False,
-    starts=1,
-    start_factor=1.0,
-    profile=(),
-    weights=WeightSpec(floor=0.0),
-    parameters=dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec()),
-)
 
 
 @dataclass(frozen=True)
@@ -134,39 +127,28 @@ class Case:
     axes: int
     coulomb: float
     carrier: bool
-    friction: Friction
+    frictions: tuple[Friction, ...]
     realisations: int = 4
     periods: int = 2
 
     @property
     def name(self) -> str:
-        """In a table."""
-        carrier = "carrier" if self.carrier else "at rest"
-        return f"{self.axes} axes, {self.coulomb:4.2f}, {carrier}, {self.friction}"
+        """In a table, without the treatment."""
+        return f"{self.axes} axes, {self.coulomb:4.2f}, {'carrier' if self.carrier else 'at rest'}"
 
-    def responses_and_fit(self, number: int) -> tuple[list[Any], FitResult]:
-        """The responses of one data set and their fit."""
+    def __call__(self, number: int) -> FloatArray:
+        """ln p - ln of the truth, and its stated deviation, by treatment (n_f, 2, n) of one data set."""
         rig, experiment, excitation = _prepared(self)
         plan = make_plan(excitation, experiment, rig.robot, number)
         records = rig.measure(plan, number)
-        spec = EstimatorSpec(friction=self.friction)
         groups = [[one for one in records if one.configuration.name == name] for name in rig.postures]
-        taken = None if self.friction == "none" else find_friction(groups, spec, plan.lines)
-        found = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
-        return found, fit_parameters(found, rig.robot, FIT)
-
-    def __call__(self, number: int) -> FloatArray:
-        """ln p - ln of the truth, stated deviation, and whether the 95 % interval holds the truth (3, n)."""
-        _, result = self.responses_and_fit(number)
-        truth = {name: value for name, (value, _) in _prepared(self)[0].robot.parameters().items()}
-        names = self.names
-        if result.status not in ("converged", "at_bound", "misfit"):
-            return np.full((3, len(names)), np.nan)
-        std = result.std
-        error = np.array([np.log(result.values[name] / truth[name]) for name in names])
-        stated = np.array([std[name] / result.values[name] for name in names])
-        within = [result.interval(name)[0] < truth[name] < result.interval(name)[1] for name in names]
-        return np.array([error, stated, within])
+        found = []
+        for friction in self.frictions:
+            spec = EstimatorSpec(friction=friction)
+            taken = None if friction == "none" else find_friction(groups, spec, plan.lines)
+            responses = [estimate_without_friction(group, taken, spec, plan.lines) for group in groups]
+            found.append(fit_from_truth(responses, rig.robot, self.names))
+        return np.array(found)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -202,27 +184,28 @@ def verified(case: Case) -> dict[str, float]:
     return {name: float(np.max(np.std(a - b, axis=0) / np.std(b, axis=0))) for name, (a, b) in parts.items()}
 
 
-def covered(case: Case, sets: int, jobs: int) -> dict[str, Any]:
-    """The figures of a case from so many data sets."""
+def covered(case: Case, sets: int, jobs: int) -> list[dict[str, Any]]:
+    """The figures of a case from so many data sets, by treatment."""
     every = np.array(ordered(case, list(range(sets)), jobs))
-    good = np.isfinite(every).all(axis=(1, 2))
-    error, stated, within = every[good].swapaxes(0, 1)
+    return [_figures(case, friction, *every[:, i].swapaxes(0, 1)) for i, friction in enumerate(case.frictions)]
+
+
+def _figures(case: Case, friction: Friction, error: FloatArray, stated: FloatArray) -> dict[str, Any]:
+    within = np.abs(error) < QUANTILE * stated
     rms = np.sqrt(np.mean(stated**2, axis=0))
-    scatter = np.std(error, axis=0, ddof=1)
+    sets = len(error)
+    # Data sets are independent, parameters of one are not; few sets may all have the same share.
+    chance = max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.95 * 0.05 / len(case.names))) / np.sqrt(sets)
     return {
-        "case": case.name,
-        "sets": int(good.sum()),
-        "failed": int(np.sum(~good)),
+        "case": f"{case.name}, {friction}",
+        "sets": sets,
         "coverage": float(within.mean()),
-        # Data sets are independent, parameters of one are not; few sets may all have the same share.
-        "chance": float(
-            max(np.std(within.mean(axis=1), ddof=1), np.sqrt(0.95 * 0.05 / len(case.names))) / np.sqrt(good.sum())
-        ),
+        "chance": float(chance),
         "parameters": list(case.names),
         "coverage_by_parameter": within.mean(axis=0).round(4).tolist(),
         "bias_percent": (100 * error.mean(axis=0)).round(4).tolist(),
         "bias_over_stated": (error.mean(axis=0) / rms).round(3).tolist(),
-        "scatter_over_stated": (scatter / rms).round(3).tolist(),
+        "scatter_over_stated": (np.std(error, axis=0, ddof=1) / rms).round(3).tolist(),
         "stated_percent": (100 * rms).round(4).tolist(),
     }
 
@@ -267,21 +250,20 @@ def main() -> None:
     rows = []
     for n in axes if given.verify else ():
         for level, carrier in ((0.0, False), (0.16, False), (0.16, True)):
-            case = Case(n, level, carrier, "none")
+            case = Case(n, level, carrier, ("none",))
             error = verified(case)
             print(f"{case.name}: {error['torque']:.1e} of the torque, {error['angle']:.1e} of the angle")
             assert max(error.values()) < MAX_ERROR
     for n in axes:
         for carrier in given.carrier:
             for level in levels:
-                for friction in given.friction:
-                    case = Case(n, level, carrier == "yes", friction, given.realisations, given.periods)
-                    rows.append(covered(case, sets, given.jobs))
+                case = Case(n, level, carrier == "yes", tuple(given.friction), given.realisations, given.periods)
+                for row in covered(case, sets, given.jobs):
+                    rows.append(row)
                     print(table(rows[-1:]).split("\n")[1 if len(rows) > 1 else 0 :][-1], flush=True)
     print("\n" + table(rows))
     for row in rows:
         low, high = COVERED[0] - CHANCE * row["chance"], COVERED[1] + CHANCE * row["chance"]
-        assert row["failed"] == 0, row
         assert low <= row["coverage"] <= high, row
     print(json.dumps({"coverage": rows}))
 

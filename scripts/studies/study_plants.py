@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,11 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.assembly import Assembly, relinearise
 from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
@@ -152,3 +155,29 @@ def with_coulomb(robot: Robot, levels: Sequence[float]) -> Robot:
 
     bodies = tuple(replace(body, joints=tuple(joint(one) for one in body.joints)) for body in robot.bodies)
     return replace(robot, bodies=bodies)
+
+
+def fit_from_truth(
+    responses: Sequence[FrequencyResponse], robot: Robot, judged: Sequence[str]
+) -> tuple[FloatArray, FloatArray]:
+    """Errors (n,) of ln p of the parameters that are judged, and their stated deviations (n,).
+
+    All k_*, d_* and fm_* of the robot are free, from its own as start, without a floor: intervals are made of noise
+    and friction alone.  The model is differentiated once for many data sets.
+    """
+    names = [name for name, (value, _) in robot.parameters().items() if name.startswith(("k_", "d_", "fm_")) and value]
+    spec = FitSpec(weights=WeightSpec(floor=0.0), parameters={name: ParameterSpec() for name in names})
+    parameters = choose(spec, robot, [response.configuration.name for response in responses])
+    weights = tuple(weigh(response, spec) for response in responses)
+    linearisation = _differentiated(robot, tuple(parameters.names))
+    assembly = Assembly(tuple(responses), weights, linearisation, parameters, spec)
+    start = LocalOptimum(parameters.x, parameters.x, 0.0, 0, True, "the truth")
+    optimum = relinearise(assembly, start, spec.criterion)
+    uncertainty = estimate_uncertainty(optimum.fit, responses, optimum.weights, optimum.end.x)
+    order = [parameters.free_names.index(name) for name in judged]
+    return (optimum.end.x - parameters.x)[order], np.sqrt(np.diag(uncertainty.covariance))[order]
+
+
+@lru_cache(maxsize=4)
+def _differentiated(robot: Robot, names: tuple[str, ...]) -> Linearisation:
+    return Linearisation.of_robot(robot, EXACT, names)
