@@ -21,8 +21,3 @@ def fast(loops: Loops) -> Loops:
     except RuntimeError:  # no folder that can be written to: compiled anew in every process
         compiled = njit(**how)(loops)
     return compiled
-
-
-def lanes(n_lines: int, at_most: int) -> int:
-    """How many lines to work on at once, at most so many: the batches are of one size, but for the last."""
-    return -(-n_lines // max(1, -(-n_lines // at_most)))
