@@ -17,7 +17,9 @@ Two axes without a floor, 1000 data sets each: for M, P = 1, 2; 1, 5; 2, 2 the s
 bound, 95.1, 95.2 and 94.9 % of intervals hold the truth, and V is 1.000, 0.998 and 1.001 of its expectation. Of 1 %
 asked for, `more than the noise` is said in 0.1 to 0.7 % of fits and 0.8 to 1.3 % of responses left out, `coloured` in
 1.0 to 1.5 and 1.0 to 1.9 %. For 2, 5 and 4, 2
-the scatter of 150 data sets is 1.013 and 1.039 of the bound, V 0.996 and 1.001 of its expectation.
+the scatter of 150 data sets is 1.013 and 1.039 of the bound, V 0.996 and 1.001 of its expectation; for 4, 5 that of
+100 is 1.000 and V 0.998, with a floor of 0.001 V 0.996. These rates of `coloured` are those of its distribution with
+two moments, 1.4 % in the mean; with the third one they were not drawn again at this size.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
