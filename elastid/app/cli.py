@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 import io
-import shlex
 import sys
 from collections.abc import Callable, Sequence
-from errno import EDQUOT, EFBIG, ENOSPC
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
 from elastid import __version__
+from elastid.app.endings import explained, interrupted
 from elastid.app.help import InOrderOfWork
 from elastid.app.process import insisting, one_blas_thread
 from elastid.app.stage_table import all_names, help_of
-from elastid.base.printable import printable
 
 if TYPE_CHECKING:
     from elastid.app.run import Run
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
-
-INTERRUPTED = 130
 
 
 def main() -> None:
@@ -35,53 +31,17 @@ def main() -> None:
 
 
 def run_command(arguments: Sequence[str]) -> int:
-    """Every way in which a command can end, as a message and an exit code.
-
-    0 done; 1 the data or the fit are at fault; 2 usage or study; 3 done and written, but a misfit, not to be believed
-    as it stands; 130 interrupted.
-    """
+    """A command, and its exit code however it ends (`elastid.app.endings`)."""
     try:
         with insisting() as pressed:
             cli.main(list(arguments), prog_name="elastid", standalone_mode=False)
     except (KeyboardInterrupt, click.Abort):
-        return _interrupted(arguments)
+        return interrupted(arguments)
     except Exception as error:
         if pressed.is_set():
-            return _interrupted(arguments)
-        return _explained(error)
+            return interrupted(arguments)
+        return explained(error)
     return 0
-
-
-def _explained(error: Exception) -> int:
-    """The exit code of an error that has a message for the user; any other is a bug and raised again."""
-    from elastid.base.errors import ElastidError
-
-    match error:
-        case ElastidError():
-            return _ended(str(error), error.exit_code)
-        case click.exceptions.Exit():
-            return error.exit_code
-        case click.ClickException():
-            error.show()
-            return error.exit_code
-        case MemoryError():
-            return _ended(f"the study asks for more memory than there is ({error}); shorten its records", 2)
-        case OSError():
-            where = f"{error.filename}: " if error.filename else ""
-            full = error.errno in (ENOSPC, EDQUOT, EFBIG)
-            advice = "; make room, and the same command goes on where it was" if full else ""
-            return _ended(f"{where}{error.strerror or error}{advice}", 1)
-    raise error
-
-
-def _interrupted(arguments: Sequence[str]) -> int:
-    again = shlex.join(["elastid", *arguments])
-    return _ended(f"interrupted: finished parts are kept, and `{again}` resumes from there", INTERRUPTED)
-
-
-def _ended(message: str, code: int) -> int:
-    click.echo(printable(message), err=True)
-    return code
 
 
 def _options(*names: str) -> Decorator:

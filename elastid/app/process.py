@@ -1,4 +1,4 @@
-"""The process: Ctrl-C that interrupts any code, and one BLAS thread."""
+"""The process: Ctrl-C or a request to end that interrupts any code, and one BLAS thread."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 from _thread import interrupt_main
 from collections.abc import Iterator
 from contextlib import contextmanager
-from signal import SIGINT, signal
+from signal import SIGINT, SIGTERM, signal
 from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
 
@@ -15,10 +15,10 @@ AGAIN_AFTER_S = 0.5
 
 @contextmanager
 def insisting() -> Iterator[Event]:
-    """KeyboardInterrupt on Ctrl-C, and again every half second until the work inside has ended.
+    """KeyboardInterrupt on Ctrl-C or SIGTERM, and again every half second until the work inside has ended.
 
     CasADi's wrappers swallow a KeyboardInterrupt that falls into them, or make an error of another kind of it. The
-    event that is yielded is set once Ctrl-C was pressed: whatever error ends the work then, the user has ended it.
+    event that is yielded is set once that happened: whatever error ends the work then, the user has ended it.
     """
     pressed, ended = Event(), Event()
 
@@ -35,12 +35,13 @@ def insisting() -> Iterator[Event]:
     if current_thread() is not main_thread():  # signals belong to the main thread
         yield pressed
         return
-    before = signal(SIGINT, interrupt)
+    before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
     try:
         yield pressed
     finally:
         ended.set()
-        signal(SIGINT, before)
+        for number, handler in before.items():
+            signal(number, handler)
 
 
 def one_blas_thread() -> None:

@@ -401,6 +401,22 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
     assert [name for name in whole if whole[name] != stopped[name]] == ["run.log"]
 
 
+def test_ctrl_c_before_anything_is_loaded_has_no_traceback() -> None:
+    """As long as the command line itself is being imported."""
+    code = """
+import runpy, sys
+class Interrupted:
+    def find_spec(self, name, *rest):
+        if name == "elastid.app.cli":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupted())
+sys.argv = ["elastid", "--help"]
+runpy.run_module("elastid", run_name="__main__")
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
+
+
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
