@@ -46,6 +46,7 @@ def run_of(tiny: Path, friction: str) -> Run:
     return run
 
 
+@pytest.mark.slow
 def test_a_study_without_friction_to_take_out_has_responses_alone(tiny: Path) -> None:
     """And says that its viscous number contains some."""
     run = run_of(tiny, "none")

@@ -75,7 +75,7 @@ LOOSE = re.compile(rf"{NUMBER}|\beqs?\. [23]\.\d+")
 
 FILE = re.compile(r"(?<![\w<*./])[a-z][\w/-]*\.(?:md|py|ya?ml)\b")
 # Written by elastid or by its user, not part of the repository; a library.
-OTHER_FILES = {"study.yml", "load_model.py", "load_responses.py", "metadata.yaml"}
+OTHER_FILES = {"identified_robot.yml", "study.yml", "load_model.py", "load_responses.py", "metadata.yaml"}
 
 
 @cache

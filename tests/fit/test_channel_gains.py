@@ -82,6 +82,7 @@ def test_the_gain_of_a_sensor_is_found_where_the_inertias_are_known() -> None:
     assert fit_parameters(responses, arm(), spec_of({})).model_error > 3
 
 
+@pytest.mark.slow
 def test_intervals_of_gains_hold_the_truth() -> None:
     """Twelve noisy measurements of each of two gains, beside ten further parameters."""
     robot = read_as(**{READING: 1.3, TORQUE: 0.9})

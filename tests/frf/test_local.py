@@ -170,6 +170,7 @@ def test_six_axes_come_from_one_experiment_in_closed_loop() -> None:
     assert study.six_axes(2, 10.0, 1, 1, 0, np.inf)["local_rational"][1] < 0.02
 
 
+@pytest.mark.slow
 def test_noise_that_feedback_brings_into_the_torque_does_no_harm_where_the_reference_is_known() -> None:
     """From R to [Y; U]: mean of 60 runs on the truth; from U to Y: biased by the noise-to-signal ratio squared."""
     rng = np.random.default_rng(0)
