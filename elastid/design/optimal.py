@@ -6,7 +6,9 @@ phi = ln Phi_p of the information M_S = [(M^-1)_SS]^-1 on the parameters of inte
 eigenvalues (Kiefer): p = 0 is D, their geometric mean, p = 1 is A, their harmonic mean, p -> infinity is E, the
 smallest. Phi is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no design is better than phi + ln max g_i;
 for D g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it. (Silvey, Titterington and
-Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.)
+Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.) The smallest
+eigenvalue has no gradient where it is best, where several are equal: E is a semidefinite program
+(`smallest_eigenvalue`), and too large ones are softened and climb.
 
 Several information matrices of each candidate, one for each guess of the parameters, are averaged or judged by the
 worst guess.
@@ -20,6 +22,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.design.packed import pack, unpack
+from elastid.design.smallest_eigenvalue import bounded_shares
 
 Letter: TypeAlias = Literal["D", "A", "E"]
 Over: TypeAlias = Literal["mean", "worst"]
@@ -152,10 +156,29 @@ def relaxed_design(
     known (S, d, d): information that is there already, divided by the number of experiments to be shared.
     M must be positive definite for equal shares.
     """
-    d = H.shape[-1]
-    packed = _packed(H if known is None else H + known[:, None])
-    weights = np.full(H.shape[1], 1 / H.shape[1])
-    slope = criterion.slope(_unpacked(weights @ packed, d))
+    packed = pack(H if known is None else H + known[:, None])
+    certified = None
+    if criterion.letter == "E" and np.isinf(criterion.softness):
+        certified = _smallest_eigenvalue(packed, criterion, tolerance)
+        if certified is not None and certified.gap <= tolerance:
+            return certified
+    climbed = _climbed(packed, criterion, tolerance)
+    return climbed if certified is None else min(certified, climbed, key=lambda design: design.gap)
+
+
+def _smallest_eigenvalue(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign | None:
+    """E by a semidefinite program, or nothing where that is too large."""
+    found = bounded_shares(packed, criterion.interest, criterion.over == "worst", criterion.value, tolerance)
+    if found is None:
+        return None
+    gap = found.bound - found.value
+    return RelaxedDesign(found.weights, found.value, gap, float(np.expm1(gap)))
+
+
+def _climbed(packed: FloatArray, criterion: DesignCriterion, tolerance: float) -> RelaxedDesign:
+    """The shares that multiplicative updates of equal ones reach."""
+    weights = np.full(packed.shape[1], 1 / packed.shape[1])
+    slope = criterion.slope(unpack(weights @ packed))
     for updates in range(0, MAX_UPDATES + 1, UPDATES_PER_ROUND):
         g = _gains(packed, slope)
         excess = float(g.max()) - 1
@@ -164,28 +187,28 @@ def relaxed_design(
             break
         active = np.flatnonzero((weights > 1e-4 * weights.max()) | (g > 1 - 2 * max(excess, tolerance)))
         before = slope.searched
-        weights, slope = _climb(packed[:, active], weights, active, criterion, d)
+        weights, slope = _climb(packed[:, active], weights, active, criterion)
         if updates and abs(slope.searched - before) < min(MIN_PROGRESS, tolerance / 1e4):
             tolerance = np.inf
     return RelaxedDesign(weights, slope.value, gap, excess)
 
 
 def _climb(
-    packed: FloatArray, weights: FloatArray, active: IntArray, criterion: DesignCriterion, d: int
+    packed: FloatArray, weights: FloatArray, active: IntArray, criterion: DesignCriterion
 ) -> tuple[FloatArray, CriterionValue]:
     """UPDATES_PER_ROUND multiplicative updates on the active candidates; the others lose their shares."""
     share = weights[active] / weights[active].sum()
     # A candidate that has become active again needs some weight to grow from.
     share = np.maximum(share, 1e-3 / len(share))
     share /= share.sum()
-    slope = criterion.slope(_unpacked(share @ packed, d))
+    slope = criterion.slope(unpack(share @ packed))
     power = 1.0 if criterion.letter == "D" and criterion.over == "mean" else 0.5
     for _ in range(UPDATES_PER_ROUND):
         g = _gains(packed, slope)
         while True:
             tried = share * g**power
             tried /= tried.sum()
-            moved = criterion.slope(_unpacked(tried @ packed, d))
+            moved = criterion.slope(unpack(tried @ packed))
             if moved.searched >= slope.searched or power < 1e-3:
                 break
             power /= 2
@@ -204,9 +227,9 @@ def whole(
     The best of several starts, one of them the rounded shares, the others drawn from the shares.
     known (S, d, d): information that is there already, undivided.
     """
-    packed = _packed(H)
-    base = np.zeros((len(H), packed.shape[-1])) if known is None else _packed(known)
-    slope = criterion.slope(_unpacked(base / count + weights @ packed, H.shape[-1]))
+    packed = pack(H)
+    base = np.zeros((len(H), packed.shape[-1])) if known is None else pack(known)
+    slope = criterion.slope(unpack(base / count + weights @ packed))
     searched = np.argsort(-_gains(packed, slope) - weights, kind="stable")[:N_SEARCHED]
     share = weights[searched] / weights[searched].sum()
     draw = np.random.default_rng(0)
@@ -226,15 +249,14 @@ def _exchanged(
     numbers: IntArray, packed: FloatArray, base: FloatArray, criterion: DesignCriterion
 ) -> tuple[IntArray, float]:
     """Numbers (Q,) that no exchange of one experiment for another improves, and phi with them."""
-    d = round((np.sqrt(8 * packed.shape[-1] + 1) - 1) / 2)
     numbers = numbers.astype(np.int64)
-    value = float(criterion.value(_unpacked(base + numbers @ packed, d)))
+    value = float(criterion.value(unpack(base + numbers @ packed)))
     improved = True
     while improved:
         improved = False
         for leaves in np.flatnonzero(numbers):
             rest = base + numbers @ packed - packed[:, leaves]
-            enters, reached = _best_addition(rest, packed, criterion, d, int(leaves))
+            enters, reached = _best_addition(rest, packed, criterion, int(leaves))
             if reached > value + 1e-9:
                 numbers[leaves] -= 1
                 numbers[enters] += 1
@@ -242,15 +264,13 @@ def _exchanged(
     return numbers, value
 
 
-def _best_addition(
-    rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, d: int, leaves: int
-) -> tuple[int, float]:
+def _best_addition(rest: FloatArray, packed: FloatArray, criterion: DesignCriterion, leaves: int) -> tuple[int, float]:
     """The candidate that adds most to information `rest` (S, p), and the value with it."""
     # The gradient half way: without the removed experiment M may be close to singular.
-    slope = criterion.slope(_unpacked(rest + packed[:, leaves] / 2, d))
+    slope = criterion.slope(unpack(rest + packed[:, leaves] / 2))
     g = _gains(packed, slope)
     best = np.argsort(-g, kind="stable")[:N_SCREENED]
-    values = criterion.value(_unpacked(rest[:, None] + packed[:, best], d))
+    values = criterion.value(unpack(rest[:, None] + packed[:, best]))
     winner = int(np.argmax(values))
     return int(best[winner]), float(values[winner])
 
@@ -271,18 +291,4 @@ def _apportioned(weights: FloatArray, count: int) -> IntArray:
 
 def _gains(packed: FloatArray, slope: CriterionValue) -> FloatArray:
     """g (Q,): relative gain of phi by a small increase of each candidate's share."""
-    return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, _packed(slope.gradient), optimize=True), 0.0))
-
-
-def _packed(matrices: FloatArray) -> FloatArray:
-    """Symmetric (..., d, d) as (..., d (d + 1) / 2), so that Tr(A B) is a dot product."""
-    rows, columns = np.tril_indices(matrices.shape[-1])
-    return np.ascontiguousarray(matrices[..., rows, columns] * np.where(rows == columns, 1.0, np.sqrt(2)))
-
-
-def _unpacked(packed: FloatArray, d: int) -> FloatArray:
-    rows, columns = np.tril_indices(d)
-    matrices = np.empty((*packed.shape[:-1], d, d))
-    matrices[..., rows, columns] = packed / np.where(rows == columns, 1.0, np.sqrt(2))
-    matrices[..., columns, rows] = matrices[..., rows, columns]
-    return matrices
+    return np.asarray(np.maximum(np.einsum("sqp,sp->q", packed, pack(slope.gradient), optimize=True), 0.0))
