@@ -19,7 +19,6 @@ from elastid.export.peaks import write_peaks
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.frf.peaks import peaks
 from elastid.linear.modes import modes
-from elastid.linear.propagation import uncertain_modes
 from elastid.linear.response.transfer import frequency_response
 from elastid.response import FrequencyResponse
 from elastid.store import text_file
@@ -59,10 +58,8 @@ def _parameters(model: FittedRobot) -> Iterable[Sequence[Any]]:
 
 def _modes(model: FittedRobot) -> Iterable[Sequence[Any]]:
     yield "configuration", "mode", "frequency_hz", "damping_ratio", "frequency_std", "damping_ratio_std"
-    fit = model.result
-    for linear in model.linear:
+    for linear, sure in zip(model.linear, model.uncertain_modes, strict=True):
         found = modes(linear, model.theta)
-        sure = uncertain_modes(linear, fit.parameters, fit.x, fit.covariance)
         columns = (each.tolist() for each in (found.freq_hz, found.zeta, sure.freq_std, sure.zeta_std))
         for i, (*values, freq_std, zeta_std) in enumerate(zip(*columns, strict=True), start=1):
             # A mode of held numbers alone has no std.

@@ -14,7 +14,7 @@ from elastid.fit.result import FitResult
 from elastid.fit.setup.groups import group_labels
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.linear.propagation import response_deviation, response_shifts
+from elastid.linear.propagation import UncertainModes, response_deviation, response_shifts, uncertain_modes
 from elastid.linear.response.transfer import to_response
 from elastid.linear.statespace import StateSpace, state_space
 from elastid.model.elastic import ElasticModel
@@ -29,13 +29,15 @@ from elastid.robot import Robot
 class FittedRobot:
     """The equations of a fitted robot, and measured response and linear model of each configuration, in one order.
 
-    linear: inputs and outputs in the order of the response.  name: of an export.
+    linear: inputs and outputs in the order of the response.  differentiated: the same as functions of every parameter
+    of the fit, geometry included, from which deviations follow.  name: of an export.
     """
 
     result: FitResult
     model: ElasticModel
     measured: tuple[FrequencyResponse, ...]
     linear: tuple[LinearModel, ...]
+    differentiated: tuple[LinearModel, ...]
     name: str = ""
 
     @classmethod
@@ -61,9 +63,11 @@ class FittedRobot:
         name: str,
     ) -> FittedRobot:
         linearisation = Linearisation.of_robot(robot, spec, geometry)
-        model = linearisation.model
-        linear = (linear_model(linearisation, G, _theta(result, model, G.configuration.name)) for G in measured)
-        return cls(result, model, tuple(measured), tuple(linear), name)
+        linear = _linearised(linearisation, result, measured)
+        names = result.parameters.names
+        is_of_all = {*names} == {*linearisation.model.parameters, DELAY}
+        of_all = linear if is_of_all else _linearised(Linearisation.of_robot(robot, spec, names), result, measured)
+        return cls(result, linearisation.model, tuple(measured), linear, of_all, name)
 
     @property
     def robot(self) -> Robot:
@@ -100,7 +104,15 @@ class FittedRobot:
         found = self.result
         return tuple(
             response_deviation(linear, G.freq_hz, found.parameters, found.x, found.covariance)[1]
-            for linear, G in zip(self.linear, self.measured, strict=True)
+            for linear, G in zip(self.differentiated, self.measured, strict=True)
+        )
+
+    @property
+    def uncertain_modes(self) -> tuple[UncertainModes, ...]:
+        """Natural frequencies and damping ratios of each configuration with their standard deviations."""
+        found = self.result
+        return tuple(
+            uncertain_modes(linear, found.parameters, found.x, found.covariance) for linear in self.differentiated
         )
 
     def response_shifts(self, configuration: str) -> ComplexArray:
@@ -155,6 +167,14 @@ def robots_by_group(
 def _numbers(result: FitResult, configuration: str) -> dict[str, float]:
     """The fitted numbers by name in a configuration, SI."""
     return dict(zip(result.parameters.names, result.theta_of(configuration).tolist(), strict=True))
+
+
+def _linearised(
+    linearisation: Linearisation, result: FitResult, measured: Sequence[FrequencyResponse]
+) -> tuple[LinearModel, ...]:
+    """The linear model of each measured configuration about the rest of the fitted numbers."""
+    model = linearisation.model
+    return tuple(linear_model(linearisation, G, _theta(result, model, G.configuration.name)) for G in measured)
 
 
 def _theta(result: FitResult, model: ElasticModel, configuration: str) -> FloatArray:

@@ -31,7 +31,7 @@ from typing import Any, get_args
 import numpy as np
 from design import six_axes as six_axes_of
 from fast_rig import FastRig
-from friction_coverage import FIT, SUBSTEPS, two_axes
+from friction_coverage import SUBSTEPS, two_axes
 from study_plants import with_coulomb
 
 from elastid.design.design import with_friction_damping
@@ -41,6 +41,7 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters
+from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.without_friction import estimate_without_friction
@@ -48,6 +49,14 @@ from elastid.study import load
 
 # Predicted over fitted standard deviation, geometric mean over the parameters of a robot.
 WANTED = (0.8, 1.25)
+FIT = FitSpec(
+    log_first=False,
+    starts=1,
+    start_factor=1.0,
+    profile=(),
+    weights=WeightSpec(floor=0.0),
+    parameters=dict.fromkeys(("k_*", "d_*", "fm_*"), ParameterSpec()),
+)
 
 
 def demo() -> DesignProblem:

@@ -131,7 +131,15 @@ def test_the_template_finds_its_truth_alike_with_any_number_of_processes(tmp_pat
     folders = [copied(tmp_path / name) for name in ("one", "two")]
     for folder, jobs in zip(folders, (1, 2), strict=True):
         run_all(run_of(folder, "report.formats=[]", jobs=jobs))
-    for name in ("plan.h5", "records.h5", "levels.h5", "friction.h5", "summary.json", "robot.yml", "report.html"):
+    for name in (
+        "plan.h5",
+        "records.h5",
+        "levels.h5",
+        "friction.h5",
+        "summary.json",
+        "identified_robot.yml",
+        "report.html",
+    ):
         assert (folders[0] / "run" / name).read_bytes() == (folders[1] / "run" / name).read_bytes(), name
     found = {each.name: each for each in read_friction_result(folders[0] / "run" / "friction.h5").numbers}
     for name in NUMBERS:

@@ -305,8 +305,8 @@ def test_a_study_of_two_robots_from_files_to_export(tmp_path: Path, capsys: pyte
     assert "a model for each of A (a1, a2, a3), B (b1, b2, b3), which have parameters" in capsys.readouterr().out
     for robot in ROBOTS:
         rows = list(csv.reader((run / "export" / "csv" / robot / "parameters.csv").read_text().splitlines()))
-        values = {row[0]: row[2] for row in rows}
-        assert float(values[f"k_1@{robot}"]) == found[f"k_1@{robot}"]["value"]
+        values = {row[0]: row[2] for row in rows}  # by their names in the model of that robot
+        assert float(values["k_1"]) == found[f"k_1@{robot}"]["value"]
         assert float(values["k_2"]) == found["k_2"]["value"]
         assert (run / "export" / "csv" / robot / f"{robot.lower()}2-fitted.csv").is_file()
 

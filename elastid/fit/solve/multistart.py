@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.execution import Execution, silent
+from elastid.base.execution import Execution, in_order, silent
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, SolverName, solve
@@ -114,13 +114,10 @@ def _kept(
     function: Callable[[Any], LocalOptimum], items: Mapping[str, Any], execution: Execution
 ) -> list[LocalOptimum]:
     """function of each item in order; on Ctrl-C what is done is kept in the exception."""
-    ends: dict[int, LocalOptimum] = {}
     try:
-        for index, end in execution.resumed(function, list(items.values()), list(items)):
-            ends[index] = end
+        return in_order(execution.resumed(function, list(items.values()), list(items)))
     except KeyboardInterrupt:
-        raise Interrupted(tuple(ends.values())) from None
-    return [ends[i] for i in range(len(items))]
+        raise Interrupted(execution.checkpoint[name] for name in items if name in execution.checkpoint) from None
 
 
 @dataclass(frozen=True)
