@@ -358,47 +358,72 @@ def resident_mb() -> float:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
-    parser.add_argument("--growth", action="store_true", help="also how time grows")
-    parser.add_argument("--memory", action="store_true", help="memory of a fit alone")
-    given = parser.parse_args()
-    quick = given.quick
-    Q, F = (2, 12) if quick else (20, 200)
-    if given.memory:
-        print(json.dumps(memory(Q, F)))
-        return
-    fit, x0 = assemble(Q, F)
-    n, n_x = fit.parts[0].kernel.model.n, len(x0)
-    print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread\n")
-
-    compiled = is_worth_it(F, n)
+def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit]:
+    """The fit in NumPy, and the same without condensed leaves, too."""
+    none = np.zeros(0, np.int64)
     with patch("elastid.linear.response.kernel.is_worth_it", return_value=False):
-        plain, _ = assemble(Q, F)
+        plain, x0 = assemble(Q, F)
         plain.rough(x0)
-        none = np.zeros(0, np.int64)
         with patch.object(Leaves, "of", lambda coupled: Leaves(none, np.arange(len(coupled)), none)):
             whole, _ = assemble(Q, F)
             whole.rough(x0)
-    kernel = kernel_times(fit, plain, whole, 3 if quick else 15)
-    print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; the extra fast compiles them'}\n")
-    print(f"{'one pass over all configurations':<38}{'ms':>10}{'x solve':>10}{'x floor':>10}")
-    for name, value in kernel.items():
-        print(f"{name:<38}{1e3 * value:>10.1f}{value / kernel[BARE]:>10.1f}{value / kernel[FLOOR]:>10.1f}")
+    return plain, whole
 
-    per_point = kernel[EVALUATION] / (Q * F)
-    lines = 4 if quick else 40
-    line_by_line, x = casadi_sums(fit.parts[0], lines), fit.parameters.x
-    others = {"CasADi MX, AD": cpu_seconds(lambda: line_by_line(x), 3) / lines / per_point}
+
+def line_for_line(fit: ElasticFit, per_line_s: float, lines: int) -> dict[str, float]:
+    """Seconds of one line by CasADi and, where it is installed, by JAX, over those of elastid."""
+    sums, x = casadi_sums(fit.parts[0], lines), fit.parameters.x
+    others = {"CasADi MX, AD": cpu_seconds(lambda: sums(x), 3) / lines / per_line_s}
     jax = jax_evaluation(fit)
     if jax is not None:
-        others["JAX, jacfwd"] = cpu_seconds(jax, 5) / F / per_point
-    print(f"\n{'one evaluation, line for line':<38}{'x elastid':>10}")
-    for name, value in others.items():
-        print(f"{name:<38}{value:>10.1f}")
-    if jax is None:
-        print("JAX is not installed; with it (pip install jax) there is a row for it here")
+        others["JAX, jacfwd"] = cpu_seconds(jax, 5) / len(fit.parts[0].measured) / per_line_s
+    return others
+
+
+def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[str]]) -> None:
+    """A heading and a row for each name, numbers to the right."""
+    for name, cells in {title: headings, **rows}.items():
+        print(f"{name:<38}" + "".join(f"{cell:>14}" for cell in cells))
+    print()
+
+
+def quoted(
+    kernel: dict[str, float], others: dict[str, float], ratios: dict[str, list[float]], spread: float
+) -> dict[str, float]:
+    """The figures that texts quote."""
+    return {
+        "kernel_over_solve": round(kernel["responses and derivatives"] / kernel[BARE], 2),
+        "evaluation_over_solve": round(kernel[EVALUATION] / kernel[BARE], 2),
+        "evaluation_over_floor": round(kernel[EVALUATION] / kernel[FLOOR], 2),
+        "numpy_evaluation_over_solve": round(kernel[PLAIN] / kernel[BARE], 2),
+        "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
+        **{f"{name.split()[0].lower().strip(',')}_over_evaluation": round(v, 1) for name, v in others.items()},
+        "faster_than_same_jacobian": round(statistics.median(ratios[COMPRESSED]), 1),
+        "faster_than_same_jacobian_at_worst": round(ratios[COMPRESSED][0], 1),
+        "faster_than_finite_differences": round(ratios[DIFFERENCES][0], 1),
+        "faster_than_casadi": round(ratios[CASADI][0], 1),
+        "cost_spread": spread,
+    }
+
+
+def compare(Q: int, F: int, quick: bool) -> dict[str, float]:
+    """Print the kernel, single lines and whole fits beside their peers; what texts quote of them."""
+    fit, x0 = assemble(Q, F)
+    n, n_x = fit.parts[0].kernel.model.n, len(x0)
+    print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
+    compiled = is_worth_it(F, n)
+    print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; the extra fast compiles them'}\n")
+
+    plain, whole = without_compiled_loops(Q, F)
+    kernel = kernel_times(fit, plain, whole, 3 if quick else 15)
+    passes = {
+        name: (f"{1e3 * value:.1f}", f"{value / kernel[BARE]:.1f}", f"{value / kernel[FLOOR]:.1f}")
+        for name, value in kernel.items()
+    }
+    print_table("one pass over all configurations", ("ms", "x solve", "x floor"), passes)
+
+    others = line_for_line(fit, kernel[EVALUATION] / (Q * F), 4 if quick else 40)
+    print_table("one evaluation, line for line", ("x elastid",), {k: (f"{v:.1f}",) for k, v in others.items()})
 
     rng = np.random.default_rng(2)
     starts = [x0, *(x0 + 0.1 * rng.standard_normal(n_x) for _ in range(1 if quick else 4))]
@@ -407,35 +432,28 @@ def main() -> None:
         name: sorted(one / own for one, own in zip(each, times["elastid"], strict=False))
         for name, each in times.items()
     }
-    print(f"\n{'a whole fit, x elastid':<38}{'median':>10}{'worst':>10}{'V':>16}")
-    for name, each in ratios.items():
-        print(f"{name:<38}{statistics.median(each):>10.1f}{each[0]:>10.1f}{costs[name]:>16.3f}")
-
+    fits = {
+        name: (f"{statistics.median(each):.1f}", f"{each[0]:.1f}", f"{costs[name]:.3f}")
+        for name, each in ratios.items()
+    }
+    print_table("a whole fit, x elastid", ("median", "worst", "V"), fits)
     spread = max(costs.values()) / min(costs.values()) - 1
-    print(f"\ncosts agree within {spread:.1e}\n")
-    print(
-        json.dumps(
-            {
-                "Q": Q,
-                "F": F,
-                "n": n,
-                "P": n_x,
-                "compiled": compiled,
-                "kernel_over_solve": round(kernel["responses and derivatives"] / kernel[BARE], 2),
-                "evaluation_over_solve": round(kernel[EVALUATION] / kernel[BARE], 2),
-                "evaluation_over_floor": round(kernel[EVALUATION] / kernel[FLOOR], 2),
-                "numpy_evaluation_over_solve": round(kernel[PLAIN] / kernel[BARE], 2),
-                "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
-                **{f"{name.split()[0].lower().strip(',')}_over_evaluation": round(v, 1) for name, v in others.items()},
-                "faster_than_same_jacobian": round(statistics.median(ratios[COMPRESSED]), 1),
-                "faster_than_same_jacobian_at_worst": round(ratios[COMPRESSED][0], 1),
-                "faster_than_finite_differences": round(ratios[DIFFERENCES][0], 1),
-                "faster_than_casadi": round(ratios[CASADI][0], 1),
-                "cost_spread": spread,
-                **(growth(F, Q // 2) if given.growth else {}),
-            }
-        )
-    )
+    return {"Q": Q, "F": F, "n": n, "P": n_x, "compiled": compiled, **quoted(kernel, others, ratios, spread)}
+
+
+def main() -> None:
+    """The tables, then one JSON line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
+    parser.add_argument("--growth", action="store_true", help="also how time grows")
+    parser.add_argument("--memory", action="store_true", help="memory of a fit alone")
+    given = parser.parse_args()
+    Q, F = (2, 12) if given.quick else (20, 200)
+    if given.memory:
+        print(json.dumps(memory(Q, F)))
+        return
+    found = compare(Q, F, given.quick)
+    print(json.dumps(found | (growth(F, Q // 2) if given.growth else {})))
 
 
 if __name__ == "__main__":
