@@ -29,7 +29,7 @@ TORQUE_STD = 0.2
 
 
 def swing(mass: float = 20.0) -> Robot:
-    """A link that hangs on an elastic joint, with friction at its motor; a second joint that rests."""
+    """A pendulum on an elastic joint, with friction at its motor; a second joint that rests."""
     motor = Motor(4e-4, 100.0, viscous=VISCOUS / 1e4, friction=Friction(COULOMB / 100))
     joint = Joint("1", axis="y", motor=motor, spring=Spring(1e5, 60.0))
     wrist = Joint("2", axis="z", motor=Motor(1e-4, 50.0))
