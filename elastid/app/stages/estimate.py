@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from elastid.app.dry_friction import friction_line, shaft_couplings
@@ -74,10 +74,20 @@ def find_friction_of_run(
     """Friction in records.h5, one configuration in memory at a time; None where the study asks for none."""
     if spec.friction == "none":
         return None
-    names = read_configurations(path)
-    return find_friction(
-        (tuple(on_shafts(each, E) for each in read_records(path, name)) for name in names), spec, lines
-    )
+    return find_friction(_RecordsOnShafts(path, E), spec, lines)
+
+
+@dataclass(frozen=True)
+class _RecordsOnShafts:
+    """The records of records.h5 on the motors' shafts, read anew, one configuration at a time, whenever they are gone
+    through."""
+
+    path: Path
+    E: FloatArray | None
+
+    def __iter__(self) -> Iterator[tuple[Record, ...]]:
+        for name in read_configurations(self.path):
+            yield tuple(on_shafts(each, self.E) for each in read_records(self.path, name))
 
 
 def _write(run: Run, responses: Sequence[FrequencyResponse], friction: FrictionTakenOut | None = None) -> None:

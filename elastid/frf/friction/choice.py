@@ -22,7 +22,6 @@ MIN_NONLINEAR_SHARE = 0.05
 class Choice:
     """Shapes with the motor of each (n_f,), and the share (n_m,) of the power that they leave in other realisations.
 
-    candidates (n,): which of them are shapes.  rates (n,): thresholds of those whose rates are shapes, too, else 0.
     taken: of the shapes, those that are taken out; the others fit nearly as well.  covariance (n_f, n_f): of the levels
     by the choice between them.
     """
@@ -30,16 +29,25 @@ class Choice:
     shapes: tuple[Shape, ...]
     motor_of: IntArray
     kept_share: FloatArray
-    candidates: IntArray
-    rates: FloatArray
     taken: IntArray
     covariance: FloatArray
 
 
+@dataclass(frozen=True)
+class Kept:
+    """The candidates (n,) that are shapes of a choice, and rates (n,): thresholds of those whose rates are, else 0."""
+
+    candidates: IntArray
+    rates: FloatArray
+
+
 def choose(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], places: Sequence[str], auto: bool
-) -> Choice:
-    """Shapes by cross-validation: first signs and bristles, then the rates of those that were chosen."""
+) -> tuple[Choice, Kept]:
+    """Shapes by cross-validation: first signs and bristles, then the rates of those that were chosen.
+
+    With those of all candidates that are kept.
+    """
     motor_of = np.array([places.index(shape.place) for shape in candidates], dtype=np.int64)
     chosen, _ = _chosen_of_each(data, motor_of, len(places), auto)
     rates = np.array([candidates[i].threshold if candidates[i].kind in RATE_OF else 0.0 for i in chosen])
@@ -63,7 +71,7 @@ def _with_alternatives(
     places: Sequence[str],
     kept: FloatArray,
     taken: IntArray,
-) -> Choice:
+) -> tuple[Choice, Kept]:
     """The choice of the shapes `taken` of all candidates and rates, with those candidates that fit nearly as well."""
     shapes = _with_rates(candidates, rates)
     motor_of = np.array([places.index(shape.place) for shape in shapes], dtype=np.int64)
@@ -82,15 +90,14 @@ def _with_alternatives(
         used[own.shapes] = True
     some = np.flatnonzero(used)
     picked = some[some < len(candidates)]
-    return Choice(
+    choice = Choice(
         shapes=tuple(shapes[i] for i in some),
         motor_of=motor_of[some],
         kept_share=kept,
-        candidates=picked,
-        rates=rates[picked],
         taken=np.searchsorted(some, taken),
         covariance=covariance[np.ix_(some, some)],
     )
+    return choice, Kept(picked, rates[picked])
 
 
 def _chosen_of_each(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,9 +12,10 @@ from elastid.base.note import Note, Severity
 from elastid.frf.checks.records import refuse_mismatch
 from elastid.frf.friction.accelerance import accelerance_of_lines, with_inertial_accelerance
 from elastid.frf.friction.candidates import candidate_shapes, refusal
-from elastid.frf.friction.choice import Choice, choose
+from elastid.frf.friction.choice import Choice, Kept, choose
 from elastid.frf.friction.levels import NormalEquations, covariance, find_levels, normal_equations
 from elastid.frf.friction.limits import limits_of
+from elastid.frf.friction.refinement import refined
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.selection import shares
 from elastid.frf.friction.shapes import Shape
@@ -29,67 +30,112 @@ _CHOICE_RECORDS = 24
 def find_friction(
     measured: Iterable[Sequence[Record]], spec: EstimatorSpec, planned: IntArray | None = None
 ) -> FrictionTakenOut:
-    """Friction in the records of all configurations, which `measured` gives one configuration at a time.
+    """Friction in the records of all configurations, which `measured` gives one configuration at a time, and again.
 
-    Where it cannot be found nothing is taken out, and a note says why.
+    Shapes are chosen along the motion that samples show, levels are found along that between the samples. Where it
+    cannot be found nothing is taken out, and a note says why.
     Raises DataError and StudyError as `estimate` does.
     """
+    look = _first_look(measured, spec, planned)
+    if isinstance(look, FrictionTakenOut):
+        return look
+    raw = normal_equations(look.data, np.zeros(len(look.choice.shapes)), look.choice.motor_of)
+    levels, found = find_levels(look.data, look.choice.motor_of, look.choice.taken)
+    frictions = [taken(levels, each.Phi, look.choice.motor_of, len(look.first.inputs)) for each in look.data]
+    accelerance = accelerance_of_lines(look.data, frictions, spec.quantity)
+    result = _result(look, look.choice, levels, accelerance, raw, found)
+    result = with_inertial_accelerance(result, look.last, look.highest_hz)
+    if len(look.choice.taken):
+        choice = refined(look.choice, levels, look.first.inputs)
+        data = [gather_configuration(each, choice.shapes, spec, planned, result) for each in measured]
+        levels, found = find_levels(data, choice.motor_of, choice.taken)
+        result = _result(look, choice, levels, result.accelerance, raw, found)
+        result = with_inertial_accelerance(result, look.last, look.highest_hz)
+    return replace(result, notes=(*result.notes, *look.limits))
+
+
+@dataclass(frozen=True)
+class _Look:
+    """What the motion that samples show tells: spectra of each configuration and the shapes that were chosen.
+
+    first: a record.  last: those of the last configuration.  limits: notes of what cannot be told apart.
+    """
+
+    first: Record
+    last: Sequence[Record]
+    names: tuple[str, ...]
+    data: Sequence[ConfigurationSpectra]
+    choice: Choice
+    limits: tuple[Note, ...]
+
+    @property
+    def highest_hz(self) -> float:
+        """The highest excited line."""
+        return float(self.data[-1].freq_hz[self.data[-1].excited][-1])
+
+
+def _first_look(
+    measured: Iterable[Sequence[Record]], spec: EstimatorSpec, planned: IntArray | None
+) -> _Look | FrictionTakenOut:
+    """The shapes of friction of all configurations; or no friction, with the reason."""
     data: list[ConfigurationSpectra] = []
     names: list[str] = []
     limits: dict[str, Note] = {}
     candidates: tuple[Shape, ...] = ()
-    choice: Choice | None = None
+    chosen: tuple[Choice, Kept] | None = None
     first: Record | None = None
     count = 0
     for records in measured:
         refuse_mismatch(records)
+        first = first or records[0]
         if refused := refusal(records):
             of_motors = any(place.startswith("motor ") for place in records[0].inputs)
-            why = refused if of_motors or spec.friction != "auto" else ""
-            return _nothing(first or records[0], why, spec.friction)
-        if first is None:
-            first, candidates = records[0], candidate_shapes(records, spec.friction == "coulomb")
+            return _nothing(first, refused if of_motors or spec.friction != "auto" else "", spec.friction)
         if records[0].inputs != first.inputs:
             return _nothing(first, "configurations have different inputs, and so no motors in common", spec.friction)
+        if not names:
+            candidates = candidate_shapes(records, spec.friction == "coulomb")
         names.append(records[0].configuration.name)
         limits |= {note.text: note for note in limits_of(records)}
         data.append(gather_configuration(records, candidates, spec, planned))
         if not data[-1].shows_friction:
-            return _nothing(
-                first,
-                f"{len(records)} experiments of {len(first.inputs)} inputs without lines that are not excited agree "
-                "with one response whatever friction is; measure a further realisation with other phases",
-                spec.friction,
-            )
-        if choice is not None:
-            data[-1] = data[-1].with_shapes(np.arange(len(candidates)), choice.rates)
+            return _nothing(first, _one_response(records), spec.friction)
         count += len(records)
-        if choice is None and count >= _CHOICE_RECORDS:
-            choice = choose(data, candidates, first.inputs, spec.friction == "auto")
-            data = [each.with_shapes(choice.candidates, choice.rates) for each in data]
-            candidates = tuple(candidates[i] for i in choice.candidates)
+        if chosen is not None:
+            data[-1] = data[-1].with_shapes(np.arange(len(candidates)), chosen[1].rates)
+        elif count >= _CHOICE_RECORDS:
+            chosen, data = _chosen(data, candidates, first, spec)
+            candidates = tuple(candidates[i] for i in chosen[1].candidates)
     assert first is not None
-    if choice is None:
-        choice = choose(data, candidates, first.inputs, spec.friction == "auto")
-        data = [each.with_shapes(choice.candidates, choice.rates) for each in data]
-    raw = normal_equations(data, np.zeros(len(choice.shapes)), choice.motor_of)
-    levels, found = find_levels(data, choice.motor_of, choice.taken)
-    frictions = [taken(levels, each.Phi, choice.motor_of, len(first.inputs)) for each in data]
-    accelerance = accelerance_of_lines(data, frictions, spec.quantity)
-    result = _result(first, tuple(names), choice, levels, accelerance, raw, found)
-    result = with_inertial_accelerance(result, records, float(data[-1].freq_hz[data[-1].excited][-1]))
-    return replace(result, notes=(*result.notes, *limits.values()))
+    if chosen is None:
+        chosen, data = _chosen(data, candidates, first, spec)
+    return _Look(first, records, tuple(names), data, chosen[0], tuple(limits.values()))
+
+
+def _chosen(
+    data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], first: Record, spec: EstimatorSpec
+) -> tuple[tuple[Choice, Kept], list[ConfigurationSpectra]]:
+    """The choice of shapes, and the spectra of these alone."""
+    choice, kept = choose(data, candidates, first.inputs, spec.friction == "auto")
+    return (choice, kept), [each.with_shapes(kept.candidates, kept.rates) for each in data]
+
+
+def _one_response(records: Sequence[Record]) -> str:
+    return (
+        f"{len(records)} experiments of {len(records[0].inputs)} inputs without lines that are not excited agree with "
+        "one response whatever friction is; measure a further realisation with other phases"
+    )
 
 
 def _result(
-    first: Record,
-    names: tuple[str, ...],
+    look: _Look,
     choice: Choice,
     levels: FloatArray,
     accelerance: FloatArray,
     raw: NormalEquations,
     found: NormalEquations,
 ) -> FrictionTakenOut:
+    first = look.first
     left = shares(found, len(first.inputs), choice.motor_of, choice.taken)
     result = FrictionTakenOut(
         places=first.inputs,
@@ -97,7 +143,7 @@ def _result(
         shapes=choice.shapes,
         levels=levels,
         covariance=covariance(found, choice.taken) + choice.covariance,
-        configurations=names,
+        configurations=look.names,
         before=raw.level,
         after=found.level,
         kept_share=np.array(

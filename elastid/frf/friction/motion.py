@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.fft import irfft, rfft
@@ -22,15 +23,24 @@ _NOISE_BAND = 1 / 8
 
 @dataclass(frozen=True)
 class Motion:
-    """Angle and velocity (n cells + 1,) of a motor on the fine grid of a record of n samples; rad, rad/s (m, m/s).
+    """Velocity (n cells + 1,) of a motor on the fine grid of a record of n samples, rad/s (m/s).
 
+    angle_spectrum (n cells // 2 + 1,): DFT of the angle, as of n samples, without its start and the ramp of its gain.
     velocity_noise: standard deviation of the noise in the velocity.  cells: of the grid in a sample.
     """
 
-    angle: FloatArray
     velocity: FloatArray
+    angle_spectrum: ComplexArray
+    start: float
+    gain: float
     velocity_noise: float
     cells: int
+
+    @cached_property
+    def angle(self) -> FloatArray:
+        """Angle (n cells + 1,) on the fine grid, rad (m)."""
+        count = len(self.velocity) - 1
+        return _fine(self.angle_spectrum, count, self.cells) + self.start + self.gain * np.arange(count + 1) / count
 
     @property
     def swings(self) -> FloatArray:
@@ -70,8 +80,10 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     angle[: len(s)] += integrated(Y, s, order)
     velocity[: len(s)] += integrated(Y, s, order - 1)
     return Motion(
-        _fine(angle, n, cells) + start + gain * np.arange(n * cells + 1) / (n * cells),
-        _fine(velocity, n, cells) + gain * record.rate_hz / n,
+        _fine(velocity, n * cells, cells) + gain * record.rate_hz / n,
+        angle,
+        start,
+        gain,
         _velocity_noise(Y, s, noise, n, order),
         cells,
     )
@@ -115,9 +127,9 @@ def _rms(X: ComplexArray, n: int) -> float:
     return float(np.sqrt(2 * np.sum(np.abs(X) ** 2)) / n)
 
 
-def _fine(X: ComplexArray, n: int, cells: int) -> FloatArray:
-    """The signal of a spectrum of n samples at the points of the fine grid, its first point once more at the end."""
-    x = irfft(X, n * cells) * cells
+def _fine(X: ComplexArray, points: int, cells: int) -> FloatArray:
+    """The signal of a spectrum, as of samples, at the points of the fine grid, its first point once more at the end."""
+    x = irfft(X, points) * cells
     return np.append(x, x[0])
 
 

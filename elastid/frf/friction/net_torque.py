@@ -54,17 +54,32 @@ def net_record(record: Record, friction: FrictionTakenOut) -> Record:
     """The same record over its whole periods with the net torque as u; itself where nothing was taken out."""
     if not friction.shapes:
         return record
-    n = whole_samples(record)
-    u, y = record.u[:n].copy(), record.y[:n].copy()
+    record = over_whole_periods(record)
+    u, y = record.u.copy(), record.y.copy()
     for place in friction.taken_places():
         torque = friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
-        held = _as_held(torque, record, place)
-        u[:, record.inputs.index(place)] -= held
-        accelerance = friction.accelerance[friction.places.index(place)]
-        if accelerance > 0 and shows_images(record, place):
-            other = accelerance * twice_integrated(torque - held_spectrum(held), record)
-            y[:, record.outputs.index(place)] += irfft(folded(other, n), n)
-    return replace(record, u=u, y=y, r=None if record.r is None else record.r[:n])
+        u[:, record.inputs.index(place)] -= _as_held(torque, record, place)
+        y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
+    return replace(record, u=u, y=y)
+
+
+def over_whole_periods(record: Record) -> Record:
+    """The record without the samples after its last whole period."""
+    n = whole_samples(record)
+    return replace(record, u=record.u[:n], y=record.y[:n], r=None if record.r is None else record.r[:n])
+
+
+def other_images(record: Record, place: str, torque: ComplexArray, friction: FrictionTakenOut) -> FloatArray:
+    """What makes the images in a motor's samples (n,) those of its net torque, 0 where it has none.
+
+    torque (n cells // 2 + 1,): DFT, as of n samples, of its friction along the sharp motion.
+    """
+    n = whole_samples(record)
+    accelerance = friction.accelerance[friction.places.index(place)]
+    if accelerance == 0 or not shows_images(record, place):
+        return np.zeros(n)
+    held = held_spectrum(_as_held(torque, record, place))
+    return np.asarray(irfft(folded(accelerance * twice_integrated(torque - held, record), n), n))
 
 
 def _as_held(torque: ComplexArray, record: Record, place: str) -> FloatArray:

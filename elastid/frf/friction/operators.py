@@ -17,8 +17,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
 
-# tanh(x) is 1 to rounding from here on.
-_SATURATED = 20.0
+# From here on tanh(x) is 1 to 1e-10.
+_SATURATED = 12.0
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
-from elastid.frf.friction.motion import Motion, whole_samples
+from elastid.frf.friction.motion import Motion, laplace, whole_samples
 from elastid.frf.friction.operators import Path, bristle, mean_sign, stop
 from elastid.record import Record
 
@@ -70,22 +70,31 @@ def amplitudes(
     return np.asarray(found * _of_cells(n, motion.cells)[lines] * (2 / record.period_samples))
 
 
-def spectra(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[ComplexArray]:
-    """DFT (n cells // 2 + 1,), as of n samples, of each of the shapes of a motor over the whole periods of a record."""
+def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> ComplexArray:
+    """DFT (n cells // 2 + 1,), as of n samples, of friction of some shapes of a motor, each with its level.
+
+    Over the whole periods of a record.
+    """
     n = whole_samples(record)
-    lines = np.arange(n * motion.cells // 2 + 1)
-    for shape, means in zip(shapes, _cell_means(record, motion, shapes), strict=True):
-        found = rfft(means) * _of_cells(n * motion.cells, motion.cells)
-        yield np.asarray(found * _derivative(record, shape, lines, n))
+    found = np.zeros(n * motion.cells // 2 + 1, complex)
+    for is_rate in (False, True):
+        own = [(shape, level) for shape, level in taken if shape.is_rate == is_rate]
+        if own:
+            means = zip(own, _cell_means(record, motion, [shape for shape, _ in own]), strict=True)
+            weights = ((level * (shape.threshold if is_rate else 1.0), of_cells) for (shape, level), of_cells in means)
+            # One transform of their sum: it costs more than a shape.
+            of_sum = rfft(np.sum([weight * of_cells for weight, of_cells in weights], axis=0))
+            found += of_sum * laplace(len(found), n, record.rate_hz) if is_rate else of_sum
+    return np.asarray(found * _of_cells(n * motion.cells, motion.cells))
 
 
 def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
     """The mean (n cells,) in each cell of each shape, or of the bristle whose rate it is."""
-    # The state of a bristle at the start is not known: the first period is run over twice.
-    before = motion.angle[: record.period_samples * motion.cells]
-    bends = any(shape.kind != "sign" for shape in shapes)
-    q = np.concatenate([before - before[-1] + motion.angle[0], motion.angle]) if bends else motion.angle
-    path = Path.of(q).without(len(before)) if bends else None
+    path = None
+    if any(shape.kind != "sign" for shape in shapes):
+        # The state of a bristle at the start is not known: the first period is run over twice.
+        before = motion.angle[: record.period_samples * motion.cells]
+        path = Path.of(np.concatenate([before - before[-1] + motion.angle[0], motion.angle])).without(len(before))
     for shape in shapes:
         if path is None or shape.kind == "sign":
             yield mean_sign(motion.velocity, shape.threshold)

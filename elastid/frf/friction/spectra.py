@@ -10,7 +10,10 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.distortion import interpolated
-from elastid.frf.friction.motion import motion_of
+from elastid.frf.friction.motion import Motion, motion_of
+from elastid.frf.friction.net_torque import other_images, over_whole_periods
+from elastid.frf.friction.result import FrictionTakenOut
+from elastid.frf.friction.reversals import friction_spectrum, sharp_motion
 from elastid.frf.friction.shapes import Shape, amplitudes
 from elastid.frf.lines import analysed_lines, lines_are_known
 from elastid.frf.period_selection import trusted
@@ -98,10 +101,15 @@ class ConfigurationSpectra:
 
 
 def gather_configuration(
-    records: Sequence[Record], shapes: Sequence[Shape], spec: EstimatorSpec, planned: IntArray | None
+    records: Sequence[Record],
+    shapes: Sequence[Shape],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    friction: FrictionTakenOut | None = None,
 ) -> ConfigurationSpectra:
     """Mean spectra over the periods that can be trusted, of the records of one configuration, one record at a time.
 
+    friction: under which motors turn back between their samples; None as long as none was found.
     Raises DataError and StudyError as `analysed_lines` does.
     """
     first = records[0]
@@ -113,7 +121,9 @@ def gather_configuration(
     is_excited = np.isin(lines, excited)
     columns = [first.outputs.index(place) for place in first.inputs]
     U, Y, Phi = [], [], []
-    for each in spectra:
+    places = tuple(dict.fromkeys(shape.place for shape in shapes))
+    for logged in spectra:
+        each, motions = _with_motions(logged, places, friction)
         found = period_spectra(each, lines, spec.quantity)
         kept = trusted(found.on(is_excited), spec).periods if len(found.periods) > 1 else found.periods
         used = found.only(kept)
@@ -122,9 +132,8 @@ def gather_configuration(
         # A last half period without its other half is no part of the motion.
         whole = kept[kept < each.record.n_periods * first.period_samples // first.repeat_samples]
         Phi.append(np.zeros((len(lines), len(shapes)), complex))
-        for place in dict.fromkeys(shape.place for shape in shapes):
+        for place, motion in motions.items():
             own = [i for i, shape in enumerate(shapes) if shape.place == place]
-            motion = motion_of(each.record, place)
             Phi[-1][:, own] = amplitudes(each.record, motion, [shapes[i] for i in own], whole, lines).T
     return ConfigurationSpectra(
         lines=lines,
@@ -135,6 +144,22 @@ def gather_configuration(
         Phi=np.stack(Phi, axis=2),
         realisation=np.array([record.realisation for record in records]),
     )
+
+
+def _with_motions(
+    spectra: RecordSpectra, places: Sequence[str], friction: FrictionTakenOut | None
+) -> tuple[RecordSpectra, dict[str, Motion]]:
+    """The motion of each of some motors under the friction that was found, and spectra with the net torque's images."""
+    record = spectra.record
+    if friction is None:
+        return spectra, {place: motion_of(record, place) for place in places}
+    record = over_whole_periods(record)
+    motions = {place: sharp_motion(record, place, friction) for place in places}
+    y = record.y.copy()
+    for place, motion in motions.items():
+        torque = friction_spectrum(record, place, motion, friction)
+        y[:, record.outputs.index(place)] += other_images(record, place, torque, friction)
+    return RecordSpectra(replace(record, y=y)), motions
 
 
 def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:

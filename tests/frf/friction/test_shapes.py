@@ -1,4 +1,4 @@
-"""The spectra of shapes are those of the motor's motion, whatever quantity was logged."""
+"""Spectra of shapes are those of the motor's motion, whatever quantity was logged."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from elastid.frf.friction.motion import motion_of
 from elastid.frf.friction.operators import Path, stop
-from elastid.frf.friction.shapes import Shape, amplitudes, spectra
+from elastid.frf.friction.shapes import Shape, amplitudes, spectrum
 from elastid.record import Configuration, Motion, Record
 
 RATE, N = 200.0, 400
@@ -42,7 +42,7 @@ def test_the_sign_of_a_sinusoid_has_its_fourier_series(quantity: Motion, line: i
 def test_the_spectrum_over_a_record_and_amplitudes_are_the_same(shape: Shape) -> None:
     """At the lines of a period, of which the record has two."""
     record = swinging(3, 0.2)
-    (found,) = spectra(record, motion_of(record, "motor 1"), [shape])
+    found = spectrum(record, motion_of(record, "motor 1"), [(shape, 1.0)])
     np.testing.assert_allclose(
         found[[6, 18]] / N, amplitudes_of(record, shape, [3, 9]), atol=1e-3 * np.abs(found).max() / N
     )
