@@ -40,12 +40,12 @@ if TYPE_CHECKING:
     from elastid.experiment.simulated.closed_loop import closed_loop_of as closed_loop_of
     from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig as SimulatedFrictionRig
     from elastid.experiment.simulated.rig import SimulatedRig as SimulatedRig
+    from elastid.experiment.specs.channels import ChannelSpec as ChannelSpec
+    from elastid.experiment.specs.disturbances import NoiseSpec as NoiseSpec
     from elastid.experiment.specs.experiment import ExperimentSpec as ExperimentSpec
-    from elastid.experiment.specs.recorded import ChannelSpec as ChannelSpec
     from elastid.experiment.specs.recorded import FileSpec as FileSpec
     from elastid.experiment.specs.recorded import RecordedSpec as RecordedSpec
     from elastid.experiment.specs.simulated import ControllerSpec as ControllerSpec
-    from elastid.experiment.specs.simulated import NoiseSpec as NoiseSpec
     from elastid.experiment.specs.simulated import SimulatedSpec as SimulatedSpec
     from elastid.fit.fitted_robot import FittedRobot as FittedRobot
     from elastid.fit.identify import identify as identify
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from elastid.fit.spec import ParameterSpec as ParameterSpec
     from elastid.fit.spec import PriorSpec as PriorSpec
     from elastid.fit.spec import TieSpec as TieSpec
-    from elastid.fit.spec import WeightSpec as WeightSpec
+    from elastid.fit.weight_spec import WeightSpec as WeightSpec
     from elastid.frf.estimate import estimate as estimate
     from elastid.frf.spec import EstimatorSpec as EstimatorSpec
     from elastid.friction_fit.identify import identify_friction as identify_friction
@@ -106,8 +106,10 @@ _NAMES = {
     "elastid.robot": ("Robot", "Body", "Joint", "Spring", "Motor", "Loop", "Rod", "Payload", "Friction"),
     "elastid.excitation.spec": ("MultisineSpec",),
     "elastid.experiment.specs.experiment": ("ExperimentSpec",),
-    "elastid.experiment.specs.simulated": ("SimulatedSpec", "ControllerSpec", "NoiseSpec"),
-    "elastid.experiment.specs.recorded": ("RecordedSpec", "ChannelSpec", "FileSpec"),
+    "elastid.experiment.specs.simulated": ("SimulatedSpec", "ControllerSpec"),
+    "elastid.experiment.specs.disturbances": ("NoiseSpec",),
+    "elastid.experiment.specs.recorded": ("RecordedSpec", "FileSpec"),
+    "elastid.experiment.specs.channels": ("ChannelSpec",),
     "elastid.experiment.plan.plan": ("Plan", "make_plan"),
     "elastid.experiment.simulated.closed_loop": ("closed_loop_of",),
     "elastid.experiment.simulated.rig": ("SimulatedRig",),
@@ -121,7 +123,8 @@ _NAMES = {
     "elastid.model.serial": ("serial",),
     "elastid.linear.linearise": ("linearise",),
     "elastid.linear.response.transfer": ("frequency_response",),
-    "elastid.fit.spec": ("FitSpec", "ParameterSpec", "PriorSpec", "TieSpec", "WeightSpec"),
+    "elastid.fit.spec": ("FitSpec", "ParameterSpec", "PriorSpec", "TieSpec"),
+    "elastid.fit.weight_spec": ("WeightSpec",),
     "elastid.fit.identify": ("identify",),
     "elastid.fit.result": ("FitResult",),
     "elastid.linear.fitted_model": ("FittedModel",),

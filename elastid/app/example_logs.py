@@ -28,8 +28,9 @@ def write_elastic_joint(folder: Path) -> None:
     from elastid.excitation.spec import MultisineSpec
     from elastid.experiment.plan.plan import make_plan
     from elastid.experiment.simulated.rig import SimulatedRig
+    from elastid.experiment.specs.disturbances import NoiseSpec
     from elastid.experiment.specs.experiment import ExperimentSpec
-    from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
+    from elastid.experiment.specs.simulated import SimulatedSpec
     from elastid.study import load_robot
 
     robot = load_robot(folder / "robot.yml")

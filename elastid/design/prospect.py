@@ -25,7 +25,8 @@ from elastid.design.friction_effects import friction_level
 from elastid.design.optimal_powers import PowerSource
 from elastid.excitation.grids import line_frequencies
 from elastid.experiment.simulated.sensors import logged_quantity, output_stds
-from elastid.experiment.specs.simulated import ControllerSpec, NoiseSpec
+from elastid.experiment.specs.disturbances import NoiseSpec
+from elastid.experiment.specs.simulated import ControllerSpec
 from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import weigh, with_diagonal_weights
 from elastid.friction.robot_friction import coulomb_levels

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
 from dataclasses import field
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from elastid.base.section import section
 from elastid.base.units import Frequency, Quantity
+from elastid.fit.weight_spec import MaskSpec, WeightSpec, check_band
 from elastid.parameters import Tie
-
-Loss: TypeAlias = Literal["square", "huber", "soft_l1"]
 
 # Whatever is more is a slip of the pen.
 MOST_STARTS = 10_000
@@ -19,11 +17,6 @@ LARGEST_FACTOR = 1e3
 MOST_BANDS = 20
 # Below, no interval of 95 % can be read off.
 FEWEST_REPETITIONS = 40
-
-
-def _check_band(band_hz: tuple[float, float] | None) -> None:
-    if band_hz is not None and not 0 <= band_hz[0] < band_hz[1]:
-        raise ValueError(f"band_hz is [{band_hz[0]:g}, {band_hz[1]:g}]; give [lowest, highest]")
 
 
 @section
@@ -113,97 +106,6 @@ class ParameterSpec:
 
 
 @section
-class MaskSpec:
-    """Leaves out elements that match all of the keys given.
-
-    configurations: by name; default: all.  output: place such as `motor 1`; default: all.  input: motor, such as `motor
-    1`; default: all.
-    band_hz: [lowest, highest]; default: all lines.
-    """
-
-    configurations: tuple[str, ...] = ()
-    output: str = ""
-    input: str = ""
-    band_hz: tuple[Frequency, Frequency] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a band upside down."""
-        _check_band(self.band_hz)
-
-
-@section
-class FactorSpec:
-    """Multiplies the weight of elements that match all of the other keys given; several factors multiply.
-
-    factor: 0 leaves the elements out, as a mask does.  configurations: by name; default: all.  output: place such as
-    `motor 1`; default: all.  input: motor, such as `motor 1`; default: all.  band_hz: [lowest, highest]; default: all
-    lines.
-    """
-
-    factor: float
-    configurations: tuple[str, ...] = ()
-    output: str = ""
-    input: str = ""
-    band_hz: tuple[Frequency, Frequency] | None = None
-
-    def __post_init__(self) -> None:
-        """Refuse a negative factor and a band upside down."""
-        if not 0 <= self.factor < math.inf:
-            raise ValueError(f"factor is {self.factor:g}; it multiplies a weight: 0 or more, commonly 0.1 to 10")
-        _check_band(self.band_hz)
-
-
-def misnamed(
-    spec: MaskSpec | FactorSpec, known: Mapping[str, Collection[str]]
-) -> Iterator[tuple[tuple[str | int, ...], str, str]]:
-    """The names that a mask or factor has wrong: key path, noun, name.  known: by the key, those that exist.
-
-    Outputs that nobody knows yet are not checked.
-    """
-    for i, name in enumerate(spec.configurations):
-        if name not in known["configurations"]:
-            yield ("configurations", i), "configuration", name
-    for key, name in (("output", spec.output), ("input", spec.input)):
-        if name and known[key] and name not in known[key]:
-            yield (key,), key, name
-
-
-@section
-class WeightSpec:
-    """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors.
-
-    floor: expected model error relative to |G|, which the intervals then include; about 0.03 where friction is strong.
-    smooth: lines over which a variance from few periods or realisations is averaged; 0 chooses it from the degrees of
-    freedom; fewer where the noise has narrow peaks.
-    covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
-    `auto` with the full one where the measurement gave correlations. All are smoothed: noise of the outputs, and of
-    torques that pass through the robot, by levels common to all lines, and neighbouring lines for what remains.
-    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are; where one
-    of them must not decide alone.
-    factors: further factors of some elements, where one deserves less trust than its variance says.
-    loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares:
-    for single lines that are wrong by factors.
-    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier; lower where many
-    are.
-    """
-
-    floor: float = 0.01
-    smooth: int = 0
-    covariance: Literal["auto", "diagonal", "full"] = "auto"
-    normalise: bool = False
-    factors: tuple[FactorSpec, ...] = ()
-    loss: Loss = "square"
-    loss_scale: float = 2.0
-
-    def __post_init__(self) -> None:
-        """Refuse negative settings."""
-        if self.floor < 0 or self.smooth < 0:
-            raise ValueError("floor and smooth must not be negative")
-        if not 0 < self.loss_scale < math.inf:
-            raise ValueError(f"loss_scale is {self.loss_scale:g} standard deviations; give about 2")
-
-
-@section
 class FitSpec:
     """How the parameters are found.
 
@@ -265,6 +167,6 @@ class FitSpec:
             raise ValueError(
                 f"continuation is {self.continuation} bands; it must be 1 to {MOST_BANDS}, commonly 1 to 4"
             )
-        _check_band(self.band_hz)
+        check_band(self.band_hz)
         if self.seed is not None and self.seed < 0:
             raise ValueError(f"seed is {self.seed}; it must not be negative")

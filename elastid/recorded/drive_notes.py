@@ -8,7 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.repair.delay import MIN_CORRELATION, delay
 from elastid.recorded.repair.repeats import blocks
 

@@ -16,8 +16,9 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
 from elastid.experiment.plan.plan import checked_configurations
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.friction_record import FrictionRecord, FrictionRecords
 from elastid.record import Configuration
 from elastid.recorded.channels import gather_channels

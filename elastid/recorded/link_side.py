@@ -18,7 +18,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.structure import Places
 
 UNWRAPPED = "unwrapped-angle"

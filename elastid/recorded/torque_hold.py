@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.errors import StudyError
-from elastid.experiment.specs.recorded import ChannelSpec, RecordedSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.structure import Places
 from elastid.recorded.link_side import to_joints
 

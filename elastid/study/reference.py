@@ -1,8 +1,9 @@
 """Keys of a study: where each may stand, its type in words, its default, and its text.
 
-The text of a key stands in the docstring of its section as `key: text`, or `key, other: text` where several share one:
-at the start of a line, or two spaces behind the sentence before it. It ends at the next key or at an empty line; the
-rest of the docstring is the text of the section. JSON Schema takes its descriptions from here.
+The text of a key stands in the docstring of its section as `key: text -- advice`, or `key, other: text -- advice` where
+several share one: at the start of a line, or two spaces behind the sentence before it. It ends at the next key or at an
+empty line; the rest of the docstring is the text of the section. The advice says when to change the key and what
+happens then. JSON Schema takes its descriptions from here.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ from elastid.study.yaml_source import KeyPath
 # The forms of a robot's file; a study names the file, or holds the robot itself.
 ROBOT_FORMS = (Robot, DenavitHartenberg, UrdfRobot)
 
+# Between the text of a key and the advice.
+ADVICE = " -- "
+
 _SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
 
@@ -33,7 +37,7 @@ class Key:
     """One key of a study at one of its places, such as experiment.recorded.files[].samples.
 
     `[]` stands for the number of an entry, `<name>` for a name that the study chooses.  section: the class that has the
-    key.  default: MISSING where the key is needed.
+    key.  advice: when to change it, and what happens then.  default: MISSING where the key is needed.
     """
 
     path: str
@@ -41,6 +45,7 @@ class Key:
     name: str
     annotation: Any
     text: str
+    advice: str = ""
     default: Any = field(default=MISSING)
 
 
@@ -56,20 +61,32 @@ def list_sections() -> Mapping[str, type]:
     return {section.__name__: section for section in (Study, *ROBOT_FORMS, *(key.section for key in list_keys()))}
 
 
-@cache
 def texts_of(section: type) -> tuple[str, Mapping[str, str]]:
-    """The text of a section, and of each key that its docstring names."""
+    """The text of a section, and of each key that its docstring names, without the advice."""
+    own, texts = _read(section)
+    return own, {key: text for key, (text, _) in texts.items()}
+
+
+def advice_of(section: type) -> Mapping[str, str]:
+    """The advice on each key of a section whose docstring gives one: when to change it, and what happens then."""
+    return {key: advice for key, (_, advice) in _read(section)[1].items() if advice}
+
+
+@cache
+def _read(section: type) -> tuple[str, Mapping[str, tuple[str, str]]]:
+    """The text of a section, and the text and advice of each key."""
     doc = inspect.getdoc(section) or ""
     names = "|".join(f.name for f in fields(section))
     begins = re.compile(rf"(?:^|  )((?:{names})(?:, (?:{names}))*):\s", re.MULTILINE)
     own: list[str] = []
-    texts: dict[str, str] = {}
+    texts: dict[str, tuple[str, str]] = {}
     for paragraph in doc.split("\n\n"):
         keys = [m for m in begins.finditer(paragraph) if paragraph[: m.start()].rstrip()[-1:] in ("", ".", ")")]
         ends = [*(match.start() for match in keys), len(paragraph)]
         own.append(paragraph[: ends[0]])
         for match, end in zip(keys, ends[1:], strict=True):
-            texts |= dict.fromkeys(match[1].split(", "), " ".join(paragraph[match.end() : end].split()))
+            text, _, advice = " ".join(paragraph[match.end() : end].split()).partition(ADVICE)
+            texts |= dict.fromkeys(match[1].split(", "), (text, advice))
     return " ".join(" ".join(own).split()), texts
 
 
@@ -81,10 +98,10 @@ def _keys_below(annotation: Any, path: str) -> Iterator[Key]:
         elif origin is dict:
             yield from _keys_below(arguments[1], f"{path}<name>.")
         elif is_dataclass(option) and isinstance(option, type):
-            hints, (_, texts) = get_type_hints(option, include_extras=True), texts_of(option)
+            hints, (_, texts) = get_type_hints(option, include_extras=True), _read(option)
             for f in fields(option):
                 default = f.default if f.default_factory is MISSING else f.default_factory()
-                yield Key(path + f.name, option, f.name, hints[f.name], texts.get(f.name, ""), default)
+                yield Key(path + f.name, option, f.name, hints[f.name], *texts.get(f.name, ("", "")), default)
                 yield from _keys_below(hints[f.name], f"{path}{f.name}.")
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from elastid.study.reference import ROBOT_FORMS, list_sections, texts_of
+from elastid.study.reference import ROBOT_FORMS, advice_of, list_sections, texts_of
 from elastid.study.sections import Study
 
 # The name under which `elastid new` writes it beside a study, and to which the study's first line refers.
@@ -32,11 +32,18 @@ def make_schema() -> dict[str, Any]:
 
 
 def _add_texts(definition: dict[str, Any], section: type) -> None:
-    """The texts of a section and of its keys as descriptions; units that a type names already come last."""
+    """The texts of a section and of its keys as descriptions: text, units that a type names already, advice."""
     definition["description"], texts = texts_of(section)
+    advice = advice_of(section)
     for key, text in texts.items():
         entry = definition["properties"][key]
-        entry["description"] = f"{text} {entry.get('description', '')}".strip()
+        parts = (_sentence(text), _sentence(entry.get("description", "")), _sentence(advice.get(key, "")))
+        entry["description"] = " ".join(filter(None, parts))
+
+
+def _sentence(text: str) -> str:
+    """A text that ends like a sentence."""
+    return text if not text or text[-1] in ".?!" else f"{text}."
 
 
 def _for_editors(node: Any) -> Any:

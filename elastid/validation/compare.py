@@ -29,7 +29,8 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.fit.identify import fit_parameters
 from elastid.fit.setup.groups import SEPARATOR, is_group_key
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import MaskSpec
 from elastid.fit.weights.weights import weigh
 from elastid.model.spec import ModelSpec
 from elastid.response import FrequencyResponse

@@ -49,7 +49,8 @@ from elastid.fit.problem.residuals import as_real
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.weights import vec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.condensation import Leaves

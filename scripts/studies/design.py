@@ -42,10 +42,12 @@ from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import ChosenConfiguration, Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import identify
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.robot import Axis, Body, Joint, Limits, Motor, Placement, Robot, Spring

@@ -48,8 +48,9 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.execution import ordered
 from elastid.fit.problem.elastic import elastic_fit, linear_model
 from elastid.fit.result import QUANTILE
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty, inverse_information
+from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linearise import Linearisation
 from elastid.linear.propagation import response_shifts

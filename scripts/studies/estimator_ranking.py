@@ -44,8 +44,9 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Experiment, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.linear.linearise import linearise

@@ -44,8 +44,9 @@ from elastid.base.execution import ordered
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.result import QUANTILE
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction

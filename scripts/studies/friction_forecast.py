@@ -41,7 +41,8 @@ from elastid.experiment.plan.plan import Plan, make_plan
 from elastid.experiment.specs.experiment import ExperimentSpec
 from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.identify import fit_parameters
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.frf.without_friction import estimate_without_friction

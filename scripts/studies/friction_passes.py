@@ -42,7 +42,7 @@ from elastid.design.friction import design_friction
 from elastid.experiment.simulated.friction_rig import SimulatedFrictionRig
 from elastid.experiment.simulated.hardware import draw_noise
 from elastid.experiment.simulated.plant import true_robot
-from elastid.experiment.specs.simulated import ColoredNoiseSpec, NoiseSpec
+from elastid.experiment.specs.disturbances import ColoredNoiseSpec, NoiseSpec
 from elastid.friction.robot_friction import frictions
 from elastid.friction_fit.pass_levels import find_levels
 from elastid.friction_fit.pass_regression import Pass, PassRegression

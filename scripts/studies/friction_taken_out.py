@@ -53,8 +53,9 @@ from elastid.base.execution import ordered
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, NoiseSpec, SimulatedSpec, TorqueRippleSpec
+from elastid.experiment.specs.simulated import CarrierSpec, SimulatedSpec
 from elastid.fit.result import QUANTILE
 from elastid.frf.friction.find import find_friction
 from elastid.frf.spec import EstimatorSpec

@@ -34,8 +34,9 @@ from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.closed_loop import closed_loop_of
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Placement, Robot, Spring
 
 

@@ -45,7 +45,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.execution import ordered
 from elastid.fit.identify import identify
 from elastid.fit.result import QUANTILE, FitResult
-from elastid.fit.spec import WeightSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 

@@ -11,8 +11,9 @@ from plants.taken_friction import LEVELS, STDS, THRESHOLD, taken_friction
 
 from elastid.app.dry_friction import VISCOUS, WITH_COULOMB, contents, friction_line, friction_summary
 from elastid.app.summaries import truth
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.parameters import Parameter
 from elastid.robot import Body, Joint, Motor, Robot, Spring

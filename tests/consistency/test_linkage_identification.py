@@ -20,8 +20,9 @@ from elastid.design.design import design
 from elastid.design.problem import DesignProblem
 from elastid.design.spec import CandidateSpec, DesignSpec
 from elastid.excitation.spec import MultisineSpec
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.spec import FitSpec, ParameterSpec

@@ -13,7 +13,7 @@ from elastid.app.run import Run, run_stage
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import make_plan
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.frf.estimate import estimate
 from elastid.linear.linearise import linearise
 from elastid.linear.response.kernel import Kernel

@@ -12,8 +12,8 @@ from plants.friction_axis import LAW, axis, rig
 from elastid.base.errors import StudyError
 from elastid.experiment.simulated.friction_run import holding_torque
 from elastid.experiment.simulated.heating import heat_of
+from elastid.experiment.specs.disturbances import NoiseSpec, TorqueRippleSpec
 from elastid.experiment.specs.heat import HeatSpec
-from elastid.experiment.specs.simulated import NoiseSpec, TorqueRippleSpec
 from elastid.friction_fit.pass_levels import find_levels
 from elastid.friction_fit.record_passes import passes_of
 from elastid.friction_fit.spec import AtRestSpec, FrictionSpec, LoadSpec, PassesSpec, PreslidingSpec, WarmUpSpec

@@ -15,17 +15,15 @@ from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.hardware import draw_noise, friction_of_a_run
 from elastid.experiment.simulated.rig import SimulatedRig
-from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import (
-    CarrierSpec,
+from elastid.experiment.specs.disturbances import (
     ColoredNoiseSpec,
-    ControllerSpec,
     EncoderRippleSpec,
     NoiseSpec,
-    SimulatedSpec,
     TorqueRippleSpec,
     WarmingSpec,
 )
+from elastid.experiment.specs.experiment import ExperimentSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve

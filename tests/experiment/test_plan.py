@@ -11,8 +11,9 @@ import pytest
 from elastid.base.errors import StudyError
 from elastid.excitation.spec import MultisineSpec
 from elastid.experiment.plan.plan import Plan, make_plan
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.robot import Body, Joint, Limits, Motor, Robot, Spring
 

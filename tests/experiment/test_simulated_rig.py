@@ -15,9 +15,11 @@ from scipy.linalg import expm
 from elastid.base.errors import DataError, StudyError
 from elastid.experiment.plan.plan import Plan
 from elastid.experiment.simulated.rig import SimulatedRig
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
-from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
+from elastid.experiment.specs.simulated import CarrierSpec, ControllerSpec, SimulatedSpec
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial

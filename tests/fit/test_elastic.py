@@ -25,9 +25,10 @@ from elastid.base.errors import StudyError
 from elastid.fit.problem.elastic import elastic_fit
 from elastid.fit.problem.residuals import logarithmic
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, MaskSpec, WeightSpec
+from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.uncertainty.line_sums import correlation_length
+from elastid.fit.weight_spec import MaskSpec, WeightSpec
 from elastid.fit.weights.weights import weigh
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.transfer import frequency_response

@@ -18,7 +18,8 @@ from elastid.fit.diagnosis.modification.reading import evaluated_at
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.parameters import Parameter
 from elastid.record import Hold
 

@@ -19,7 +19,8 @@ from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import SolverName, solve
-from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, PriorSpec, TieSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec, PriorSpec, TieSpec
+from elastid.fit.weight_spec import MaskSpec, WeightSpec
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse
 from elastid.robot import Body, Joint, Motor, Robot, Spring

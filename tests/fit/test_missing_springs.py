@@ -12,7 +12,7 @@ from plants.faults import FAULTS, SPEC, Case, drawn, true_case
 from elastid.fit.diagnosis.modification.spring_release import released
 from elastid.fit.identify import fit_parameters
 from elastid.fit.result import FitResult
-from elastid.fit.spec import WeightSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.linear.linearise import linearise
 from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial

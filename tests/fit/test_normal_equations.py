@@ -9,7 +9,8 @@ from plants.three_mass import FREQ, circular
 
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.spec import FitSpec, MaskSpec, ParameterSpec, WeightSpec
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import MaskSpec, WeightSpec
 from elastid.linear.linearise import Linearisation
 from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial

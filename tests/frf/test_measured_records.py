@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from plants.notes import said
 
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec

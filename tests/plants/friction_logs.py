@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.robot import Body, Joint, Motor, Robot
 
 RATE, RATIO, TORQUE_CONSTANT = 500.0, 100.0, 0.5

@@ -11,8 +11,9 @@ import h5py
 import numpy as np
 from scipy.io import savemat
 
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.record import Record
 from elastid.recorded.rig import RecordedRig
 from elastid.robot import Body, Joint, Motor, Robot, Spring

@@ -14,8 +14,9 @@ from plants.lab_logs import CHANNELS, measured, save_csv, study_of, write_csv, w
 
 from elastid.app.inspection import described as inspected
 from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import formats, hdf5
 from elastid.recorded.files.formats import contents, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray

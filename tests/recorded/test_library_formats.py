@@ -18,8 +18,9 @@ from plants.lab_logs import RATE, measured, study_of, with_names, write_csv
 
 from elastid.app.provenance import file_hash
 from elastid.base.errors import DataError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import formats
 from elastid.recorded.files.formats import Format, contents, read_channels
 from elastid.recorded.files.log import ArrayLog, StoredArray

@@ -14,8 +14,9 @@ from plants.notes import said
 
 from elastid.base.errors import DataError, ElastidError
 from elastid.excitation.multisine import orthogonal_set
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.frf.estimate import estimate
 from elastid.frf.spec import EstimatorSpec
 from elastid.recorded.periodicity import find_period, repetition

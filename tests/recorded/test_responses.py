@@ -22,7 +22,7 @@ from elastid.app.run import Run, run_all, run_stage
 from elastid.app.scaffold import new
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.record import Configuration, Motion
 from elastid.recorded.responses.reading import link_side_response, read_table

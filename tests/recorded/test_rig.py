@@ -30,8 +30,9 @@ from plants.lab_logs import (
 from plants.notes import said
 
 from elastid.base.errors import DataError, ElastidError, StudyError
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, TextFormatSpec
+from elastid.experiment.specs.recorded import FileSpec, TextFormatSpec
 from elastid.recorded.files.formats import contents
 from elastid.recorded.rig import RecordedRig
 

@@ -12,7 +12,8 @@ from plants.notes import said
 
 from elastid.base.errors import DataError
 from elastid.excitation.multisine import orthogonal_set, synthesise
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import FileSpec
 from elastid.recorded.drive_notes import drive_notes
 from elastid.recorded.periodicity import repetition
 from elastid.recorded.repair.clipping import find_clipping

@@ -12,7 +12,7 @@ from plants.gears import wrist
 from plants.lab_logs import CHANNELS, RATE, measured, save_csv, study_of
 
 from elastid.base.errors import StudyError
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.rig import RecordedRig
 from elastid.recorded.torque_hold import hold_samples
 

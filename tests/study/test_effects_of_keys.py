@@ -11,7 +11,8 @@ from plants.two_axes import ROBOT, STUDY, measured
 from elastid.app import cli
 from elastid.app.compare import variants
 from elastid.base.errors import DataError
-from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
 from elastid.fit.result import FitResult
 from elastid.frf.local.response import local_response

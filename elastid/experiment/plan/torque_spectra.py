@@ -18,8 +18,8 @@ from elastid.base.errors import StudyError
 from elastid.excitation.grids import line_count_refusal, line_frequencies
 from elastid.excitation.multisine import amplitudes, experiments, relative_amplitudes
 from elastid.excitation.spec import MultisineSpec, Signal
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import NoiseSpec
 from elastid.record import Configuration
 from elastid.robot import Robot
 

@@ -12,7 +12,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import StudyError
 from elastid.experiment.plan.plan import Experiment, Plan
 from elastid.experiment.simulated.sensors import logged_quantity, output_stds
-from elastid.experiment.specs.simulated import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
+from elastid.experiment.specs.disturbances import EncoderRippleSpec, NoiseSpec, TorqueRippleSpec, WarmingSpec
 from elastid.experiment.specs.simulated_checks import saturation_refusal
 from elastid.linear.equilibrium import OperatingPoint
 from elastid.linear.measurement_chain import LagElement, sensor_elements, torque_elements

@@ -12,7 +12,7 @@ import numpy as np
 from elastid.base.errors import StudyError
 from elastid.base.units import Quantity, to_si
 from elastid.experiment.simulated.hardware import drives
-from elastid.experiment.specs.simulated import EncoderRippleSpec, TorqueRippleSpec
+from elastid.experiment.specs.disturbances import EncoderRippleSpec, TorqueRippleSpec
 from elastid.friction.robot_friction import frictions
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.elastic import ElasticModel

@@ -21,8 +21,9 @@ from elastid.experiment.simulated.hardware import Noise, draw_noise, filter_moti
 from elastid.experiment.simulated.plant import Plant, check_steps, exact_plant, plant_of, true_robot
 from elastid.experiment.simulated.run_notes import clipped, exceeded, extrapolated, opened
 from elastid.experiment.simulated.sensors import logged_quantity, sense, sense_movement
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.experiment.specs.experiment import ExperimentSpec
-from elastid.experiment.specs.simulated import NoiseSpec, SimulatedSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.experiment.specs.simulated_checks import chain_refusal
 from elastid.linear.equilibrium import OperatingPoint, equilibrium
 from elastid.model.formulation import EXACT

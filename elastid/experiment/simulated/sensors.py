@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.experiment.specs.simulated import NoiseSpec
+from elastid.experiment.specs.disturbances import NoiseSpec
 from elastid.model.elastic import ElasticModel
 from elastid.model.kinematics import frame_poses
 from elastid.record import Motion

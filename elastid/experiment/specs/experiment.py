@@ -8,7 +8,8 @@ from typing import Literal, TypeAlias
 from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.base.units import JointPosition, Quantity, Time
-from elastid.experiment.specs.recorded import ChannelSpec, RecordedSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import RecordedSpec
 from elastid.experiment.specs.responses import ResponsesSpec
 from elastid.experiment.specs.simulated import SimulatedSpec
 

@@ -6,7 +6,8 @@ from typing import Literal
 
 from elastid.base.section import section
 from elastid.base.units import Frequency
-from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.record import Hold
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.units import TABLE, of_translation, units_of
-from elastid.experiment.specs.recorded import QUANTITY_UNIT, ChannelSpec
+from elastid.experiment.specs.channels import QUANTITY_UNIT, ChannelSpec
 from elastid.record import drive_unit, motion_unit
 from elastid.robot import Joint, Robot
 

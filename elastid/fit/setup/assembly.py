@@ -21,7 +21,8 @@ from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors,
 from elastid.fit.solve.ending import distance
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import solve
-from elastid.fit.spec import FitSpec, WeightSpec
+from elastid.fit.spec import FitSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.weights import Weights, normalised, weigh
 from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linearise import Linearisation

@@ -13,7 +13,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import DataError
-from elastid.fit.spec import WeightSpec
+from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.smoothed_noise import SmoothedNoise
 from elastid.response import Covariance, FrequencyResponse
 

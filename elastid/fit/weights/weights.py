@@ -18,7 +18,8 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError, did_you_mean
 from elastid.base.note import Note
-from elastid.fit.spec import FactorSpec, FitSpec, MaskSpec, misnamed
+from elastid.fit.spec import FitSpec
+from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
 from elastid.fit.weights.full_covariance import weighs_correlations
 from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.response import Covariance, FrequencyResponse

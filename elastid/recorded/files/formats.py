@@ -15,7 +15,8 @@ from pathlib import Path
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, ElastidError, StudyError
-from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files import hdf5, matlab_5, matlab_73, parquet, ros_bag, tdms, text
 from elastid.recorded.files.log import ArrayLog, Log
 

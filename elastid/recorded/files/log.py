@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 
 # A message lists so many signals of a file.
 _MAX_LISTED = 40

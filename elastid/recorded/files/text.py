@@ -13,7 +13,8 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.specs.recorded import ChannelSpec, TextFormatSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.recorded.files.log import missing_channel
 
 # The usual delimiters and decimals of numbers in columns, the most usual first.

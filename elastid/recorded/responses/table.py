@@ -8,7 +8,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.base.errors import DataError
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 
 # Hz in one of the file's unit; MATLAB's time unit is the second unless the file states another.
 _IN_HZ = {

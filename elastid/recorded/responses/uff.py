@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import IntArray
 from elastid.base.errors import DataError, StudyError
-from elastid.experiment.specs.recorded import ChannelSpec
+from elastid.experiment.specs.channels import ChannelSpec
 from elastid.recorded.responses.table import ResponseTable, label
 
 _SUFFIXES = (".uff", ".unv")

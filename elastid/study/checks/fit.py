@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from elastid.base.errors import StudyError
 from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
-from elastid.fit.spec import FactorSpec, MaskSpec, misnamed
+from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
 from elastid.study.checks.names import (
     check_name,
     check_names,

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from elastid.base.errors import did_you_mean
-from elastid.experiment.specs.recorded import ChannelSpec, FileSpec, RecordedSpec
+from elastid.experiment.specs.channels import ChannelSpec
+from elastid.experiment.specs.recorded import FileSpec, RecordedSpec
 from elastid.friction_fit.spec import PassesSpec
 from elastid.study.checks.names import unknown
 from elastid.study.checks.recorded import check_channels, check_files

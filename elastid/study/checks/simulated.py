@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from elastid.experiment.specs.simulated import SimulatedSpec, WarmingSpec
+from elastid.experiment.specs.disturbances import WarmingSpec
+from elastid.experiment.specs.simulated import SimulatedSpec
 from elastid.experiment.specs.simulated_checks import chain_refusal, saturation_refusal
 from elastid.robot import Robot
 from elastid.study.checks.model import check_model

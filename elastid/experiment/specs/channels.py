@@ -1,0 +1,128 @@
+"""The channels of log files: which signal of which place each holds, in which unit."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from elastid.base.section import section
+from elastid.base.units import Frequency, TorqueConstant, factor, of_translation
+from elastid.record import MOTION_UNIT, Hold
+
+# SI units of a channel's quantity.
+QUANTITY_UNIT = {
+    **MOTION_UNIT,
+    "torque": "N*m",
+    "force": "N",
+    "current": "A",
+    "voltage": "V",
+    "temperature": "degC",
+}
+MOTIONS = tuple(MOTION_UNIT)
+# Unit of a thermometer: factor and offset to degC.
+TEMPERATURES = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}
+
+
+@section
+class ChannelSpec:
+    """One signal of the log files: its place in the file, and its place and quantity on the robot or structure.
+
+    Value = sign * scale * file value, then unit, then torque_constant, then the gear ratio for side: motor.
+
+    role: r injected torque, u acting torque, y motion; in studies of friction also t temperature of a joint, and
+    reference: the position of a motor that the controller was asked for, by which validation moves the model.
+    at: place on the robot (`motor 1`, `joint 1`, `body arm z`, `frame tool x`; `accelerometer tool x` for a sensor that
+    feels gravity); without a robot any name, such as `shaker` or `tip x`.
+    channel: variable of a MATLAB file (`theta_m`, `rec.torque` inside a struct), column heading of a CSV file, or path
+    of an HDF5 dataset.  column: which column of a matrix, the first is 1.
+    quantity: that the channel holds; voltage, and a current without torque_constant, in studies without a robot alone.
+    unit: of the file after `scale`; default SI, needed without a robot.  scale: factor of the file's numbers.
+    sign: -1 where the sensor counts the other way.  torque_constant: of a current.
+    side: of the gear that it is measured on (`motor` refers to motors that gears couple all together).
+    file: in which file of an experiment it is, 1 is `path` and 2 the first of `also`.
+    rate_hz: its own sampling rate where it differs; all channels are brought to the lowest one, band-limited.
+    hold: of an acting torque (role u), where it differs from that of the section.
+    """
+
+    role: Literal["r", "u", "y", "t", "reference"]
+    at: str
+    channel: str = ""
+    column: int | None = None
+    quantity: Literal[
+        "torque", "force", "current", "voltage", "position", "velocity", "acceleration", "temperature"
+    ] = "torque"
+    unit: str = ""
+    scale: float = 1.0
+    sign: Literal[1, -1] = 1
+    torque_constant: TorqueConstant | None = None
+    side: Literal["link", "motor"] = "link"
+    file: int = 1
+    rate_hz: Frequency | None = None
+    hold: Hold | None = None
+
+    def __post_init__(self) -> None:
+        """Check that role and quantity agree."""
+        if self.file < 1:
+            raise ValueError(f"file is {self.file}; the first file of an experiment is 1")
+        if not self.channel and self.column is None:
+            raise ValueError("give channel (a name in the file), column (a number, the first is 1), or both")
+        if self.column is not None and self.column < 1:
+            raise ValueError(f"column is {self.column}; the first column is 1")
+        fits_motion = self.is_motion == (self.role in ("y", "reference"))
+        fits_reference = self.role != "reference" or self.quantity == "position"
+        if not (fits_motion and fits_reference) or (self.quantity == "temperature") != (self.role == "t"):
+            raise ValueError(
+                f"role {self.role} does not go with quantity {self.quantity}: r, u are torques, y a motion, t a "
+                "temperature, reference a position"
+            )
+        if self.role == "t" and self.side == "motor":
+            raise ValueError("side is of a gear, which changes no temperature; leave it out with role t")
+        if self.at.startswith("accelerometer ") and self.quantity in ("position", "velocity"):
+            raise ValueError(f"quantity {self.quantity} at {self.at}: an accelerometer measures acceleration")
+        if self.hold is not None and self.role != "u":
+            raise ValueError(f"hold is of an acting torque (role u), not of role {self.role}; leave it out here")
+        if self.scale == 0:
+            raise ValueError("scale is 0; the channel would be lost")
+
+    @property
+    def is_motion(self) -> bool:
+        """Whether it is a position, a velocity or an acceleration."""
+        return self.quantity in MOTIONS
+
+    @property
+    def name_in_file(self) -> str:
+        """The channel as it is called in the file."""
+        column = "" if self.column is None else f"column {self.column}"
+        return " ".join(filter(None, (self.channel, column)))
+
+    @property
+    def full_name(self) -> str:
+        """The channel as it is called in the file, and its role and place on the robot."""
+        return f"channel {self.name_in_file} ({self.role} at {self.at})"
+
+    @property
+    def drive(self) -> str:
+        """The unit of an input that stays neither torque nor force; empty for one that is or becomes one."""
+        if self.quantity == "voltage" or (self.quantity == "current" and self.torque_constant is None):
+            return QUANTITY_UNIT[self.quantity]
+        return ""
+
+    def unit_factor(self, slides: bool) -> float:
+        """From the channel's unit to SI; slides: its place translates (m, N). ValueError for a wrong unit."""
+        if self.quantity == "temperature":
+            return self._temperature[0]
+        unit = QUANTITY_UNIT[self.quantity]
+        if self.unit == "g" and self.quantity == "acceleration":
+            raise ValueError("unit 'g' is the gram; for multiples of gravity give scale: 9.80665 and unit: m/s^2")
+        return factor(self.unit, of_translation(unit) if slides else unit) if self.unit else 1.0
+
+    @property
+    def offset(self) -> float:
+        """What is added behind the factors: that of a temperature to degC."""
+        return self._temperature[1] if self.quantity == "temperature" else 0.0
+
+    @property
+    def _temperature(self) -> tuple[float, float]:
+        unit = self.unit or "degC"
+        if unit not in TEMPERATURES:
+            raise ValueError(f"unit '{unit}' measures no temperature; units that fit here: {', '.join(TEMPERATURES)}")
+        return TEMPERATURES[unit]

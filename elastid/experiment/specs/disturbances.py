@@ -1,0 +1,157 @@
+"""What disturbs the simulated rig: noise of its sensors, ripple of its motors, friction that drifts."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.section import section
+from elastid.base.units import (
+    Acceleration,
+    Angle,
+    Frequency,
+    Temperature,
+    Time,
+    Torque,
+)
+
+
+@section
+class ColoredNoiseSpec:
+    """Noise of a given spectrum on one of the signals of `noise`, beside the white one.
+
+    signal: that it is added to.  std: of all of it, SI.  corner_hz: flat up to here, then falling.  slope: dB a decade
+    beyond the corner.  table: in place of a corner, [frequency in Hz, relative amplitude], straight between its points
+    on logarithmic axes and held beyond them.
+    """
+
+    signal: Literal["torque", "angle", "disturbance"]
+    std: float
+    corner_hz: Frequency | None = None
+    slope: float = -20.0
+    table: tuple[tuple[Frequency, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        """A corner or a table."""
+        if not self.std > 0:
+            raise ValueError(f"std is {self.std:g}; it must be positive")
+        if (self.corner_hz is None) == (not self.table):
+            raise ValueError("give either corner_hz (with slope) or table")
+        if self.corner_hz is not None and not self.corner_hz > 0:
+            raise ValueError(f"corner_hz is {self.corner_hz:g}; it must be positive")
+        frequencies = [row[0] for row in self.table]
+        if any(not f > 0 for f in frequencies) or frequencies != sorted(set(frequencies)):
+            raise ValueError("the frequencies of table must be positive and rise")
+        if any(not row[1] > 0 for row in self.table):
+            raise ValueError("the amplitudes of table must be positive")
+
+    def amplitude(self, freq_hz: FloatArray) -> FloatArray:
+        """Relative amplitude density (F,) at freq_hz (F,)."""
+        if self.corner_hz is None:
+            f, a = np.log(np.array(self.table)).T
+            return np.asarray(np.exp(np.interp(np.log(np.maximum(freq_hz, 1e-300)), f, a)))
+        return np.asarray((1 + (freq_hz / self.corner_hz) ** 2) ** (self.slope / 40))
+
+
+@section
+class EncoderRippleSpec:
+    """An error of the motor encoders that repeats in a motor turn.
+
+    amplitude: on the motor side.  periods: in a motor turn.  phase: at motor angle zero.
+    """
+
+    amplitude: Angle
+    periods: int = 1
+    phase: Angle = 0.0
+
+    def __post_init__(self) -> None:
+        """Whole periods a turn."""
+        if self.periods < 1:
+            raise ValueError(f"periods is {self.periods}; a motor turn has at least 1")
+
+
+@section
+class TorqueRippleSpec:
+    """Cogging: a torque on the motors that repeats in a motor turn.
+
+    amplitude: on the motor side.  periods: in a motor turn.  phase: at motor angle zero.
+    """
+
+    amplitude: Torque
+    periods: int = 6
+    phase: Angle = 0.0
+
+    def __post_init__(self) -> None:
+        """Whole periods a turn."""
+        if self.periods < 1:
+            raise ValueError(f"periods is {self.periods}; a motor turn has at least 1")
+
+
+@section
+class WarmingSpec:
+    """How the robot's friction drifts from run to run and within each, as it warms.
+
+    Level of dry friction: 1 + amplitude exp(-t / time_constant), t from the start of the first run.
+
+    time_constant: of the drift.  amplitude: of the drift, a part of the level.  spread: standard deviation of a further
+    factor, drawn for every run.  pause: between runs.  temperature: [cold, warm] of the gears, approached with the same
+    time constant, for friction laws that have a `temperature`.
+    """
+
+    time_constant: Time
+    amplitude: float = 0.0
+    spread: float = 0.0
+    pause: Time = 0.0
+    temperature: tuple[Temperature, Temperature] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse friction that pushes."""
+        if not self.time_constant > 0:
+            raise ValueError(f"time_constant is {self.time_constant:g} s; it must be positive")
+        if not self.amplitude > -1:
+            raise ValueError(f"amplitude is {self.amplitude:g}; the level 1 + amplitude must be positive")
+        if not 0 <= self.spread < 0.3:
+            raise ValueError(f"spread is {self.spread:g}; it must be within [0, 0.3), a part of the level")
+        if self.pause < 0:
+            raise ValueError(f"pause is {self.pause:g} s; it must not be negative")
+
+
+@section
+class NoiseSpec:
+    """Sensor noise and disturbances, link side; in N and m where a joint slides.
+
+    torque_std: on the logged torque, white.  torque_offset: constant error of the logged torque.
+    angle_std: on the logged angles, white.
+    acceleration_std: on the logged accelerations of points, white.
+    encoder_counts: resolution of the motor encoders in counts per motor turn; 0 = unlimited.
+    disturbance_std: torque that acts on the motors, white, unknown to the log.
+    colored: further noise of other spectra.
+    """
+
+    torque_std: Torque = 0.0
+    angle_std: Angle = 0.0
+    disturbance_std: Torque = 0.0
+    encoder_counts: int = 0
+    acceleration_std: Acceleration = 0.0
+    colored: tuple[ColoredNoiseSpec, ...] = ()
+    torque_offset: Torque = 0.0
+
+    def variances(
+        self, signal: Literal["torque", "angle", "disturbance"], freq_hz: FloatArray, rate_hz: float
+    ) -> FloatArray:
+        """Variance (F,) of white noise that has, at each of freq_hz (F,), the power of all noise on a signal."""
+        white = {"torque": self.torque_std, "angle": self.angle_std, "disturbance": self.disturbance_std}[signal]
+        total = np.full(freq_hz.shape, white**2)
+        every = np.linspace(0, rate_hz / 2, 10_001)[1:]
+        for color in self.colored:
+            if color.signal == signal:
+                total += color.std**2 * color.amplitude(freq_hz) ** 2 / np.mean(color.amplitude(every) ** 2)
+        return total
+
+    def __post_init__(self) -> None:
+        """Refuse negative spreads."""
+        levels = (self.torque_std, self.angle_std, self.disturbance_std, self.encoder_counts, self.acceleration_std)
+        if min(levels) < 0:
+            raise ValueError("noise levels must not be negative")
