@@ -45,7 +45,7 @@ class Key:
     name: str
     annotation: Any
     text: str
-    advice: str = ""
+    advice: str
     default: Any = field(default=MISSING)
 
 
