@@ -22,9 +22,13 @@ def check_band(band_hz: tuple[float, float] | None) -> None:
 class MaskSpec:
     """Leaves out elements that match all of the keys given.
 
-    configurations: by name; default: all.  output: place such as `motor 1`; default: all.  input: motor, such as `motor
-    1`; default: all.
-    band_hz: [lowest, highest]; default: all lines.
+    configurations: by name (default: all). -- name one to leave its elements out and keep those of the others; to judge
+    the model by it, use validation.left_out instead.
+    output: place such as `motor 1` (default: all). -- a sensor that was loose or clipped; elements of the other outputs
+    keep their weight.
+    input: motor, such as `motor 1` (default: all). -- a motor whose torque log is doubtful; its column is left out of
+    the fit.
+    band_hz: [lowest, highest] (default: all lines). -- as narrow as the fault, such as [49, 51] for the mains.
     """
 
     configurations: tuple[str, ...] = ()
@@ -41,9 +45,15 @@ class MaskSpec:
 class FactorSpec:
     """Multiplies the weight of elements that match all of the other keys given; several factors multiply.
 
-    factor: 0 leaves the elements out, as a mask does.  configurations: by name; default: all.  output: place such as
-    `motor 1`; default: all.  input: motor, such as `motor 1`; default: all.  band_hz: [lowest, highest]; default: all
-    lines.
+    factor: 0 leaves the elements out, as a mask does. -- 0.1 for elements that deserve less trust than their variance
+    says, 10 for those that matter most; the intervals still count the noise as it was measured.
+    configurations: by name (default: all). -- the postures of the robot's daily work, where the model has to be best
+    there.
+    output: place such as `motor 1` (default: all). -- an accelerometer at the tool among encoders, whose many precise
+    lines would decide alone.
+    input: motor, such as `motor 1` (default: all). -- motors whose torque is small beside friction get less.
+    band_hz: [lowest, highest] (default: all lines). -- the control band, where the model will be used there; lower
+    weight below it lets friction spoil less.
     """
 
     factor: float
@@ -78,19 +88,27 @@ def misnamed(
 class WeightSpec:
     """Weights are inverse variances: var = smoothed variance of G + (floor |G|)^2, times the factors.
 
-    floor: expected model error relative to |G|, which the intervals then include; about 0.03 where friction is strong.
+    floor: expected model error relative to |G|, which the intervals then include. -- about 0.03 where friction is
+    strong, 0.1 for a rough model; 0 trusts the noise alone, and lines at resonances then decide. 0.01 is the error that
+    sensors and a good linear model commonly leave.
     smooth: lines over which a variance from few periods or realisations is averaged; 0 chooses it from the degrees of
-    freedom; fewer where the noise has narrow peaks.
+    freedom. -- fewer where the noise has narrow peaks; more where the weights of neighbouring lines scatter. 0 averages
+    until 24 degrees of freedom lie behind each, which costs 2 % of standard deviation.
     covariance: `full` weighs with the inverse covariance of all elements together, `diagonal` element by element,
     `auto` with the full one where the measurement gave correlations. All are smoothed: noise of the outputs, and of
-    torques that pass through the robot, by levels common to all lines, and neighbouring lines for what remains.
-    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are; where one
-    of them must not decide alone.
-    factors: further factors of some elements, where one deserves less trust than its variance says.
+    torques that pass through the robot, by levels common to all lines, and neighbouring lines for what remains. --
+    `diagonal` where correlations come from so few realisations that they are not believed, or to compare with older
+    fits; parameters scatter more where outputs share their noise.
+    normalise: every configuration counts alike in sum, however many lines it has and however quiet they are. -- true
+    where one of them must not decide alone, such as a posture measured ten times as long; the parameters then no longer
+    have the least variance.
+    factors: further factors of some elements. -- where one deserves less trust than its variance says; 0.1 to 10, and a
+    mask for none at all.
     loss: `huber` and `soft_l1` give outliers less influence than their square, in iteratively reweighted least squares:
-    for single lines that are wrong by factors.
-    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier; lower where many
-    are.
+    for single lines that are wrong by factors. -- for single lines that are wrong by factors; good data lose a little
+    of their precision. Whole bands or channels that are wrong need a mask.
+    loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier. -- lower, about
+    1.3, where many lines are wrong; higher comes back to the square.
     """
 
     floor: float = 0.01

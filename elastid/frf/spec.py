@@ -41,28 +41,46 @@ class EstimatorSpec:
     as inputs; or of all experiments together `h1`, `h2`, `hv`, `joint` (input-output, by the injected torque) or
     `errors_in_variables`; or `local_polynomial` or `local_rational` (where windows are wider than resonances), from one
     experiment of all inputs or more, started from rest or not; `auto` takes the one that suits closed-loop robot data
-    and says why.  quantity: that the outputs are turned into, exactly, in the frequency domain; another one for tools
-    that read it.
+    and says why. -- `arithmetic` has the least bias in closed loop where realisations can be averaged; a `local` method
+    for one experiment of all inputs, `errors_in_variables` where input noise is as large as output noise, h1 only where
+    the input is known exactly, and `auto` where you would rather be told.
+    quantity: that the outputs are turned into, exactly, in the frequency domain. -- `position` or `velocity` for tools
+    that read it; the fit is the same, since the factor (j omega)^n cancels in the weights.
     lines: which DFT lines are analysed: those planned (`auto`; for recorded data those found `excited` in the inputs),
-    or `full` or `odd`.  band_hz: within which lines are analysed; narrower where what lies beyond only takes time
-    (default: all).
+    or `full` or `odd`. -- `full` shows what lies on lines that were not excited; `odd` where the grid of logs is known
+    and the finder takes noise for lines.
+    band_hz: within which lines are analysed (default: all). -- narrower where what lies beyond only takes time and
+    memory; the fit has a band of its own, which needs no new estimate.
     transient_periods: left out at the start of a record, or `auto`: those that differ from the rest; a number where
-    more must go. None with a local method.  outlier_sigma: a period further from the median than so many robust
-    standard deviations is left out with a note, but for local methods.  friction: of the motors, which the records
-    themselves show, is taken out of the torque before the responses are estimated: Coulomb's level alone (`coulomb`),
-    with bristles that bend before they slide (`curve`), or this only where it makes realisations agree better (`auto`).
-    local_order: degree of the local polynomials; `auto` is 2, rational up to 3; higher where a window is wider than a
-    resonance.  local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6; more
-    lower the variance and widen the window.
+    more must go. None with a local method. -- a number where more must go than `auto` finds, as with slow thermal
+    drift; 0 keeps all periods of a log that begins in steady state. No effect with a local method, which estimates the
+    transient.
+    outlier_sigma: a period further from the median than so many robust standard deviations is left out with a note, but
+    for local methods. -- lower, about 4, where blows or dropouts spoil periods; higher keeps all. At 6 a good period is
+    practically never left out.
+    friction: of the motors, which the records themselves show, is taken out of the torque before the responses are
+    estimated: Coulomb's level alone (`coulomb`), with bristles that bend before they slide (`curve`), or this only
+    where it makes realisations agree better (`auto`). -- `none` for the response as it is, friction included, such as
+    for a controller's design; `curve` where encoders resolve the bristles; `auto` takes nothing out unless realisations
+    agree better.
+    local_order: degree of the local polynomials; `auto` is 2, rational up to 3. -- higher where a window is wider than
+    a resonance; each degree costs n_u lines of window, which widens it again.
+    local_margin: a window has the lines that leave n_y + local_margin degrees of freedom, at least 6. -- more lowers
+    the variance and widens the window, with bias at sharp resonances; lower only where lines are scarce.
 
     Records without a period take `h1`, `h2` or `hv` by Welch's method, a local method, or `auto`; their lines are
     `full`.
-    window: of each segment in Welch's method; `boxcar` where signals die out within one.  overlap: of neighbouring
-    segments, as a part of their length; more lowers the variance a little.
+    window: of each segment in Welch's method. -- `boxcar` where signals die out within a segment, as after a hammer;
+    `flattop` only for the height of single lines, `hann` loses least for noise.
+    overlap: of neighbouring segments, as a part of their length. -- 0.5 uses all samples alike under `hann`; 0.67 to
+    0.75 lowers the variance a little for windows that are narrower in time, and takes longer.
     segment: length in Welch's method, whose lines are 1/segment apart; `auto`: the longest power of two in samples that
     leaves 16 segments, and 8 for each input, and holds a million numbers at most in all channels together, for memory.
+    -- longer for sharp resonances (1/segment below a quarter of their width), shorter for lower variance; the product
+    of both is bound by the length of the record.
     resolution_hz: distance of the lines of a local method, whose windows are as wide at least, for records without a
-    period; default: each line of their DFT.
+    period; default: each line of their DFT. -- larger for a faster fit with fewer lines; it must stay below a quarter
+    of the narrowest resonance.
     """
 
     method: Method = "arithmetic"

@@ -48,7 +48,7 @@ def _explanation(key: Key) -> str:
     below = names_in(key.annotation)
     lines = [key.path, _paragraph(key.text), _paragraph(f"Value: {describe(key.annotation)}.")]
     lines.append(_paragraph(f"Default: {_default(key.default)}."))
-    lines += [_paragraph(f"When to change it: {key.advice}")] if key.advice else []
+    lines += [_paragraph(f"{key.advice_heading}: {key.advice}")] if key.advice else []
     lines += [_paragraph(f"Keys below it: {', '.join(below)}.")] if below else []
     return "\n".join(lines)
 

@@ -28,6 +28,8 @@ ROBOT_FORMS = (Robot, DenavitHartenberg, UrdfRobot)
 
 # Between the text of a key and the advice.
 ADVICE = " -- "
+# Above the advice; of a key that must be given where True.
+HEADINGS = {True: "How to choose it", False: "When to change it"}
 
 _SCALARS = {float: "a number", int: "a whole number", str: "a text", bool: "true or false"}
 
@@ -47,6 +49,11 @@ class Key:
     text: str
     advice: str
     default: Any = field(default=MISSING)
+
+    @property
+    def advice_heading(self) -> str:
+        """Above the advice: a key without a default is chosen, any other is changed."""
+        return HEADINGS[self.default is MISSING]
 
 
 def list_keys() -> Iterator[Key]:

@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from elastid.study.reference import ROBOT_FORMS, advice_of, list_sections, texts_of
+from elastid.study.reference import HEADINGS, ROBOT_FORMS, advice_of, list_sections, texts_of
 from elastid.study.sections import Study
 
 # The name under which `elastid new` writes it beside a study, and to which the study's first line refers.
@@ -34,10 +34,11 @@ def make_schema() -> dict[str, Any]:
 def _add_texts(definition: dict[str, Any], section: type) -> None:
     """The texts of a section and of its keys as descriptions: text, units that a type names already, advice."""
     definition["description"], texts = texts_of(section)
-    advice = advice_of(section)
+    advice, needed = advice_of(section), definition.get("required", ())
     for key, text in texts.items():
         entry = definition["properties"][key]
-        parts = (_sentence(text), _sentence(entry.get("description", "")), _sentence(advice.get(key, "")))
+        parts = [_sentence(text), _sentence(entry.get("description", ""))]
+        parts += [f"{HEADINGS[key in needed]}: {advice[key]}"] if key in advice else []
         entry["description"] = " ".join(filter(None, parts))
 
 

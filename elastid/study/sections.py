@@ -33,15 +33,35 @@ MAX_NAME_LENGTH = 100
 class Study:
     """One identification, from the excitation to the report.
 
-    name: names the run folder.  robot: the path of its file, relative to the study, or the robot itself; left out where
-    responses, recorded or from elsewhere, are all that is asked for: places are then names.
-    experiment: configurations, repetitions and the rig.  excitation: needed where the rig is simulated.
-    design: chooses further configurations.  seed: of everything that is drawn; the same seed gives the same results,
-    bit for bit, for any number of processes.
-    estimator: from records to frequency responses.  model: the equations that the fit uses.  fit: parameters, weights
-    and search.  validation: data that judge the model.  compare: models of `elastid compare`.  report: its figures.
-    friction: of joints is identified, from passes and loops, in the place of elasticity from responses.
-    filter: follows friction over the motions of a study of friction.
+    name: names the run folder. -- a new name for a changed copy keeps the run folder of the first, runs/NAME; without
+    it results of both would land in one.
+    robot: the path of its file, relative to the study, or the robot itself; left out where responses, recorded or from
+    elsewhere, are all that is asked for: places are then names. -- give it as soon as a model is to be fitted; left
+    out, the stages end with the responses and their report.
+    experiment: configurations, repetitions and the rig. -- it decides the kind of study: simulated to plan or to learn,
+    recorded for logs, responses where another program has estimated already.
+    excitation: needed where the rig is simulated. -- leave it out for logs and responses, whose lines are found in the
+    data.
+    design: chooses further configurations. -- give it before robot time is booked: chosen postures reach the intervals
+    of drawn ones in fewer measurements. Postures of your own stay beside the chosen ones.
+    seed: of everything that is drawn; the same seed gives the same results, bit for bit, for any number of processes.
+    -- another number repeats the whole study with other phases, noise and starts; numbers that then move by more than
+    their intervals are not to be trusted. 0 is as good as any.
+    estimator: from records to frequency responses. -- the defaults suit a closed-loop robot with several realisations;
+    change it for records without a period, or for fewer experiments than motors.
+    model: the equations that the fit uses. -- needed for linkages where another formulation is wanted; a serial robot
+    needs nothing here.
+    fit: parameters, weights and search. -- the first key to give is parameters, as soon as not every spring is to be
+    identified.
+    validation: data that judge the model. -- name one configuration as left out where five or more are measured; the
+    report then says how well the model predicts it.
+    compare: models of `elastid compare`. -- give variants of your own where a question about the structure is open,
+    such as a gear that may be rigid.
+    report: its figures. -- only for other formats of figures.
+    friction: of joints is identified, from passes and loops, in the place of elasticity from responses. -- give it for
+    a study of friction, whose stages are design, measure, levels, friction, follow and report.
+    filter: follows friction over the motions of a study of friction. -- give it beside `friction` where other numbers
+    than the defaults are to be followed, or an axis drifts faster.
     """
 
     name: str

@@ -1,7 +1,7 @@
 """Every key of a study has a text beside its field, and something that gives it: a shipped file or a test."""
 
 import re
-from dataclasses import MISSING
+from difflib import SequenceMatcher
 from functools import cache
 from pathlib import Path
 
@@ -10,7 +10,8 @@ import pytest
 from elastid.base.errors import StudyError
 from elastid.study import make_schema
 from elastid.study.explanation import explain
-from elastid.study.reference import list_keys, list_sections, names_in, texts_of
+from elastid.study.reference import advice_of, list_keys, list_sections, names_in, texts_of
+from elastid.study.sections import Study
 
 ROOT = Path(__file__).parents[2]
 KEYS = {(key.section.__name__, key.name): key for key in list_keys()}
@@ -39,11 +40,13 @@ def test_every_key_has_a_text_and_is_given_somewhere(section: type) -> None:
 
 
 def test_the_schema_shows_the_texts() -> None:
-    """Each key of each section has its text, and its unit where it has one."""
+    """Each key of each section has its text, its unit where it has one, and its advice."""
     schema = make_schema()
     for (section, name), key in KEYS.items():
         definition = schema if section == "Study" else schema["$defs"][section]
-        assert definition["properties"][name]["description"].startswith(key.text), f"{section}.{name}"
+        description = definition["properties"][name]["description"]
+        assert description.startswith(key.text), f"{section}.{name}"
+        assert description.endswith(key.advice), f"{section}.{name}"
     period = schema["$defs"]["MultisineSpec"]["properties"]["period"]["description"]
     assert period.startswith(
         "of the multisine; the lines are 1/period apart. in s, or a text with a unit: s, ms, us, min, h."
@@ -85,6 +88,8 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
     assert band.splitlines()[0] == "excitation.band_hz"
     assert "each a number in Hz" in band
     assert "none, it must be given" in band
+    assert "\n  How to choose it: " in band
+    assert "\n  When to change it: more where few of them reach the optimum" in explain("fit.starts")
     assert explain("fit.parameters.k_1.start").startswith("fit.parameters.<name>.start")
     assert "Keys below it: to, factor" in explain("fit.parameters.k_1.tie")
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
@@ -93,14 +98,39 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
         explain("fit.critereon")
 
 
-# Sections whose keys with defaults tune the work, rather than describe a robot or a log.
-TUNING = ("ExperimentSpec", "MultisineSpec", "DesignSpec", "EstimatorSpec", "FitSpec", "WeightSpec", "ValidationSpec")
-ADVICE = re.compile(r"\b(where|for|more|fewer|larger|smaller|longer|shorter|higher|lower|another|narrower|default)\b")
+# Advice that fits every key says nothing of one.
+FILLER = re.compile(
+    r"\b(if|when|where|as) (it is |this is |you )?(need(ed)?|necessary|required|appropriate|desired|want(ed)?)\b"
+    r"|as (you|one) (like|wish|please)|seldom changed|usually left|leave (it )?(alone|as it is)|default is fine",
+    re.IGNORECASE,
+)
 
 
-@pytest.mark.parametrize("section", [*TUNING, "PassesSpec"])
-def test_a_key_that_tunes_the_work_says_when_to_change_it(section: str) -> None:
-    """Beside its meaning, where it has a default and is no section of its own."""
-    keys = [key for (of, _), key in KEYS.items() if of == section and key.default is not MISSING]
-    silent = [key.name for key in keys if not names_in(key.annotation) and not ADVICE.search(key.text)]
-    assert silent == []
+@pytest.mark.parametrize("section", list_sections().values(), ids=lambda section: section.__name__)
+def test_every_key_says_when_to_change_it(section: type) -> None:
+    """Advice behind ` -- ` in the docstring of its section: whole words on this key, not its text once more."""
+    advice = advice_of(section)
+    if not advice:
+        pytest.skip("no advice yet")
+    keys = [key for (of, _), key in KEYS.items() if of == section.__name__]
+    assert [key.name for key in keys if key.name not in advice] == [], "without advice"
+    assert [name for name, words in advice.items() if len(words.split()) < 6 or FILLER.search(words)] == [], "filler"
+    assert [key.name for key in keys if SequenceMatcher(None, key.text, key.advice).ratio() > 0.8] == [], "an echo"
+
+
+def test_no_advice_is_given_twice() -> None:
+    """One sentence for many keys is filler; keys that share one text within a section share its advice."""
+    given: dict[str, set[tuple[str, str]]] = {}
+    for (section, _), key in KEYS.items():
+        for sentence in re.split(r"(?<=\.)\s+", key.advice.rstrip(".")) if key.advice else ():
+            given.setdefault(sentence.rstrip("."), set()).add((section, key.text))
+    assert {sentence: where for sentence, where in given.items() if len(where) > 1} == {}
+
+
+def test_advice_names_keys_that_exist() -> None:
+    """`experiment.realisations` in an advice is a path of the study, or the end of one."""
+    roots = set(names_in(Study)) - {"name", "seed", "filter", "report"}
+    dotted = re.compile(rf"(?<![\w./])((?:{'|'.join(roots)})(?:\.[a-z_]+)+)\b")
+    for key in KEYS.values():
+        for path in dotted.findall(f"{key.text} {key.advice}"):
+            assert explain(path), f"{key.path}: {path}"

@@ -1,4 +1,4 @@
-r"""Covariance of the estimate by measured noise, residuals, find_two_groups of configurations and declared model error.
+r"""Covariance of the estimate by measured noise, residuals, configurations that disagree and declared model error.
 
 Around the optimum the estimate follows the data, dx = A^-1 sum_k g_k, with A = J^T J and g_k = J_k^T r_k the pull of
 line k. Each variance is the largest of the first three estimates, plus the last:
