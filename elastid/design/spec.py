@@ -20,7 +20,9 @@ from elastid.robot import Vector3
 class BoxSpec:
     """A box that the robot must stay out of, its edges along the axes of the base frame.
 
-    name: of the box, for messages.  lower: its corner of smallest coordinates.  upper: the opposite corner.
+    name: of the box, for messages. -- as people in the cell call it, since messages say what a posture would hit.
+    lower: its corner of smallest coordinates. -- measure it in the robot's base frame, and round outwards.
+    upper: the opposite corner. -- each of the three must exceed that of lower; a fence is a thin box.
     """
 
     name: str
@@ -37,16 +39,27 @@ class BoxSpec:
 class CandidateSpec:
     """Configurations to choose from: drawn at random (200 by default), a grid, or those given by name.
 
-    random: how many to draw, uniformly within the joints' limits.  grid: points per driven joint, one number for all or
-    one for each, from limit to limit.  given: name to angles.  A joint that turns without limits does so within
-    +-180 deg, one that slides must have them; a simulated carrier keeps its swing within the limits.  margin: further
-    distance that drawn and grid candidates keep from the limits, room for the multisine; in m where a joint slides.
+    random: how many to draw, uniformly within the joints' limits. -- 1000 for six axes, at the cost of time in
+    proportion; beyond that the criterion gains little.
+    grid: points per driven joint, one number for all or one for each, from limit to limit. -- 3 to 5 for two or three
+    axes; six axes need 3^6 = 729 postures, and drawn ones cover them better.
+    given: name to angles. A joint that turns without limits does so within +-180 deg, one that slides must have them; a
+    simulated carrier keeps its swing within the limits. -- postures that are known to be free and reachable, as taught
+    points; nothing else is then chosen from.
+    margin: further distance that drawn and grid candidates keep from the limits, room for the multisine; in m where a
+    joint slides. -- the amplitude of multisine and carrier at the lowest line and some more; 0.05 rad is 3 deg.
 
     singular: refused where the tool's Jacobian (of the frame `tool`, else of the last body's centre of mass) has an
-    inverse condition number below this; 0 for none.  floor: height in the base frame, along gravity, that nothing may
-    reach.  boxes: to stay out of.  points: further points of bodies (body name to points in its axes) that count,
-    beside joints, centres of mass and frames, and the straight lines between them.  clearance: distance that these keep
-    from floor and boxes.
+    inverse condition number below this; 0 for none. -- larger keeps away from postures near which small errors of
+    angles make large errors at the tool; 0 where only the joints matter.
+    floor: height in the base frame, along gravity, that nothing may reach. -- the height of the table, minus what hangs
+    below the joints; without it nothing stops an elbow below the floor.
+    boxes: to stay out of. -- tables, fences and the neighbouring robot; paths between postures are not checked.
+    points: further points of bodies (body name to points in its axes) that count, beside joints, centres of mass and
+    frames, and the straight lines between them. -- corners of tools and elbows that stick out of the line between
+    joints.
+    clearance: distance that these keep from floor and boxes. -- half the width of the arm, and the swing of the
+    excitation; points and lines have no width of their own.
     """
 
     random: int | None = None
@@ -76,9 +89,12 @@ class CandidateSpec:
 class GuessSpec:
     """Robustness against a wrong nominal robot: the choice must be good for other guesses of the parameters as well.
 
-    guesses: how many are drawn about the nominal one, log-normal.  factor: one standard deviation of a guess, as a
-    factor.
-    over: `mean` of the criterion over the guesses, or the `worst` of them.
+    guesses: how many are drawn about the nominal one, log-normal. -- 20 where the worst of them decides; the time of
+    `design` grows with it.
+    factor: one standard deviation of a guess, as a factor. -- 1.2 after an earlier fit, 2 for a robot that is known
+    from its looks.
+    over: `mean` of the criterion over the guesses, or the `worst` of them. -- `worst` where the measurement cannot be
+    repeated; the mean accepts a bad case for better ones elsewhere.
     """
 
     guesses: int = 8
@@ -96,9 +112,13 @@ class LevelSpec:
     """The disturbances of the responses; without it the noise of the simulated rig.
 
     distortion: nonlinear distortion (friction above all) that comes on top, as the standard deviation of G relative to
-    |G| in one realisation.  absolute: standard deviation of G in one realisation, in its unit, in place of the rig's.
+    |G| in one realisation. -- 0.03 to 0.1 from the report of an earlier measurement; without it many realisations seem
+    as good as many periods.
+    absolute: standard deviation of G in one realisation, in its unit, in place of the rig's. -- for a sensor whose
+    noise is flat in the response's own unit, when no noise of the rig is stated.
     frf: the frf.h5 (or its run folder) of an earlier measurement with the same excitation, periods and realisations,
-    whose variances are expected again in place of the rig's noise.
+    whose variances are expected again in place of the rig's noise. -- the most truthful, where the robot has been
+    measured once with the same excitation.
     """
 
     distortion: float = 0.0
@@ -118,17 +138,27 @@ class DesignSpec:
     """Chooses configurations beside those of experiment.configurations, for the smallest intervals of the parameters.
 
     count: how many to choose, each measured experiment.realisations times; a configuration chosen twice gets twice the
-    realisations. More where `elastid design` predicts intervals that are too wide.  robot_time: in place of count, as
-    many as fit in, where time is what is limited.  periods: numbers of periods to choose from for a robot_time
-    (default: experiment.periods).  candidates: configurations to choose from.
+    realisations. -- more where `elastid design` predicts intervals that are too wide; standard deviations fall with the
+    root of the number.
+    robot_time: in place of count, as many as fit in. -- where time is what is limited: an hour on the line; moving
+    between postures is not counted.
+    periods: numbers of periods to choose from for a robot_time (default: experiment.periods). -- give [2, 4, 8] to let
+    short and long measurements compete: long ones pay where noise limits, many short ones where friction does.
+    candidates: configurations to choose from. -- more, or given ones, where the robot stands in a cell; the choice is
+    only as good as what it may choose from.
 
     criterion: D (volume of the confidence ellipsoid), A (mean variance) or E (worst direction) of the relative errors;
-    E where no combination may stay badly known.
-    parameters: names or patterns such as k_* that count; the stiffnesses, where dampings do not matter (default: all
-    that the fit identifies).
-    robust: against wrong nominal parameters (default: not).  noise: expected in the responses.
+    E where no combination may stay badly known. -- E where no combination may stay badly known, A where each interval
+    counts by itself; D does not depend on how the parameters are scaled or combined, and so is the default.
+    parameters: names or patterns such as k_* that count (default: all that the fit identifies). -- `k_*` where dampings
+    and friction do not matter; the others are still unknowns, and cost what they cost.
+    robust: against wrong nominal parameters (default: not). -- give {} where the robot's numbers may be wrong by half
+    or more; choosing takes as many times longer as there are guesses.
+    noise: expected in the responses. -- for a real robot, whose distortion by friction outweighs sensor noise; without
+    it predicted intervals are those of the simulated rig.
     measured: run folders or frf.h5 files of earlier measurements; the choice adds to their information about the
-    parameters that their fit found, for a robot that is measured once more.
+    parameters that their fit found. -- for a robot that is measured once more: postures then go to what the first
+    session left uncertain.
     """
 
     count: int | None = None

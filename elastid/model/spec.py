@@ -19,16 +19,21 @@ Variant: TypeAlias = Literal[
 class ModelSpec:
     """How the robot becomes equations.
 
-    formulation: default serial for a tree, constrained where there are loops.
-    serial: a tree of bodies.  constrained: all coordinates, the loops closed by constraints with multipliers.
-    minimal: independent coordinates; elastic rods are cut and become force elements.  independent: names of these
-    coordinates, such as `joint 2` or `motor 3` (default: chosen by rank).
+    formulation: default serial for a tree, constrained where there are loops. serial: a tree of bodies. constrained:
+    all coordinates, the loops closed by constraints with multipliers. minimal: independent coordinates; elastic rods
+    are cut and become force elements. -- `constrained` works for every linkage; `minimal` where results are wanted in
+    independent coordinates, or elastic rods are to be cut, so that a simulation has no loop to keep closed. Both give
+    the same response to rounding, and either checks the other.
+    independent: names of these coordinates, such as `joint 2` or `motor 3` (default: chosen by rank). -- where the
+    choice by rank is not the one in which you want to read the results; coordinates that are dependent in a posture are
+    refused.
 
-    variant: of the minimal formulation, exact or one of the approximations in use for parallel linkages.  rigid_loop:
-    nothing gives inside loops but driven springs.  constant_stiffness: so, and the stiffness of an elastic rod is in
-    series with that of its lever's gear, as at the start posture.  series_stiffness: the same with its change with the
-    posture.  bending_outside: loops do not see the elastic joints in them.  lumped_rod: rods are a point mass at each
-    end.
+    variant: of the minimal formulation, exact or one of the approximations in use for parallel linkages. rigid_loop:
+    nothing gives inside loops but driven springs. constant_stiffness: so, and the stiffness of an elastic rod is in
+    series with that of its lever's gear, as at the start posture. series_stiffness: the same with its change with the
+    posture. bending_outside: loops do not see the elastic joints in them. lumped_rod: rods are a point mass at each
+    end. -- an approximation only to see what it costs, or to match a model that another tool uses; parameters of an
+    approximation are not those of the robot.
     """
 
     formulation: Formulation | None = None

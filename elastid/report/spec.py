@@ -11,8 +11,8 @@ from elastid.base.section import section
 class ReportSpec:
     """The figures of the report.
 
-    formats: of the files beside the page; pdf, for print, takes longer, and comes with report.pdf: tables and all
-    figures on paper (`elastid report --pdf` for once).
+    formats: of the files beside the page; pdf comes with report.pdf: tables and all figures on paper (`elastid report
+    --pdf` for once). -- add pdf for print and for LaTeX; it takes longer, and page and PNG are enough on a screen.
     """
 
     formats: tuple[Literal["png", "pdf"], ...] = ("png",)

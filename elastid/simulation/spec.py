@@ -12,8 +12,11 @@ from elastid.base.units import InUnit
 class StabilisationSpec:
     """How the loops of a simulated robot are kept closed; without effect on a tree or on rods that are cut.
 
-    project: after each sample back onto the closed loops, which leaves rounding alone.
-    alpha, beta: Baumgarte's terms, phi'' + alpha phi' + beta phi = 0, critically damped where beta = alpha^2 / 4.
+    project: after each sample back onto the closed loops, which leaves rounding alone. -- false only to see what the
+    terms alpha and beta do by themselves; loops then drift apart by the integration error.
+    alpha, beta: Baumgarte's terms, phi'' + alpha phi' + beta phi = 0, critically damped where beta = alpha^2 / 4. --
+    (20, 100) is usual where projection is off; larger ones need more substeps. They do not change a linear response at
+    an equilibrium.
     """
 
     project: bool = True

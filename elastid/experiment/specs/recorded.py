@@ -17,9 +17,14 @@ Period: TypeAlias = Time | Literal["find", "none"]
 class TextFormatSpec:
     """How CSV and text logs are written.
 
-    delimiter: a character, `tab`, or `whitespace` (any run of blanks and tabs).  decimal: `,` for numbers such as 1,5.
-    header_lines: lines to skip; headings are the last of them or the first line after them that holds no numbers.
-    comment: begins a line that is skipped.
+    delimiter: a character, `tab`, or `whitespace` (any run of blanks and tabs). -- `;` comes with a decimal comma,
+    `whitespace` with most MATLAB and Fortran text.
+    decimal: `,` for numbers such as 1,5. -- for logs from machines with German or French settings; the delimiter must
+    then be another sign.
+    header_lines: lines to skip; headings are the last of them or the first line after them that holds no numbers. --
+    where a preamble of text precedes the headings; headings alone are found without it.
+    comment: begins a line that is skipped. -- where notes in the file begin with % or //, as in exports of some data
+    loggers.
     """
 
     delimiter: str = ","
@@ -32,16 +37,35 @@ class TextFormatSpec:
 class FileSpec:
     """One log file and its contents.
 
-    path: relative to the study.  configuration: that it was measured in.  realisation: of the phases, from 0.
-    experiment: of the realisation, from 0.  samples: [first, last) to use of it.
+    path: relative to the study. -- put the logs beside the study, so that both move together.
+    configuration: that it was measured in. -- one of experiment.configurations; logs of one posture are estimated
+    together.
+    realisation: of the phases, from 0. -- another number for other random phases; the same phases again tell nothing
+    new of distortion.
+    experiment: of the realisation, from 0. -- count up within a realisation, as many as motors unless a local method is
+    used.
+    samples: [first, last) to use of it. -- to cut off what is before the start, or after a stop; whole periods are
+    found by themselves.
     also: other logs of the same experiment, started at other times. Each must hold the excitation r (or one period of
-    it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out.
-    period, period_samples: of this file where they differ from those of the others.
-    Studies of friction need no configuration but for joints at rest that are not in the log.
-    joint: name of the one that moves (default: every one whose torque and position are logged and that moves).
-    purpose: passes and any other motion, or loops of growing torque before the joint slides.
-    speed: of the passes in it (default: plateaus are found at any speed).  load: name of one of friction.loads.
-    temperature: of the joint, where no channel of role t has it.
+    it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out. -- for
+    signals of another logger; without a common signal the delay is not known, and phase is then wrong by 360 deg times
+    frequency times delay.
+    period: of this file where they differ from those of the others. Studies of friction need no configuration but for
+    joints at rest that are not in the log. -- where files of several excitations are in one study; `none` for a single
+    transient among them.
+    period_samples: of this file where they differ from those of the others. Studies of friction need no configuration
+    but for joints at rest that are not in the log. -- for one file whose clock drifted, in the place of its period in
+    s.
+    joint: name of the one that moves (default: every one whose torque and position are logged and that moves). -- where
+    several joints move and only one is to be identified from this log.
+    purpose: passes and any other motion, or loops of growing torque before the joint slides. -- loops for logs that
+    reverse before they break away; plateaus are not looked for there.
+    speed: of the passes in it (default: plateaus are found at any speed). -- where plateaus of several speeds lie close
+    together, or noise makes the finder take a wrong one.
+    load: name of one of friction.loads. -- name it in every log of a study with loads; logs without it count as the
+    robot alone.
+    temperature: of the joint, where no channel of role t has it. -- a hand thermometer's reading; three of them, spread
+    over more than 20 K, are needed before temperature terms can be known.
     """
 
     path: str
@@ -69,18 +93,30 @@ class FileSpec:
 class RecordedSpec:
     """A rig that is a folder of lab logs.
 
-    rate_hz: sampling rate, or `unknown`: frequencies are then in units of it.  channels: the signals.  files: the logs.
+    rate_hz: sampling rate, or `unknown`: frequencies are then in units of it. -- the clock of the log; a wrong number
+    scales all frequencies and, squared, all stiffnesses. `unknown` is for structures without a robot.
+    channels: the signals. -- at least one torque (u) and one motion (y); give r as well where the injected torque is
+    logged, which closed-loop estimators use.
+    files: the logs. -- one entry an experiment; realisations and experiments are numbered in each configuration from 0.
     period: of the excitation, `find` where it is to be found in the torques, or `none`, as without the key: the whole
-    record is then one transient (noise, a sweep from rest).  period_samples: the same in samples, in place of period,
-    whole or not.
-    text: format of CSV files.  half_wave: the excitation has odd lines only, so that the second half
-    of a period is minus the first; each half then counts as a repetition, and one period gives a noise level.
-    time: name of the channel that holds the time in s; gaps in it are missing samples.
+    record is then one transient (noise, a sweep from rest). -- the number that the generator had is best; `find` needs
+    two periods in the log and lines that stand out; `none` for noise and for sweeps from rest.
+    period_samples: the same in samples, in place of period, whole or not. -- where the clocks of generator and logger
+    differ and the period is no whole number of samples, such as 12480.02.
+    text: format of CSV files. -- where `elastid inspect` shows one column in place of several, or numbers as text.
+    half_wave: the excitation has odd lines only, so that the second half of a period is minus the first; each half then
+    counts as a repetition, and one period gives a noise level. -- true for odd grids with few periods; wrong for full
+    or even lines, whose response it would halve into noise.
+    time: name of the channel that holds the time in s; gaps in it are missing samples. -- give it for logs with
+    dropouts or jitter; with a fixed clock rate_hz is enough.
     hold: of the acting torques between their samples. `zero-order` where u is a command that the drive keeps from each
     sample to the next: it acts half a sample later than its samples say, and weaker by a sinc, and angles (quantity:
     position) that are logged at the same rate, sampled without a filter, contain images of it, which the model then has
-    too. `band-limited` where u was measured through a filter, or logged much faster than the drive updates it.
-    controller: of the robot, in studies of friction whose channels have its reference.
+    too. `band-limited` where u was measured through a filter, or logged much faster than the drive updates it. -- a
+    wrong choice costs half a sample of delay and, towards half the rate, a sinc; a misfit that grows so towards the
+    upper edge is its sign (residuals 1.27 times the noise and a spring off by 13 % in one case).
+    controller: of the robot, in studies of friction whose channels have its reference. -- so that validation replays
+    the logs in closed loop; without it the law is judged on torques alone.
     """
 
     rate_hz: Frequency | Literal["unknown"]
