@@ -91,8 +91,9 @@ class ParameterSpec:
 
     start: of the search (default: the robot's number). -- give one where the robot's file has a guess and a hand
     calculation or another robot is nearer; it moves the default bounds along.
-    bounds: [lower, upper]; default start / 100 to start * 100 for a positive one. -- wider where the report says
-    at_bound and the value makes sense; narrower hides an unknown rather than finds it: prefer a prior.
+    bounds: [lower, upper] (default: for a positive one start / 100 to start * 100, for viscous friction start / 10000
+    to start * 10000). -- wider where the report says at_bound and the value makes sense; narrower hides an unknown
+    rather than finds it: prefer a prior.
     fixed: true keeps it at its start. -- true for what is known better than the data can tell, or what the data cannot
     tell at all; a wrong value biases all others, and modification indices then name it.
     tie: to another parameter. -- for springs that are alike by construction, or damping in proportion to stiffness;

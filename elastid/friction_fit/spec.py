@@ -19,12 +19,23 @@ class LawSpec:
 
     Each part is `no`, `yes`, or `auto`: where the levels can tell it (an F test at 1 %, and none of its numbers wider
     than half of itself).
-    stribeck: stiction that falls to Coulomb friction.  exponent: of that fall, 2 unless it can be told.
-    quadratic: friction that grows with v |v|.  directions: levels and slopes of each direction.
-    load: growth with the load.  temperature: change with temperature.
+    stribeck: stiction that falls to Coulomb friction. -- `no` where no pass is slower than the Stribeck velocity; `yes`
+    keeps an uncertain one for a tool that needs it.
+    exponent: of that fall, 2 unless the levels tell it. -- `no` narrows stiction and Stribeck velocity by a factor of
+    two, and is right where a control law assumes 2.
+    quadratic: friction that grows with v |v|. -- `auto` for fans, oil baths and fast axes, where friction bends upwards
+    at the top speed; off, since it and viscous friction are strongly correlated.
+    directions: levels and slopes of each direction. -- `no` where a tool holds one number for both; a difference of
+    slopes then turns up as an offset of the torque.
+    load: growth with the load. -- `no` where only one load was measured; with three, an F test decides by itself.
+    temperature: change with temperature. -- `no` for logs of a warm robot; the terms need three temperatures over more
+    than 20 K.
     presliding: law of the joint before it slides that the robot's file gets; by default Maxwell slip where loops were
-    measured, else LuGre where stiffness and damping at rest were; `lugre` takes at_rest, not loops.
-    elements: number of Maxwell slip elements (default: as few as predict other parts of the loops as well).
+    measured, else LuGre where stiffness and damping at rest were; `lugre` takes at_rest, not loops. -- `lugre` for
+    tools that know no other; Maxwell slip has memory of inner loops, which LuGre misses by 16 % of the break-away
+    torque in one case.
+    elements: number of Maxwell slip elements (default: as few as predict other parts of the loops as well). -- 4 for
+    real-time use, at an error of some 4 % of the break-away torque, 6 and more for about 1 %.
     """
 
     stribeck: Part = "auto"
@@ -46,13 +57,20 @@ class LawSpec:
 class PassesSpec:
     """Passes there and back at constant speed, one joint at a time.
 
-    speeds: [lowest, highest], link side; by default what sticks no more, and what fits into the window.
-    count: passes of one joint at one load, those at the same speed included; more for narrower intervals.  spacing:
-    `optimal` for the law's numbers (D-optimal over the guesses of the law), or `logarithmic`.  window: [lower, upper]
-    position of the joint (default: the middle half of its limits).  repeat: how often the whole set is run; its scatter
-    gives the intervals, more of it where levels scatter.
-    reference_every: time after which one speed comes back, whose drift is the warm-up; shorter where a joint warms up
-    quickly.
+    speeds: [lowest, highest], link side (default: what sticks no more, and what fits into the window). -- the lowest
+    decides about stiction: from 0.2 to 1 Stribeck velocities upwards its std grows from 3 to 48 %; the highest about
+    viscous friction. A lower one needs a stiffer controller, or the joint sticks and slips.
+    count: passes of one joint at one load, those at the same speed included. -- more for narrower intervals, which
+    shrink with the root; the five numbers of a Stribeck curve need at least 5, and 12 let the law be tested.
+    spacing: `optimal` for the law's numbers (D-optimal over the guesses of the law), or `logarithmic`. -- `logarithmic`
+    where the law's numbers are no guess worth the name; `optimal` puts all passes at about five speeds, and shows
+    nothing in between.
+    window: [lower, upper] position of the joint (default: the middle half of its limits). -- wide enough for the
+    highest speed to settle, and free of cell and cables; a slow pass of less than one motor turn cannot average ripple.
+    repeat: how often the whole set is run; its scatter gives the intervals. -- more of it where levels scatter from run
+    to run; with 1 the intervals come from the residuals of the law alone.
+    reference_every: time after which one speed comes back, whose drift is the warm-up. -- shorter where a joint warms
+    up quickly, longer once the robot is warm; each costs one more pair of passes.
     """
 
     speeds: tuple[JointVelocity, JointVelocity] | None = None
@@ -84,8 +102,11 @@ class PassesSpec:
 class LoadSpec:
     """A load under which all passes are repeated: a posture, a payload, or both.
 
-    name: of the load; logs name it too.  configuration: posture in which the other joints are held (default: the first
-    of the experiment).  payload: a point mass at the robot's last frame, beside the robot's own payload.
+    name: of the load; logs name it too. -- short, since every level and figure carries it.
+    configuration: posture in which the other joints are held (default: the first of the experiment). -- postures in
+    which gravity on the joint is small, medium and large give three loads without any weight.
+    payload: a point mass at the robot's last frame, beside the robot's own payload. -- for joints whose gravity the
+    posture hardly changes; the robot must carry it for real.
     """
 
     name: str
@@ -102,8 +123,12 @@ class LoadSpec:
 class PreslidingSpec:
     """Loops of growing torque that break away only at the end.
 
-    torque: [smallest, largest] amplitude, parts of the break-away torque.  loops: how many, log spaced.
-    frequency_hz: of a loop, slow enough that inertia does not count.
+    torque: [smallest, largest] amplitude, parts of the break-away torque. -- a smaller first part where the encoder is
+    fine, so that the stiffest elements show; the last must stay below 1, or the joint slides before the end.
+    loops: how many, log spaced. -- more for a finer curve of stiffness over amplitude; 12 cover 0.05 to 0.95 in steps
+    of 31 %.
+    frequency_hz: of a loop, slow enough that inertia does not count. -- lower where the arm's inertia bends the loops;
+    higher saves time and invites creep and noise less.
     """
 
     torque: tuple[Ratio, Ratio] = (0.05, 0.95)
@@ -125,7 +150,10 @@ class PreslidingSpec:
 class AtRestSpec:
     """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles.
 
-    torque: amplitudes, parts of the Coulomb torque; two and more extrapolate to none.  band_hz: [lowest, highest] line.
+    torque: amplitudes, parts of the Coulomb torque; two and more extrapolate to none. -- at 0.1 of the Coulomb torque
+    stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the encoder resolves it.
+    band_hz: [lowest, highest] line. -- upwards until inertia outweighs the bristles, downwards until drift does;
+    damping needs the high lines.
     """
 
     torque: tuple[Ratio, ...] = (0.05, 0.1)
@@ -143,7 +171,11 @@ class AtRestSpec:
 class WarmUpSpec:
     """The joint moves to and fro until it is warm, and passes in between follow its friction.
 
-    speed: of the motion.  time: of the warm-up.  test_every: time between groups of test passes.
+    speed: of the motion. -- the fastest that the axis may keep up: heat grows with friction times speed.
+    time: of the warm-up. -- two to three time constants of the gear, which are 10 to 60 minutes; shorter leaves the
+    final temperature to extrapolation.
+    test_every: time between groups of test passes. -- shorter shows the quick beginning; every group interrupts the
+    heating by its passes.
     """
 
     speed: JointVelocity
@@ -164,11 +196,22 @@ class WarmUpSpec:
 class FrictionSpec:
     """Friction of one joint after the other: the experiments that find it, and the law.
 
-    joints: by name or number, the first is 1 (default: every driven joint).  rate_hz: of the controller and the logs of
-    a design.  passes: at constant speeds; of logs `detect`, by default: plateaus are found in any motion.
-    loads: under which passes are repeated (default: the robot as it is).  presliding: loops before the joint slides
-    (default: none).  at_rest: small multisine at standstill (default: none).  warm_up: hours of motion, for friction
-    that falls with temperature (default: none).  law: parts that are looked for.
+    joints: by name or number, the first is 1 (default: every driven joint). -- name a few where an hour is what is
+    available: each joint takes its own passes, one after the other.
+    rate_hz: of the controller and the logs of a design. -- that of the controller; logs that exist state theirs in
+    experiment.recorded.
+    passes: at constant speeds; of logs `detect`, by default: plateaus are found in any motion. -- give {} to design
+    them, `detect` for logs of any motion with stretches of constant speed; designed ones know their speeds.
+    loads: under which passes are repeated (default: the robot as it is). -- three or more, for the terms that grow with
+    load; gravity on the joint must differ between them, so that a vertical axis has none.
+    presliding: loops before the joint slides (default: none). -- give {} for the law of small motions, as for a LuGre
+    or Maxwell slip model in control; levels of sliding need it not.
+    at_rest: small multisine at standstill (default: none). -- give {} where the encoder resolves a tenth of the
+    bristles' bend, commonly 1 to 3 counts; else rely on the loops.
+    warm_up: hours of motion, for friction that falls with temperature (default: none). -- where friction at two in the
+    afternoon is not that of eight in the morning; it takes hours of the robot.
+    law: parts that are looked for. -- switch parts off that later tools cannot hold, or on where physics demands them
+    against the test.
     """
 
     joints: tuple[str, ...] = ()

@@ -16,10 +16,19 @@ class FilterSpec:
     """A Kalman filter that follows friction over the motions of a joint, from motor angle and torque alone.
 
     states: what is followed: Fc (Coulomb friction), f (viscous friction) or f+ and f- (of each direction), offset (slow
-    error of the torque, as of gravity).  drift: by how much a number is expected to change within drift_time, relative.
-    drift_time: that time.  correlation_time: of the torque noise that is no white noise, 0 for none; ripple and cables
-    need it.  torque_std: of the torque noise of a sample (default: from the innovations of the first minute).
-    settle: time that a filter takes before it is judged.
+    error of the torque, as of gravity). -- f+ and f- for axes whose slopes differ, without offset where gravity is
+    known well; each more widens all where motion is poor.
+    drift: by how much a number is expected to change within drift_time, relative. -- larger follows faster and scatters
+    more; the report's check of the innovations says which of both it is.
+    drift_time: that time. -- the time constant of warming; only drift over its root counts, so that one of the two is
+    enough to tune.
+    correlation_time: of the torque noise that is no white noise, 0 for none; ripple and cables need it. -- the time of
+    a motor turn or of a ripple at working speed, where innovations are correlated; 0 would trust such logs too much:
+    intervals come out too narrow.
+    torque_std: of the torque noise of a sample (default: from the innovations of the first minute). -- where the first
+    minute is not typical, as with the robot at rest; larger makes the filter slower and its intervals wider.
+    settle: time that a filter takes before it is judged. -- longer where the start is far from the truth, so that the
+    swing-in does not count against the filter.
     """
 
     states: tuple[Followed, ...] = ("Fc", "f", "offset")

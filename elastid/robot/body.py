@@ -29,12 +29,20 @@ _TENSOR_LETTERS = ("xx", "yy", "zz", "xy", "xz", "yz")
 class Body:
     """A rigid body: mass, centre of mass in its frame, inertia about the centre of mass.
 
-    name: ends the names of its parameters (m_arm).  parent: the body that carries it.  placement: of its first joint in
-    the parent's frame.  joints: from the parent to the body, in this order.  mass: with rotors that ride on it.
-    center_of_mass: in the body's frame.  inertia: one number (the same about every axis), three (xx, yy, zz) or six
-    (xx, yy, zz, xy, xz, yz; the off-diagonal ones are entries of the tensor, not products of inertia with the other
-    sign).
-    mounting: of its own frame behind its last joint.
+    name: ends the names of its parameters (m_arm). -- short and without blanks is easiest, since parameters end in it.
+    parent: the body that carries it. -- the body before it in the chain; two bodies with one parent branch.
+    placement: of its first joint in the parent's frame. -- the joint's place as measured from the parent's joint at
+    zero angles.
+    joints: from the parent to the body, in this order. -- the driven joint first, then elastic ones: bearing tilt, then
+    bending.
+    mass: with rotors that ride on it. -- from CAD; the fit keeps it, unless m_NAME is named with a prior, as it sets
+    the scale of all stiffnesses.
+    center_of_mass: in the body's frame. -- gravity's torque at rest checks it: compare holding torques of two postures.
+    inertia: one number (the same about every axis), three (xx, yy, zz) or six (xx, yy, zz, xy, xz, yz; the off-diagonal
+    ones are entries of the tensor, not products of inertia with the other sign). -- six numbers where CAD gives them;
+    mind the sign of the off-diagonal ones.
+    mounting: of its own frame behind its last joint. -- where the next frame does not begin at the last joint, such as
+    the flange of a bent link.
     """
 
     name: str
@@ -94,7 +102,12 @@ class Body:
 class Frame:
     """A frame fixed to a body.
 
-    name: by which outputs and the payload refer to it.  body: that it is fixed to.  placement: in the body's frame.
+    name: by which outputs and the payload refer to it. -- `tool` for the tip, else what the sensor is called; outputs
+    are then `frame NAME z`.
+    body: that it is fixed to. -- the body behind whose joints the sensor sits; the wrong side of an elastic joint
+    misses its bending.
+    placement: in the body's frame. -- measure to the sensor's own origin: 10 cm off on a swinging arm is the
+    acceleration of another place.
     """
 
     name: str
@@ -106,8 +119,10 @@ class Frame:
 class Payload:
     """A body called `payload`, fixed to a frame or body.
 
-    mass: of the payload.  center_of_mass: in the axes of its seat.  inertia: about the centre of mass, as a body's.
-    at: the frame or body that it is fixed to.
+    mass: of the payload. -- weigh it; unlike links it can be changed to separate masses from stiffnesses.
+    center_of_mass: in the axes of its seat. -- 1 cm matters for wrists, hardly for the first three axes.
+    inertia: about the centre of mass, as a body's. -- for tools longer than about 20 cm; small ones are points.
+    at: the frame or body that it is fixed to. -- the flange's frame; without a frame `tool` name the last body.
     """
 
     mass: Mass

@@ -26,12 +26,24 @@ from elastid.robot.robot import Robot
 class Link:
     """One row of the table, the joint that moves the link, and the link as a body in its frame i.
 
-    joint: about or along z; its `motion` says which.
-    d, a: lengths along z and along x.  alpha: angle about x.  offset: added to the joint's angle.
-    mass: of the link.  center_of_mass: in its frame.  inertia: as that of a body, about the point that inertia_about
-    names.
-    elastic: further joints right behind it, in axes that have z in common with it.
-    name: of the body; default: that of the joint.
+    joint: about or along z; its `motion` says which. -- names the spring, motor and limits; elastic joints that nothing
+    drives belong into `elastic`.
+    d: length along z. -- straight from the table; of a sliding joint it is added to the position.
+    a: length along x. -- with `modified` this is a_(i-1) of some books, which stands in the row before there: compare
+    the pictures.
+    alpha: angle about x. -- with `modified` that of the row before in books that number from 0; give deg with its unit.
+    offset: added to the joint's angle. -- for tables whose zero is not the controller's, such as -90 deg for an upright
+    second axis.
+    mass: of the link. -- from CAD or the manual; an error of ten percent is one of ten percent in stiffness, since
+    inertia sets the scale.
+    center_of_mass: in its frame. -- convert from the maker's frame; only its distance from the axes counts for
+    stiffness, its direction for gravity.
+    inertia: as that of a body, about the point that inertia_about names. -- three numbers suffice where the axes are
+    nearly principal; 0 for a point mass.
+    elastic: further joints right behind it, in axes that have z in common with it. -- bearings and link bending, behind
+    the gear; the commonest are two, across the driven axis.
+    name: of the body; default: that of the joint. -- where a message should say `upper arm` in place of a joint's
+    number.
     """
 
     joint: Joint
@@ -62,12 +74,22 @@ class Link:
 class DenavitHartenberg:
     """A serial robot as a table of links, from the base to the tool.
 
-    name: of the robot.  convention: `standard` or `modified`.  links: the rows, from the base to the tool.
+    name: of the robot. -- a new one for each set of numbers, since results quote it.
+    convention: `standard` or `modified`. -- `modified` (Craig) where the rotation alpha comes first in a row,
+    `standard` where last; a mix of both gives a robot that looks right at zero only.
+    links: the rows, from the base to the tool. -- one row per driven joint, in order; elastic joints are written inside
+    the rows.
     inertia_about: reference point of the links' inertia tensors, the centre of mass or the origin of the link's frame.
-    base: frame 0 in the base.  tool: in the last link's frame; it becomes the robot's frame `tool`.
-    gravity: acceleration in the base frame.  source: where the numbers come from; free text.  frames: further named
-    frames.
-    payload: carried at one of them.
+    -- `origin` for tables of dynamic parameters, which hold m c^2 already; a wrong choice counts it twice or not at
+    all.
+    base: frame 0 in the base. -- for robots on a pedestal, a wall or upside down; gravity stays in the base frame.
+    tool: in the last link's frame; it becomes the robot's frame `tool`. -- the flange's frame, or the tip where sensors
+    sit.
+    gravity: acceleration in the base frame. -- turn it for a robot on a wall or the ceiling, or tilt the base instead,
+    not both.
+    source: where the numbers come from; free text. -- cite paper, file and table, and say which numbers are made up.
+    frames: further named frames. -- one for every accelerometer or marker whose motion is logged.
+    payload: carried at one of them. -- whatever hung at the flange when the data was taken.
     """
 
     name: str

@@ -29,9 +29,13 @@ MIN_RECIPROCAL_CONDITION = 1e-10
 class GearCoupling:
     """A gear through which the motor of another joint turns along: eta[motor, joint] = ratio.
 
-    motor, joint: two driven joints.  ratio: turns of the motor of `motor` per turn of `joint`, while joint `motor`
-    stands still in its own bearing.  springs: `after` it, towards the links (the stiffness matrix stays diagonal), or
-    `before` it, between motors and coupling: the springs of the joints; springs of motor shafts are before all gears.
+    motor: two driven joints. -- the one that also turns when another joint does, mostly of the wrist's later axis.
+    joint: two driven joints. -- the joint whose turning drags it along.
+    ratio: turns of the motor of `motor` per turn of `joint`, while joint `motor` stands still in its own bearing. --
+    from the controller's coupling parameters; try the other sign when free wrist motion shows cross torque.
+    springs: `after` it, towards the links (the stiffness matrix stays diagonal), or `before` it, between motors and
+    coupling: the springs of the joints; springs of motor shafts are before all gears. -- `before` where belts or shafts
+    ahead of the bevel stage are the soft part; `elastid compare` tries both.
     """
 
     motor: str

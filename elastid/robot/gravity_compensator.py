@@ -23,7 +23,9 @@ from elastid.robot.placement import Vector3
 class Anchor:
     """A point of a body.
 
-    body: its name.  point: in the body's axes.
+    body: its name. -- a body, not a frame; the base for struts that stand on the foot.
+    point: in the body's axes. -- at the centre of the bearing; millimetres matter where a spring acts nearly through
+    the axis.
     """
 
     body: str = BASE
@@ -34,7 +36,10 @@ class Anchor:
 class CoilSpring:
     """A mechanical spring.
 
-    stiffness: k_c of the coil.  rest_length: L_0, at which it has no force.
+    stiffness: k_c of the coil. -- by the maker, or from holding torques of two postures; it adds stiffness to the
+    joint, and kc_NAME in fit.parameters finds it from the low lines.
+    rest_length: L_0, at which it has no force. -- 0 for a spring that pulls wherever it is; it decides in which posture
+    how much weight is carried. L0_NAME may be identified from holding torques.
     """
 
     stiffness: LinearStiffness
@@ -56,8 +61,15 @@ class CoilSpring:
 class GasSpring:
     """A gas spring.
 
-    force: F_0 at the length L_0.  length: L_0, between its ends.  column: h_0, height of the gas column at that length.
-    kappa: exponent, 1 isothermal to 1.4 adiabatic.  action: `push` for a strut, `draw` for a cylinder that pulls.
+    force: F_0 at the length L_0. -- scales with filling pressure, which falls over the years: F0_NAME is the first of
+    its numbers to identify.
+    length: L_0, between its ends. -- that at which force and column were read, usually fully extended.
+    column: h_0, height of the gas column at that length. -- volume over piston area; a long one gives a nearly constant
+    force.
+    kappa: exponent, 1 isothermal to 1.4 adiabatic. -- 1 for slow motion and postures, 1.3 to 1.4 for motion within
+    seconds, as in a multisine's swing.
+    action: `push` for a strut, `draw` for a cylinder that pulls. -- draw for cylinders whose rod is pulled out as the
+    arm goes down.
     """
 
     force: Force
@@ -88,7 +100,10 @@ class GasSpring:
 class Compensator:
     """A coil or a gas spring, one of the two, between points of two bodies.
 
-    name: ends the names of its parameters.  ends: the two points.  coil: a mechanical spring.  gas: a gas spring.
+    name: ends the names of its parameters. -- such as `spring_2`, the axis that it holds.
+    ends: the two points. -- first the fixed one; the force acts along the line between them.
+    coil: a mechanical spring. -- for steel springs, whose force grows with length.
+    gas: a gas spring. -- for nitrogen cylinders; their force rises with stroke and temperature.
     """
 
     name: str

@@ -28,8 +28,12 @@ from elastid.robot.spring import Spring
 class Limits:
     """Limits of a driven joint, link side; of a translation in m, m/s, m/s^2 and N.
 
-    angle: [lower, upper] position.  velocity: largest speed.  torque: largest torque of the motor.
-    acceleration: largest acceleration.
+    angle: [lower, upper] position. -- those of the cell where they are narrower than the robot's; designs keep
+    excitation.margin from them.
+    velocity: largest speed. -- a tenth above what the test may do; it bounds carriers, passes and multisines.
+    torque: largest torque of the motor. -- continuous torque of motor and gear at the link, not the peak, for
+    experiments of minutes.
+    acceleration: largest acceleration. -- where drives trip by acceleration before they do by torque.
     """
 
     angle: tuple[JointPosition, JointPosition] = (-math.inf, math.inf)
@@ -50,14 +54,27 @@ class Limits:
 class Joint:
     """A rotation about `axis` or a translation along it, with a spring, a motor, both or neither.
 
-    name: ends the names of its parameters (k_1, d_1, fm_1).  axis: x, y, z or a direction, in the axes reached so far.
-    spring: of its gear where it is driven, else of an elastic joint.  motor: drives it.
-    viscous: friction across the joint.  friction: dry friction across the joint.
-    limits: link side.  motion: `rotation`, or `translation`: stiffness is then in N/m, damping and friction in N*s/m;
-    its motor turns, with a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.)
-    start: its position where loops are put together, which decides between the two ways in which most loops close.
+    name: ends the names of its parameters (k_1, d_1, fm_1). -- numbers as the controller's axes have them keep k_1 and
+    motor 1 together.
+    axis: x, y, z or a direction, in the axes reached so far. -- positive as the controller counts; a wrong sign turns
+    the response of this axis around.
+    spring: of its gear where it is driven, else of an elastic joint. -- on driven joints the gear; without one the gear
+    is rigid. An undriven joint without a spring swings freely.
+    motor: drives it. -- for axes with a drive; the order of driven joints is that of angles in configurations.
+    viscous: friction across the joint. -- of bearings and seals behind the gear; friction before it belongs to the
+    motor, whose response sees it directly.
+    friction: dry friction across the joint. -- for simulation of dry friction on the link's side, as in bearings under
+    load; most of it is at the motor.
+    limits: link side. -- always for driven joints whose experiments are designed: without them nothing bounds the
+    excitation.
+    motion: `rotation`, or `translation`: stiffness is then in N/m, damping and friction in N*s/m; its motor turns, with
+    a ratio in rad/m. (A linear motor: ratio 1, its moving mass in the place of the inertia.) -- `translation` for
+    rails, gantries and telescopes.
+    start: its position where loops are put together, which decides between the two ways in which most loops close. --
+    an angle near the assembled posture, where a linkage closes in the mirrored way otherwise.
     point: of a rotation, a point that its axis goes through, in the axes reached so far. Whatever follows stays where
-    it would be without the joint: a link of length l that bends at l1 is one joint at [0, 0, l1] and nothing else.
+    it would be without the joint: a link of length l that bends at l1 is one joint at [0, 0, l1] and nothing else. --
+    for elastic joints inside a link; two joints at different points stand for a beam that bends.
     """
 
     name: str

@@ -13,9 +13,13 @@ from elastid.robot.placement import Axis, unit_axis
 class Pin:
     """A hinge: the two points coincide and turn about one axis.
 
-    axis: in the axes of the first end's body.  other_axis: the same hinge in those of the second one's (default: the
-    same numbers).  planar: only the two displacements across the axis are closed, for mechanisms that are planar; else
-    all three, and the two tilts of the axis.
+    axis: in the axes of the first end's body. -- as in the drawing of the first body; must fit other_axis in the
+    assembled posture.
+    other_axis: the same hinge in those of the second one's (default: the same numbers). -- where the axes of the two
+    bodies are turned against each other at zero.
+    planar: only the two displacements across the axis are closed, for mechanisms that are planar; else all three, and
+    the two tilts of the axis. -- true for a planar mechanism, whose further constraints would be redundant; false for
+    real bearings that also take tilt.
     """
 
     axis: Axis = "z"
@@ -33,9 +37,16 @@ class Pin:
 class Rod:
     """A straight rod on two ball joints, rigid unless it has a stiffness.
 
-    length: between the two joints.  mass: of the rod.  center: place of the centre of mass between first end (0) and
-    second (1).  inertia: about the centre of mass, across the rod; its spin about itself is left out.
-    stiffness, damping: along the rod, which stretches evenly.
+    length: between the two joints. -- between ball centres; an error closes the loop at another angle and shifts the
+    whole posture.
+    mass: of the rod. -- for rods of more than a few percent of the arm; its weight goes to both ends.
+    center: place of the centre of mass between first end (0) and second (1). -- away from 0.5 where one end carries a
+    clevis or a spring.
+    inertia: about the centre of mass, across the rod; its spin about itself is left out. -- m l^2 / 12 for an even rod,
+    which has little effect below its own modes.
+    stiffness: along the rod, which stretches evenly. -- E A / l to start with; bearings make it a third or less, and it
+    trades with the stiffness of its lever's gear.
+    damping: along the rod, which stretches evenly. -- start with 1e-3 s times the stiffness, as for a spring.
     """
 
     length: Length
@@ -78,8 +89,13 @@ class Rod:
 class Loop:
     """Two ends that are joined: by a `rod`, by a `pin`, or, where neither is given, as one point.
 
-    name: ends the names of its rod's parameters.  ends: two points of two bodies; a rod begins at the first end, and
-    where it is moved by a driven lever, that is the lever's end.  pin: a hinge.  rod: a rod on ball joints.
+    name: ends the names of its rod's parameters. -- that of the rod or hinge in the drawing, since k_NAME of a rod
+    appears in results.
+    ends: two points of two bodies; a rod begins at the first end, and where it is moved by a driven lever, that is the
+    lever's end. -- the first on the lever that is driven; exchanging the ends moves the rod's centre of mass.
+    pin: a hinge. -- for a hinge that carries load across its axis; `planar` where the mechanism is ideal.
+    rod: a rod on ball joints. -- for rods with ball joints, or whose stretching matters; one element in place of a body
+    and two joints.
     """
 
     name: str

@@ -37,8 +37,11 @@ def gain_name(role: str, at: str) -> str:
 class ChannelGain:
     """What a channel reads over what is there, 1 for one that is calibrated.
 
-    role: `u` of a torque, `y` of a motion.  at: place on the robot, as of the channel.  gain: factor, positive; the
-    start of a fit that names it (gain_y_accelerometer_tool_z), and held by others.
+    role: `u` of a torque, `y` of a motion. -- y for a motion sensor; u moves a whole column, and with it all inertias
+    of that motor.
+    at: place on the robot, as of the channel. -- spelt as in the channels, so that the parameter gain_y_... is found.
+    gain: factor, positive; the start of a fit that names it (gain_y_accelerometer_tool_z), and held by others. -- what
+    a calibration told; 1 is the start where the fit is to tell.
     """
 
     role: Literal["u", "y"]
@@ -58,11 +61,19 @@ class ChannelGain:
 class Chain:
     """Elements between torque command and logged motion; those without a number are not there.
 
-    torque_lag: time constant of the torque loop.  torque_order: 1, or 2 with torque_damping.  torque_damping: damping
-    ratio of a torque loop of second order.
-    sensor_lag: time constant 1 / (2 pi corner) of the low-pass filter of the logged motions.  sensor_order: of that
-    filter, a Butterworth filter.  differentiator: time over which a logged velocity is the difference of positions.
-    gains: of channels that read something else than what is there.
+    torque_lag: time constant of the torque loop. -- 0.2 to 1 ms for modern current loops, where u is a command; leave
+    it out for measured current.
+    torque_order: 1, or 2 with torque_damping. -- 2 for loops that overshoot, or with a filter behind the controller.
+    torque_damping: damping ratio of a torque loop of second order. -- lower for a loop that rings; without
+    torque_order: 2 it does nothing.
+    sensor_lag: time constant 1 / (2 pi corner) of the low-pass filter of the logged motions. -- from the corner in the
+    drive's manual; in doubt let the fit find it, with a prior.
+    sensor_order: of that filter, a Butterworth filter. -- as in the data sheet of the anti-aliasing filter; order 4
+    delays 2.6 times as long as order 1 with the same corner.
+    differentiator: time over which a logged velocity is the difference of positions. -- one sample or the averaging
+    time of the drive, where it logs speed of encoder counts.
+    gains: of channels that read something else than what is there. -- for channels that were never calibrated, as
+    accelerometers on magnets; keep the gain of at least one motor, since gains and inertias cannot be distinguished.
     """
 
     torque_lag: Time | None = None

@@ -16,14 +16,25 @@ from elastid.robot.spring import Spring
 class Motor:
     """A motor and its gear, motor side; link side ratio^2 inertia, ratio^2 viscous, |ratio| coulomb.
 
-    inertia: of the rotor about its axis.  ratio: motor turns per joint turn, negative where they turn in opposite ways.
-    viscous: friction of the motor.  coulomb: dry friction that is Coulomb's alone.  friction: dry friction of any law,
-    in the place of coulomb.
-    spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own.
-    on, axis: the body that carries the motor, and the direction in that body's axes about which the rotor turns where
-    the motor does. The rotor then takes part in the carrier's rotation, T = inertia (axis . omega + ratio q_m')^2 / 2,
-    and the carrier's mass and inertia hold the rest of it: all of its mass, and its inertia but for that about its own
-    axis. Without a carrier the rotor turns about its own axis only, and the carrier holds all of it.
+    inertia: of the rotor about its axis. -- rotor, brake and input stage together; the data sheet's rotor alone may be
+    half of it.
+    ratio: motor turns per joint turn, negative where they turn in opposite ways. -- from the controller's parameters,
+    sign included; an error here is one of its square in inertia.
+    viscous: friction of the motor. -- the slope of torque over speed of a warm axis, over ratio^2 on the motor's side;
+    fm_NAME of a fit finds it.
+    coulomb: dry friction that is Coulomb's alone. -- half the torque between slow motion up and down; used by
+    simulation, held out of a linear fit.
+    friction: dry friction of any law, in the place of coulomb. -- for studies of friction, whose export writes it;
+    `coulomb` is enough for an elastic one.
+    spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own. -- for belts and
+    couplings between motor and gear that swing by themselves, mostly above 50 Hz.
+    on: the body that carries the motor. The rotor then takes part in the carrier's rotation, T = inertia (axis . omega
+    + ratio q_m')^2 / 2, and the carrier's mass and inertia hold the rest of it: all of its mass, and its inertia but
+    for that about its own axis. Without a carrier the rotor turns about its own axis only, and the carrier holds all of
+    it. -- for motors in the arm, wrist motors above all; with ratios of 100 and more the effect on modes is a few
+    percent.
+    axis: in the axes of that body, the direction about which the rotor turns where the motor does; given with `on`, and
+    not without. -- for motors across their joint, behind bevel gears or belts; the sign counts with that of ratio.
     """
 
     inertia: Inertia

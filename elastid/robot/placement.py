@@ -35,7 +35,9 @@ def unit_axis(axis: Axis) -> FloatArray:
 class Placement:
     """Where something sits in its parent.
 
-    xyz: translation in the parent's axes.  rpy: roll, pitch, yaw about fixed axes, after the translation.
+    xyz: translation in the parent's axes. -- along the parent's axes, before any turn of the child.
+    rpy: roll, pitch, yaw about fixed axes, after the translation. -- keep to one angle where possible; URDF uses the
+    same order, most robot controllers another.
     """
 
     xyz: Vector3 = (0.0, 0.0, 0.0)

@@ -12,7 +12,8 @@ from elastid.base.units import Damping, InUnit, JointVelocity, Stiffness
 class Dahl:
     """Bristles that break at the Coulomb level; no Stribeck effect.
 
-    stiffness: sigma_0 of the bristles.
+    stiffness: sigma_0 of the bristles. -- coulomb over the angle in which friction builds up after a reversal, 1e-5 to
+    1e-3 rad at a motor.
     """
 
     stiffness: Stiffness
@@ -26,8 +27,11 @@ class Dahl:
 class LuGre:
     """Bristles under a Stribeck curve.
 
-    stiffness: sigma_0 of the bristles.  damping: sigma_1 of the bristles.  damping_velocity: v_d, with which their
-    damping falls, sigma_1 exp(-(v / v_d)^2); default: constant.
+    stiffness: sigma_0 of the bristles. -- level over the bend before sliding; larger asks for more substeps.
+    damping: sigma_1 of the bristles. -- about the root of stiffness times inertia, so that sticking does not ring; too
+    large a one is not passive.
+    damping_velocity: v_d, with which their damping falls, sigma_1 exp(-(v / v_d)^2); default: constant. -- where
+    damping at speed would add to viscous friction; at most 9.3 coulomb / damping keeps it passive.
     """
 
     stiffness: Stiffness
@@ -46,9 +50,15 @@ class LuGre:
 class MaxwellSlip:
     """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve.
 
-    stiffness: sigma_0 of every element.  shares: nu of every element, 1 in sum.  attraction: C, how fast the torque of
-    a slipping element goes to its level.  damping: sigma_1 of every element (default: none).
-    switching: `smooth` between sticking and slipping without a memory of its own, or by `events`.
+    stiffness: sigma_0 of every element. -- one number for each element, stiffest first where the smallest motion breaks
+    it.
+    shares: nu of every element, 1 in sum. -- as many as stiffnesses; equal ones are a good start by hand.
+    attraction: C, how fast the torque of a slipping element goes to its level. -- larger reaches the level sooner after
+    break-away and is stiffer to integrate.
+    damping: sigma_1 of every element (default: none). -- some for each element against ringing at standstill; none for
+    quasi-static loops.
+    switching: `smooth` between sticking and slipping without a memory of its own, or by `events`. -- `events` to
+    compare with the textbook model; `smooth` where solvers need derivatives.
     """
 
     stiffness: tuple[Stiffness, ...]

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
-from elastid.base.errors import StudyError, did_you_mean
+from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.robot.body import BASE, Body, Frame, Payload
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
@@ -19,6 +19,7 @@ from elastid.robot.loop import Loop
 from elastid.robot.measurement_chain import Chain, ChannelGain
 from elastid.robot.named_numbers import Numbers, Path, at, below, replaced
 from elastid.robot.placement import Acceleration3, Placement
+from elastid.robot.tree_checks import check_carrier, check_known, check_loops, refuse_twice
 
 # A frame's places: translation of its origin along its axes, and rotation about them.
 FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
@@ -28,11 +29,26 @@ FRAME_AXES = ("x", "y", "z", "rx", "ry", "rz")
 class Robot:
     """A tree of bodies with joints, closed into loops, and everything that is attached to it.
 
-    name: of the robot.  bodies: each listed after its parent.  gravity: acceleration in the base frame.  source: where
-    the numbers come from; free text.  frames: named frames of bodies, such as the tool.  payload: carried at one of
-    them.
-    loops: join bodies that the tree does not.  compensators: coils and gas springs that carry part of the weight.
-    gears: couplings through which one axis turns the motor of another.  chain: of measurement, around all of it.
+    name: of the robot. -- a new one for each set of numbers, so that reports cannot be mixed up.
+    bodies: each listed after its parent. -- start with driven links; add massless bodies only where springs act in
+    series about different axes.
+    gravity: acceleration in the base frame. -- for a robot on a wall or the ceiling; [0, 0, 0] shows what gravity does
+    to springs and postures.
+    source: where the numbers come from; free text. -- paper and table, date of a measurement, or the word synthetic;
+    exports carry it on.
+    frames: named frames of bodies, such as the tool. -- one for each sensor, and `tool` for singular postures and
+    payload.
+    payload: carried at one of them. -- change it, not the last link, for another tool, since its parameters are then
+    apart.
+    loops: join bodies that the tree does not. -- for parallel linkages and closed gears; leave them out for a first
+    serial fit.
+    compensators: coils and gas springs that carry part of the weight. -- where a coil or gas spring holds an arm: it
+    adds stiffness to its axis that would else be laid to the gear.
+    gears: couplings through which one axis turns the motor of another. -- for wrists, whose motors turn together; a
+    missing coupling shows as torque of one motor on the joint of another.
+    chain: of measurement, around all of it. -- where phase falls with frequency more than the delay explains: filters
+    of drives and sensors.
+
     Raises ValueError for names given twice, unknown parents or frames, a robot without a motor, a motor on a body that
     does not exist or that its joint does not move against, gear ratios that form a singular matrix.
     """
@@ -57,56 +73,22 @@ class Robot:
                     f"body {body.name}: its parent {body.parent} is not listed before it; there are {', '.join(known)}"
                 )
             known.append(body.name)
-        _refuse_twice("body", [BASE, *(body.name for body in self.all_bodies)])
+        refuse_twice("body", [BASE, *(body.name for body in self.all_bodies)])
         for kind, parts in (("joint", self.joints), ("frame", self.frames), ("compensator", self.compensators)):
-            _refuse_twice(kind, [part.name for part in parts])
+            refuse_twice(kind, [part.name for part in parts])
         for frame in self.frames:
-            self._check_body(f"frame {frame.name}", frame.body)
+            check_known(f"frame {frame.name}", frame.body, self.bodies)
         for compensator in self.compensators:
             for end in compensator.ends:
-                self._check_body(f"compensator {compensator.name}", end.body)
-        self._check_loops()
+                check_known(f"compensator {compensator.name}", end.body, self.bodies)
+        check_loops(self.loops, self.bodies)
         if not self.driven:
             raise ValueError(f"robot {self.name}: no joint has a motor; there is nothing to excite")
         for joint in self.driven:
-            self._check_carrier(joint)
+            check_carrier(joint, self.bodies)
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
         self.chain.check_places(self.motor_locations, self.locations)
-
-    def _check_body(self, owner: str, name: str) -> None:
-        """The base or a body of the tree."""
-        bodies = [BASE, *(body.name for body in self.bodies)]
-        if name not in bodies:
-            raise ValueError(f"{owner}: no body is called {name}; {did_you_mean(name, bodies)}")
-
-    def _check_loops(self) -> None:
-        """Loops join bodies that exist and share no name with anything that has parameters of its own."""
-        taken = [*(body.name for body in self.bodies), *(joint.name for joint in self.joints)]
-        for loop in self.loops:
-            for end in loop.ends:
-                self._check_body(f"loop {loop.name}", end.body)
-            if loop.name in taken:
-                raise ValueError(
-                    f"loop {loop.name}: a body, joint or loop has this name; its parameters need a name of their own"
-                )
-            taken.append(loop.name)
-
-    def _check_carrier(self, joint: Joint) -> None:
-        """A motor rides on a body between the base and its joint, or on one that its joint moves."""
-        carrier = joint.motor.on if joint.motor is not None else ""
-        if carrier in ("", BASE):
-            return
-        self._check_body(f"joint {joint.name}: motor.on", carrier)
-        parents = {body.name: body.parent for body in self.bodies}
-        moved = next(body.name for body in self.bodies if joint in body.joints)
-        fitting = [name for name in parents if moved in _up(parents, name) or name in _up(parents, moved)]
-        if carrier not in fitting:
-            raise ValueError(
-                f"joint {joint.name}: its motor is on {carrier}, a branch that neither carries the joint nor is moved "
-                "by it, so that no gear can lead from one to the other; bodies it can be on: "
-                f"{', '.join([BASE, *fitting])}"
-            )
 
     @cached_property
     def all_bodies(self) -> tuple[Body, ...]:
@@ -283,17 +265,3 @@ class Robot:
                 raise StudyError(f"robot {self.name} has no parameter {name}; there are {', '.join(known)}")
         changed: Robot = replaced(self, {known[name][1]: value for name, value in values.items()})
         return changed
-
-
-def _up(parents: Mapping[str, str], body: str) -> list[str]:
-    """The body and those that carry it, the base left out."""
-    path = [body]
-    while parents[path[-1]] != BASE:
-        path.append(parents[path[-1]])
-    return path
-
-
-def _refuse_twice(kind: str, names: Sequence[str]) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise ValueError(f"{kind} {name} is given twice")

@@ -33,10 +33,22 @@ _OF_BACKLASH = (("inner_stiffness", "ki", "N*m/rad"), ("rounding", "e", "1"))
 class Spring:
     """Torque of a deflection, on the link side; the deflection is q_m - q_a in a gear, q_na in an elastic joint.
 
-    stiffness: k of Delta; with backlash, beyond the gap.  damping: d of the deflection's rate.
-    quadratic: k2 of Delta^2, which makes one direction stiffer.  symmetric_quadratic: k2s of Delta |Delta|.
-    cubic: k3 of Delta^3.  backlash: b, half the gap.  inner_stiffness: k_i inside the gap.  rounding: e / b, the part
-    of b over which the flanks take hold.
+    stiffness: k of Delta; with backlash, beyond the gap. -- the catalogue's torsional stiffness of the gear, at medium
+    torque, or 1e5 to 1e6 N*m/rad for axes of large robots; the fit starts there.
+    damping: d of the deflection's rate. -- start with 1e-3 s times the stiffness; 0 leaves d_NAME with nothing to start
+    from but its own start.
+    quadratic: k2 of Delta^2, which makes one direction stiffer. -- for springs that differ between pulling directions,
+    as cable drives; tell it by postures with opposite gravity.
+    symmetric_quadratic: k2s of Delta |Delta|. -- for gears that stiffen in proportion to load, alike both ways, such as
+    strain wave gears.
+    cubic: k3 of Delta^3. -- for the smooth stiffening of the textbooks; a multisine that deflects by sigma adds about 3
+    k3 sigma^2 to k.
+    backlash: b, half the gap. -- for worn gears and rack drives; seen only where gravity does not hold the flanks
+    together.
+    inner_stiffness: k_i inside the gap. -- above 0 for gears that are merely softer about zero torque, as strain wave
+    gears are.
+    rounding: e / b, the part of b over which the flanks take hold. -- smaller for hard flanks, with more substeps in
+    simulation; 0.1 keeps derivatives that the solver can use.
 
     Optional terms that are left out have no name among the parameters.
     """

@@ -7,10 +7,9 @@ are read, with their limits and damping; of a limit's effort, the torque on the 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from xml.parsers import expat
 
 import numpy as np
 
@@ -24,6 +23,7 @@ from elastid.robot.motor import Motor
 from elastid.robot.placement import Acceleration3, Placement
 from elastid.robot.robot import Robot
 from elastid.robot.spring import Spring
+from elastid.robot.urdf_elements import UrdfElement, read_elements
 
 _MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "translation"}
 
@@ -32,8 +32,13 @@ _MOVING = {"revolute": "rotation", "continuous": "rotation", "prismatic": "trans
 class UrdfJoint:
     """Properties of a joint that a URDF does not hold.
 
-    spring: of its gear, or of an elastic joint.  motor: drives it.  elastic: further elastic joints behind it, in the
-    link's axes.  viscous: friction, in the place of that of the file.  limits: in the place of those of the file.
+    spring: of its gear, or of an elastic joint. -- for every gear whose elasticity is looked for; a driven joint
+    without one is rigid.
+    motor: drives it. -- for every driven joint; its inertia times ratio^2 often exceeds that of the links.
+    elastic: further elastic joints behind it, in the link's axes. -- bending and tilting that URDF has no joint for.
+    viscous: friction, in the place of that of the file. -- where the file's damping is a placeholder, as it often is
+    for the sake of simulators.
+    limits: in the place of those of the file. -- where cell or test allow less than the file.
     """
 
     spring: Spring | None = None
@@ -47,9 +52,16 @@ class UrdfJoint:
 class UrdfRobot:
     """A URDF file and the properties that it does not hold.
 
-    urdf: path of the file, relative to this one.  joints: by the names of the file, all that move.
-    name: of the robot; default: that of the file.  gravity: acceleration in the base frame.  source: where the numbers
-    come from; free text.  frames: further named frames.  payload: carried at one of them.
+    urdf: path of the file, relative to this one. -- keep it beside the robot's file; xacro must be expanded first.
+    joints: by the names of the file, all that move. -- every moving joint of the file, if only as {}: this is where
+    motors and springs are added.
+    name: of the robot (default: that of the file). -- where two robots of one type are told apart.
+    gravity: acceleration in the base frame. -- along -z of the base as in most URDFs; change it for a wall or a
+    ceiling.
+    source: where the numbers come from; free text. -- where springs and motors come from, since the URDF has none.
+    frames: further named frames. -- sensor places that no link of the file marks; links without mass are frames
+    already.
+    payload: carried at one of them. -- tool and load that the file does not contain.
     """
 
     urdf: str
@@ -65,73 +77,12 @@ class UrdfRobot:
         path = folder / self.urdf
         if not path.is_file():
             raise StudyError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
-        root = _parsed(path)
+        root = read_elements(path)
         if root.tag != "robot":
             raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")
         bodies, frames = _Reader(root, self.joints).read()
         name = self.name or root.attributes.get("name", path.stem)
         return Robot(name, bodies, self.gravity, self.source, (*frames, *self.frames), self.payload)
-
-
-@dataclass(frozen=True)
-class _Element:
-    """An element of the file and where it begins."""
-
-    tag: str
-    attributes: Mapping[str, str]
-    path: Path
-    line: int
-    children: list[_Element] = field(default_factory=list)
-
-    def all(self, tag: str) -> Iterator[_Element]:
-        return (child for child in self.children if child.tag == tag)
-
-    def first(self, tag: str) -> _Element | None:
-        return next(self.all(tag), None)
-
-    def wrong(self, message: str) -> StudyError:
-        return StudyError(f"{self.path}:{self.line}: {message}")
-
-    def text(self, key: str) -> str:
-        if key not in self.attributes:
-            raise self.wrong(f"<{self.tag}> needs {key}")
-        return self.attributes[key]
-
-    def numbers(self, key: str, count: int, default: str | None = None) -> tuple[float, ...]:
-        text = self.text(key) if default is None else self.attributes.get(key, default)
-        try:
-            values = tuple(float(word) for word in text.split())
-        except ValueError:
-            values = ()
-        if len(values) != count or not all(map(math.isfinite, values)):
-            raise self.wrong(f"{key} of <{self.tag}> must be {count} finite numbers (got '{text}')")
-        return values
-
-    def number(self, key: str, default: str | None = None) -> float:
-        return self.numbers(key, 1, default)[0]
-
-
-def _parsed(path: Path) -> _Element:
-    """The file as elements. A DOCTYPE, which could define entities, is refused."""
-    stack = [_Element("", {}, path, 1)]
-    parser = expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        element = _Element(tag, attributes, path, parser.CurrentLineNumber)
-        stack[-1].children.append(element)
-        stack.append(element)
-
-    def doctype(*_: object) -> None:
-        raise StudyError(f"{path}:{parser.CurrentLineNumber}: a URDF has no DOCTYPE; remove it (expand a xacro first)")
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _: stack.pop()
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        parser.Parse(path.read_bytes(), True)
-    except expat.ExpatError as error:
-        raise StudyError(f"{path}:{error.lineno}: not XML: {expat.ErrorString(error.code)}") from None
-    return stack[0].children[0]
 
 
 @dataclass(frozen=True)
@@ -146,11 +97,11 @@ class _Seat:
 class _Reader:
     """Links and joints of a file, walked from the base."""
 
-    def __init__(self, root: _Element, known: Mapping[str, UrdfJoint]) -> None:
+    def __init__(self, root: UrdfElement, known: Mapping[str, UrdfJoint]) -> None:
         self.root, self.known = root, known
         self.links = {link.text("name"): link for link in root.all("link")}
-        self.below: dict[str, list[_Element]] = {}
-        self.child_of: dict[str, _Element] = {}
+        self.below: dict[str, list[UrdfElement]] = {}
+        self.child_of: dict[str, UrdfElement] = {}
         for joint in root.all("joint"):
             parent, child = (self._link_of(joint, role) for role in ("parent", "child"))
             if child in self.child_of:
@@ -191,7 +142,7 @@ class _Reader:
                 )
         return tuple(bodies), tuple(frames)
 
-    def _joints(self, joint: _Element) -> tuple[Joint, ...]:
+    def _joints(self, joint: UrdfElement) -> tuple[Joint, ...]:
         name, kind = joint.text("name"), joint.text("type")
         if kind == "fixed":
             return ()
@@ -231,7 +182,7 @@ class _Reader:
         except ValueError as error:
             raise joint.wrong(str(error)) from None
 
-    def _link_of(self, joint: _Element, role: str) -> str:
+    def _link_of(self, joint: UrdfElement, role: str) -> str:
         element = joint.first(role)
         if element is None:
             raise joint.wrong(f"joint {joint.text('name')} has no <{role}>")
@@ -242,7 +193,7 @@ class _Reader:
             )
         return name
 
-    def _has_mass(self, link: _Element) -> bool:
+    def _has_mass(self, link: UrdfElement) -> bool:
         inertial = link.first("inertial")
         mass = None if inertial is None else inertial.first("mass")
         return mass is not None and mass.number("value") > 0
@@ -252,7 +203,7 @@ class _Reader:
         return self._has_mass(self.links[link]) or any(self._mass_below(child) for child in children)
 
 
-def _origin(element: _Element) -> Placement:
+def _origin(element: UrdfElement) -> Placement:
     origin = element.first("origin")
     if origin is None:
         return Placement()
@@ -261,7 +212,7 @@ def _origin(element: _Element) -> Placement:
     return Placement((x, y, z), (roll, pitch, yaw))
 
 
-def _limits(joint: _Element) -> Limits:
+def _limits(joint: UrdfElement) -> Limits:
     limit = joint.first("limit")
     if limit is None:
         return Limits()
@@ -274,7 +225,7 @@ def _limits(joint: _Element) -> Limits:
         raise limit.wrong(f"joint {joint.text('name')}: {error} (lower {low:g}, upper {high:g})") from None
 
 
-def _body(link: _Element, parent: str, placement: Placement, joints: tuple[Joint, ...]) -> Body:
+def _body(link: UrdfElement, parent: str, placement: Placement, joints: tuple[Joint, ...]) -> Body:
     body = Body(link.text("name"), parent, placement, joints)
     inertial = link.first("inertial")
     if inertial is None:

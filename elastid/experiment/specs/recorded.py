@@ -38,8 +38,8 @@ class FileSpec:
     """One log file and its contents.
 
     path: relative to the study. -- put the logs beside the study, so that both move together.
-    configuration: that it was measured in. -- one of experiment.configurations; logs of one posture are estimated
-    together.
+    configuration: that it was measured in. Studies of friction need none but for joints at rest that are not in the
+    log. -- one of experiment.configurations; logs of one posture are estimated together.
     realisation: of the phases, from 0. -- another number for other random phases; the same phases again tell nothing
     new of distortion.
     experiment: of the realisation, from 0. -- count up within a realisation, as many as motors unless a local method is
@@ -50,12 +50,10 @@ class FileSpec:
     it and nothing else) of a motor whose r or u is in `path`; its delay is found from that, and taken out. -- for
     signals of another logger; without a common signal the delay is not known, and phase is then wrong by 360 deg times
     frequency times delay.
-    period: of this file where they differ from those of the others. Studies of friction need no configuration but for
-    joints at rest that are not in the log. -- where files of several excitations are in one study; `none` for a single
-    transient among them.
-    period_samples: of this file where they differ from those of the others. Studies of friction need no configuration
-    but for joints at rest that are not in the log. -- for one file whose clock drifted, in the place of its period in
-    s.
+    period: of this file where it differs from those of the others. -- where files of several excitations are in one
+    study; `none` for a single transient among them.
+    period_samples: of this file where it differs from those of the others. -- for one file whose clock drifted, in the
+    place of its period in s.
     joint: name of the one that moves (default: every one whose torque and position are logged and that moves). -- where
     several joints move and only one is to be identified from this log.
     purpose: passes and any other motion, or loops of growing torque before the joint slides. -- loops for logs that
