@@ -21,7 +21,7 @@ from elastid.app.provenance import file_hash, software, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, module_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, load_for_workers
-from elastid.store import Stamp, is_intact, read_stamp, remove_leftovers
+from elastid.store import Stamp, is_intact, one_writer, read_stamp, remove_leftovers
 from elastid.study import LoadedStudy, Study
 
 if TYPE_CHECKING:
@@ -136,8 +136,11 @@ class Run:
 
     @contextmanager
     def logged(self) -> Iterator[None]:
-        """Everything said goes to run.log in the folder too, and how the work ended."""
-        with self.console.logging_to(self.folder):
+        """What is said goes to run.log in the folder too, and how the work ended; nobody else writes there meanwhile.
+
+        ElastidError where another program does.
+        """
+        with one_writer(self.folder), self.console.logging_to(self.folder):
             remove_leftovers(self.folder)
             command = shlex.join(["elastid", *sys.argv[1:]])
             self.console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {self.jobs} processes")

@@ -1,6 +1,7 @@
 """Independent work in several processes: same results whatever the number of workers, and a clean stop on Ctrl-C.
 
 Processes of this machine, or, inside `on_dask(address)`, the workers of a Dask cluster, which must see the same files.
+Processes are copies of one that has loaded what they need, where the system has such, and start anew elsewhere.
 """
 
 from __future__ import annotations
@@ -11,11 +12,10 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import forkserver, get_context, parent_process
+from multiprocessing import get_all_start_methods, get_context, parent_process
 from pathlib import Path
-from signal import SIG_BLOCK, SIG_IGN, SIG_SETMASK, SIGINT, pthread_sigmask, signal
+from signal import SIG_IGN, SIGINT, signal
 from threading import Thread
 from typing import Any, TypeAlias, TypeVar
 
@@ -25,7 +25,6 @@ from elastid.base.errors import ElastidError
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 Progress: TypeAlias = Callable[[int, int], None]
-Submit: TypeAlias = Callable[[Item], Future[Value]]
 
 
 def silent(done: int, total: int) -> None:
@@ -37,9 +36,9 @@ def unordered(
 ) -> Iterator[tuple[int, Value]]:
     """(index, function(item)) as they finish; in this process for one job or one item.
 
-    function and items must pickle; the function goes to each worker once. On KeyboardInterrupt the workers are ended at
-    once and what was yielded is kept.
-    Raises ElastidError where a worker was killed.
+    function and items must pickle; the function goes to each worker once. What a worker that dies was at is done anew.
+    On KeyboardInterrupt the workers are ended at once and what was yielded is kept.
+    Raises ElastidError where workers die again and again.
     """
     progress(0, len(items))
     if min(jobs, len(items)) <= 1 and not SCHEDULER.get():
@@ -48,11 +47,10 @@ def unordered(
             progress(index + 1, len(items))
         return
     address = SCHEDULER.get()
-    with on_cluster(address, function) if address else _processes(min(jobs, len(items)), function) as submit:
-        futures = {submit(item): index for index, item in enumerate(items)}
-        for done, future in enumerate(as_completed(futures), start=1):
-            yield futures[future], future.result()
-            progress(done, len(items))
+    results = _by_cluster(address, function, items) if address else _by_processes(function, items, jobs)
+    for done, result in enumerate(results, start=1):
+        yield result
+        progress(done, len(items))
 
 
 def surviving(
@@ -124,6 +122,11 @@ def load_for_workers(modules: Sequence[str]) -> None:
 
     Once: where that process is there already, nothing changes. This process goes on meanwhile.
     """
+    if start_method() != "forkserver":
+        return
+    from multiprocessing import forkserver  # not on every system
+    from signal import SIG_BLOCK, SIG_SETMASK, pthread_sigmask
+
     forkserver.set_forkserver_preload(["__main__", *modules])
     # Ctrl-C while it loads is for the parent alone; workers ignore it later.
     before = pthread_sigmask(SIG_BLOCK, {SIGINT})
@@ -133,22 +136,47 @@ def load_for_workers(modules: Sequence[str]) -> None:
         pthread_sigmask(SIG_SETMASK, before)
 
 
-@contextmanager
-def _processes(count: int, function: Callable[[Item], Value]) -> Iterator[Submit[Item, Value]]:
-    """Processes of this machine, ended at once where anything goes wrong."""
+def start_method() -> str:
+    """How workers come to be: as copies of a process that has loaded what they need, or anew, as on Windows."""
+    return "forkserver" if "forkserver" in get_all_start_methods() else "spawn"
+
+
+def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
+    with on_cluster(address, function) as submit:
+        futures = {submit(item): index for index, item in enumerate(items)}
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+# So many times workers may die in one work; half as many go on each time, since most die for lack of memory.
+_MOST_DEATHS = 4
+
+
+def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs: int) -> Iterator[tuple[int, Value]]:
+    """By processes of this machine, ended at once where anything goes wrong."""
     # Pickled here, so that an error of pickling is reported as such.
-    pool = _pool(count, pickle.dumps(function))
-    try:
-        yield lambda item: pool.submit(_work, item)
-    except (BrokenProcessPool, BrokenPipeError) as error:
-        if _main_is_unguarded():
-            raise ElastidError(_UNGUARDED) from error
-        raise ElastidError("a worker process died, perhaps for lack of memory; try again with fewer --jobs") from error
-    except BaseException:
-        _end(pool)
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+    work, left, deaths = pickle.dumps(function), dict(enumerate(items)), 0
+    while left:
+        pool = _pool(min(max(1, jobs >> deaths), len(left)), work)
+        try:
+            futures = {pool.submit(_work, item): index for index, item in left.items()}
+            for future in as_completed(futures):
+                value = future.result()
+                del left[futures[future]]
+                yield futures[future], value
+        except (BrokenProcessPool, BrokenPipeError) as error:
+            deaths += 1
+            if _main_is_unguarded():
+                raise ElastidError(_UNGUARDED) from error
+            if deaths == _MOST_DEATHS:
+                raise ElastidError(
+                    f"worker processes died {deaths} times, perhaps for lack of memory; try again with fewer --jobs"
+                ) from error
+        except BaseException:
+            _end(pool)
+            raise
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _survived(
@@ -184,7 +212,7 @@ def _survived(
 
 def _pool(count: int, work: bytes) -> ProcessPoolExecutor:
     """Workers that leave Ctrl-C to the parent, which ends them; one BLAS thread each, set before NumPy is loaded."""
-    return ProcessPoolExecutor(count, get_context("forkserver"), initializer=_start_worker, initargs=(work,))
+    return ProcessPoolExecutor(count, get_context(start_method()), initializer=_start_worker, initargs=(work,))
 
 
 def _end(pool: ProcessPoolExecutor) -> None:

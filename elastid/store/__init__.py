@@ -1,6 +1,7 @@
 """The HDF5 layout of every artefact: named axes as dimension scales, units, native complex numbers, provenance.
 
 - files:      whole or absent: written under another name, synced and renamed
+- lock:       one writer for a run folder
 - design:     plan.h5, with references, rehearsal and forecast, and CSV files for a robot controller
 - measured:   records.h5 and frf.h5
 - friction:   what of frf.h5 is friction that was taken out
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     )
     from elastid.store.files import Stamp, kind_of, read_stamp, remove_leftovers, replacing, text_file
     from elastid.store.friction import read_friction
+    from elastid.store.lock import one_writer
     from elastid.store.measured import (
         read_configurations,
         read_records,
@@ -50,6 +52,7 @@ _HOME = {
     "described": "elastid.store.description",
     "is_intact": "elastid.store.checksum",
     "kind_of": "elastid.store.files",
+    "one_writer": "elastid.store.lock",
     "read_configurations": "elastid.store.measured",
     "read_fit": "elastid.store.results",
     "read_forecast": "elastid.store.design",
@@ -79,6 +82,7 @@ __all__ = [
     "described",
     "is_intact",
     "kind_of",
+    "one_writer",
     "read_configurations",
     "read_fit",
     "read_forecast",

@@ -87,7 +87,8 @@ def replacing(path: Path | str) -> Iterator[Path]:
     """Another path to write to; the file takes its name only when it is complete and on the disk."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.unfinished")
+    # Its own name, so that two programs that make the same file do not write into each other's.
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.unfinished")
     try:
         yield temporary
         with temporary.open("r+b") as file:

@@ -157,6 +157,10 @@ def joint_called(name: str, driven: Sequence[str]) -> str | None:
     return driven[int(name) - 1] if name.isdigit() and 1 <= int(name) <= len(driven) else None
 
 
+# Names of devices on Windows, with any ending.
+_DEVICES = {"CON", "PRN", "AUX", "NUL", *(f"{port}{i}" for port in ("COM", "LPT") for i in range(1, 10))}
+
+
 def check_file_name(name: str) -> None:
     """Refuse a name that cannot name a file on every system; ValueError."""
     if len(name) > MAX_NAME_LENGTH:
@@ -167,3 +171,5 @@ def check_file_name(name: str) -> None:
         raise ValueError(
             f"the name '{name}' cannot name a file: leave out / \\ : * ? \" < > |, a leading or trailing dot or space"
         )
+    if name.split(".")[0].upper() in _DEVICES:
+        raise ValueError(f"the name '{name}' is that of a device on Windows and cannot name a file there; take another")

@@ -8,6 +8,8 @@ from pickle import PicklingError
 
 import pytest
 
+from elastid.base import execution
+from elastid.base.errors import ElastidError
 from elastid.base.execution import ordered, surviving
 
 
@@ -64,3 +66,34 @@ def test_an_error_of_long_work_arrives_as_it_is():
     """And ends the other workers."""
     with pytest.raises(ZeroDivisionError):
         list(surviving((1).__divmod__, [1, 0, 2], 2))
+
+
+def dying_once(item: tuple[int, str]) -> int:
+    """The square of a number; who is the first at 3 is killed there."""
+    number, folder = item
+    if number == 3:
+        try:
+            (Path(folder) / "died").touch(exist_ok=False)
+        except FileExistsError:
+            return number**2
+        os._exit(9)
+    return number**2
+
+
+def test_work_of_a_worker_that_dies_is_done_anew(tmp_path: Path):
+    """All values are there, once each, as if it had lived."""
+    assert ordered(dying_once, [(i, str(tmp_path)) for i in range(8)], 2) == [i**2 for i in range(8)]
+    assert (tmp_path / "died").exists()
+
+
+def test_workers_that_die_again_and_again_are_given_up():
+    with pytest.raises(ElastidError, match="died 4 times, perhaps for lack of memory"):
+        ordered(os._exit, [9, 9], 2)
+
+
+def test_workers_start_anew_where_there_is_no_process_to_copy(monkeypatch: pytest.MonkeyPatch):
+    """As on Windows: the same values."""
+    monkeypatch.setattr(execution, "get_all_start_methods", lambda: ["spawn"])
+    assert execution.start_method() == "spawn"
+    execution.load_for_workers(["elastid.fit"])
+    assert ordered(Heavy(), list(range(4)), 2) == [1000 * i for i in range(4)]
