@@ -91,8 +91,8 @@ class GuessSpec:
 
     guesses: how many are drawn about the nominal one, log-normal. -- 20 where the worst of them decides; the time of
     `design` grows with it.
-    factor: one standard deviation of a guess, as a factor. -- 1.2 after an earlier fit, 2 for a robot that is known
-    from its looks.
+    factor: one standard deviation of a guess, as a factor. -- 1.2 after an earlier fit, 2 where the numbers come from a
+    robot of another type.
     over: `mean` of the criterion over the guesses, or the `worst` of them. -- `worst` where the measurement cannot be
     repeated; the mean accepts a bad case for better ones elsewhere.
     """

@@ -17,19 +17,20 @@ MIN_PASSES = 5
 class LawSpec:
     """Which parts a friction law has, beside Coulomb and viscous friction.
 
-    Each part is `no`, `yes`, or `auto`: where the levels can tell it (an F test at 1 %, and none of its numbers wider
-    than half of itself).
-    stribeck: stiction that falls to Coulomb friction. -- `no` where no pass is slower than the Stribeck velocity; `yes`
-    keeps an uncertain one for a tool that needs it.
-    exponent: of that fall, 2 unless the levels tell it. -- `no` narrows stiction and Stribeck velocity by a factor of
-    two, and is right where a control law assumes 2.
+    Each part is `no`, `auto`: where the levels can tell it (an F test at 1 %, and none of its numbers wider than half
+    of itself), or `yes`: without the F test, and an error where the levels cannot tell it.
+    stribeck: stiction that falls to Coulomb friction. -- `no` where no pass is slower than a third of the Stribeck
+    velocity; `yes` where a law without it is of no use, which needs five speeds.
+    exponent: of that fall, 2 unless the levels tell it. -- `no` narrows stiction by a factor of 1.6 to 4, and is right
+    where a control law assumes 2.
     quadratic: friction that grows with v |v|. -- `auto` for fans, oil baths and fast axes, where friction bends upwards
     at the top speed; off, since it and viscous friction are strongly correlated.
     directions: levels and slopes of each direction. -- `no` where a tool holds one number for both; a difference of
-    slopes then turns up as an offset of the torque.
-    load: growth with the load. -- `no` where only one load was measured; with three, an F test decides by itself.
-    temperature: change with temperature. -- `no` for logs of a warm robot; the terms need three temperatures over more
-    than 20 K.
+    slopes then turns up as an offset of the torque. It is tested, since real axes have it.
+    load: growth with the load. -- `no` for logs whose loads are guesses; `auto` needs two of them, more than 5 % of the
+    largest apart.
+    temperature: change with temperature. -- `no` for logs of a warm robot whose thermometer drifts; `auto` needs two
+    temperatures, and three far apart for the decay, which else is held at 20 K.
     presliding: law of the joint before it slides that the robot's file gets; by default Maxwell slip where loops were
     measured, else LuGre where stiffness and damping at rest were; `lugre` takes at_rest, not loops. -- `lugre` for
     tools that know no other; Maxwell slip has memory of inner loops, which LuGre misses by 16 % of the break-away
@@ -58,8 +59,8 @@ class PassesSpec:
     """Passes there and back at constant speed, one joint at a time.
 
     speeds: [lowest, highest], link side (default: what sticks no more, and what fits into the window). -- the lowest
-    decides about stiction: from 0.2 to 1 Stribeck velocities upwards its std grows from 3 to 48 %; the highest about
-    viscous friction. A lower one needs a stiffer controller, or the joint sticks and slips.
+    decides about stiction: at 0.2 Stribeck velocities stiction above Coulomb is known to 3 %, at 1 only to 48 %; the
+    highest decides about viscous friction. A lower one needs a stiffer controller, or the joint sticks and slips.
     count: passes of one joint at one load, those at the same speed included. -- more for narrower intervals, which
     shrink with the root; the five numbers of a Stribeck curve need at least 5, and 12 let the law be tested.
     spacing: `optimal` for the law's numbers (D-optimal over the guesses of the law), or `logarithmic`. -- `logarithmic`
@@ -67,8 +68,8 @@ class PassesSpec:
     nothing in between.
     window: [lower, upper] position of the joint (default: the middle half of its limits). -- wide enough for the
     highest speed to settle, and free of cell and cables; a slow pass of less than one motor turn cannot average ripple.
-    repeat: how often the whole set is run; its scatter gives the intervals. -- more of it where levels scatter from run
-    to run; with 1 the intervals come from the residuals of the law alone.
+    repeat: how often the whole set is run. -- more where levels scatter from run to run: intervals are widened to that
+    scatter, which after a single run cannot be told from a wrong law. Two show it at the least cost.
     reference_every: time after which one speed comes back, whose drift is the warm-up. -- shorter where a joint warms
     up quickly, longer once the robot is warm; each costs one more pair of passes.
     """
@@ -124,7 +125,7 @@ class PreslidingSpec:
     """Loops of growing torque that break away only at the end.
 
     torque: [smallest, largest] amplitude, parts of the break-away torque. -- a smaller first part where the encoder is
-    fine, so that the stiffest elements show; the last must stay below 1, or the joint slides before the end.
+    fine, so that the stiffest elements show; with a last one of 1 or more the joint slides before the end.
     loops: how many, log spaced. -- more for a finer curve of stiffness over amplitude; 12 cover 0.05 to 0.95 in steps
     of 31 %.
     frequency_hz: of a loop, slow enough that inertia does not count. -- lower where the arm's inertia bends the loops;
@@ -202,16 +203,16 @@ class FrictionSpec:
     experiment.recorded.
     passes: at constant speeds; of logs `detect`, by default: plateaus are found in any motion. -- give {} to design
     them, `detect` for logs of any motion with stretches of constant speed; designed ones know their speeds.
-    loads: under which passes are repeated (default: the robot as it is). -- three or more, for the terms that grow with
-    load; gravity on the joint must differ between them, so that a vertical axis has none.
+    loads: under which passes are repeated (default: the robot as it is). -- two tell how levels grow with load, three
+    the Stribeck velocity of it; gravity on the joint must differ between them, so that a vertical axis has none.
     presliding: loops before the joint slides (default: none). -- give {} for the law of small motions, as for a LuGre
     or Maxwell slip model in control; levels of sliding need it not.
     at_rest: small multisine at standstill (default: none). -- give {} where the encoder resolves a tenth of the
     bristles' bend, commonly 1 to 3 counts; else rely on the loops.
     warm_up: hours of motion, for friction that falls with temperature (default: none). -- where friction at two in the
     afternoon is not that of eight in the morning; it takes hours of the robot.
-    law: parts that are looked for. -- switch parts off that later tools cannot hold, or on where physics demands them
-    against the test.
+    law: parts that are looked for. -- switch parts off that later tools cannot hold; `yes` is a demand, and the fit
+    fails with the reason where the levels cannot tell the part.
     """
 
     joints: tuple[str, ...] = ()

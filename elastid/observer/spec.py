@@ -20,8 +20,8 @@ class FilterSpec:
     known well; each more widens all where motion is poor.
     drift: by how much a number is expected to change within drift_time, relative. -- larger follows faster and scatters
     more; the report's check of the innovations says which of both it is.
-    drift_time: that time. -- the time constant of warming; only drift over its root counts, so that one of the two is
-    enough to tune.
+    drift_time: that time. -- the time constant of warming; the filter sees drift over the root of it alone, so that
+    tuning one of the two is enough.
     correlation_time: of the torque noise that is no white noise, 0 for none; ripple and cables need it. -- the time of
     a motor turn or of a ripple at working speed, where innovations are correlated; 0 would trust such logs too much:
     intervals come out too narrow.

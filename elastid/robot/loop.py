@@ -39,7 +39,7 @@ class Rod:
 
     length: between the two joints. -- between ball centres; an error closes the loop at another angle and shifts the
     whole posture.
-    mass: of the rod. -- for rods of more than a few percent of the arm; its weight goes to both ends.
+    mass: of the rod. -- for rods of more than a few percent of the arm; 0 for one that only couples.
     center: place of the centre of mass between first end (0) and second (1). -- away from 0.5 where one end carries a
     clevis or a spring.
     inertia: about the centre of mass, across the rod; its spin about itself is left out. -- m l^2 / 12 for an even rod,

@@ -23,7 +23,7 @@ class Motor:
     viscous: friction of the motor. -- the slope of torque over speed of a warm axis, over ratio^2 on the motor's side;
     fm_NAME of a fit finds it.
     coulomb: dry friction that is Coulomb's alone. -- half the torque between slow motion up and down; used by
-    simulation, held out of a linear fit.
+    simulation, a linear fit does not see it.
     friction: dry friction of any law, in the place of coulomb. -- for studies of friction, whose export writes it;
     `coulomb` is enough for an elastic one.
     spring: of the motor's shaft, before all gears, on the motor side; in series with the joint's own. -- for belts and

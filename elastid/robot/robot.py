@@ -30,8 +30,8 @@ class Robot:
     """A tree of bodies with joints, closed into loops, and everything that is attached to it.
 
     name: of the robot. -- a new one for each set of numbers, so that reports cannot be mixed up.
-    bodies: each listed after its parent. -- start with driven links; add massless bodies only where springs act in
-    series about different axes.
+    bodies: each listed after its parent. -- one for each part that moves by itself; springs in series are joints of one
+    body.
     gravity: acceleration in the base frame. -- for a robot on a wall or the ceiling; [0, 0, 0] shows what gravity does
     to springs and postures.
     source: where the numbers come from; free text. -- paper and table, date of a measurement, or the word synthetic;

@@ -15,7 +15,8 @@ class HeatSpec:
     conductance: h, from the joint to the room. -- smaller for hotter joints: the final rise is the heat of friction
     over it, commonly 10 to 40 K.
     time_constant: C / h. -- 45 minutes are usual for gears of medium robots; larger gears take up to two hours.
-    ambient: T_a, of the room. -- that of the hall, from which all temperatures start.
+    ambient: T_a, of the room. -- that of the hall; losses count from it, and joints start there unless `start` is
+    given.
     start: T of every joint at the start (default: ambient). -- above ambient for a robot that has worked before; the
     warm-up then shows less of the fall.
     thermometer_std: of the logged temperature; one error for each motion. -- 0.5 to 2 K for sensors on the housing; its

@@ -62,8 +62,8 @@ class FileSpec:
     together, or noise makes the finder take a wrong one.
     load: name of one of friction.loads. -- name it in every log of a study with loads; logs without it count as the
     robot alone.
-    temperature: of the joint, where no channel of role t has it. -- a hand thermometer's reading; three of them, spread
-    over more than 20 K, are needed before temperature terms can be known.
+    temperature: of the joint, where no channel of role t has it. -- a hand thermometer's reading; two of them let
+    friction depend on temperature, three over more than 20 K tell how.
     """
 
     path: str
