@@ -249,12 +249,15 @@ def inspect(file: Path) -> None:
 
 
 @cli.command()
-@click.argument("key")
-def explain(key: str) -> None:
-    """Say what a key of a study means, with its unit and default: `elastid explain fit.criterion`."""
-    from elastid.study.explanation import explain as explanation
+@click.argument("key", required=False)
+def explain(key: str | None) -> None:
+    """Say what a key of a study means and when to change it: `elastid explain fit.criterion`; without KEY, list all.
 
-    click.echo(explanation(key))
+    The list has the sections of a study, in its order.
+    """
+    from elastid.study import explanation
+
+    click.echo(explanation.overview() if key is None else explanation.explain(key))
 
 
 @cli.command()

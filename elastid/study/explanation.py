@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import MISSING, is_dataclass
+from difflib import get_close_matches
 from textwrap import fill
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.reference import Key, describe, list_keys, names_in
+from elastid.study.reference import Key, describe, list_keys, names_in, texts_of
+from elastid.study.sections import Study
 
 _WIDTH = 100
 
@@ -22,10 +24,44 @@ def explain(asked: str) -> str:
     """
     found = list(_matching(asked))
     if not found:
-        known = dict.fromkeys(key.path.rpartition(".")[2].removesuffix("[]") for key in list_keys())
-        last = asked.rpartition(".")[2]
-        raise StudyError(f"a study has no key {asked}; {did_you_mean(last, ['name'], known)}")
+        raise StudyError(f"a study has no key {asked}; {_nearest(asked)}")
     return "\n\n".join(_explanation(key) for key in found)
+
+
+def overview() -> str:
+    """The sections of a study in its order, a line each, and how to go on."""
+    texts = texts_of(Study)[1]
+    width = max(map(len, texts))
+    lines = [
+        fill(text, _WIDTH, initial_indent=f"  {name:<{width}}  ", subsequent_indent=" " * (width + 4))
+        for name, text in texts.items()
+    ]
+    return "\n".join(
+        [
+            "A study has these keys, in this order:",
+            *lines,
+            "`elastid explain fit` lists the keys below one of them, `elastid explain fit.criterion` explains one.",
+        ]
+    )
+
+
+def _nearest(asked: str) -> str:
+    """The end of a message: the nearest key where the path stops to exist, or of a single word the nearest of all."""
+    steps, paths = _steps(asked), [_steps(key.path) for key in list_keys()]
+    known = max(range(len(steps)), key=lambda n: (any(_begins(path, steps[:n]) for path in paths), n))
+    beside = dict.fromkeys(path[known] for path in paths if _begins(path, steps[:known]))
+    parent = "".join(f"{step}." for step in steps[:known])
+    close = get_close_matches(steps[known], beside, n=1)
+    if close or len(steps) > 1:
+        return did_you_mean(parent + steps[known], [parent + name for name in ([*close] or beside)])
+    ends = {path[-1]: ".".join(path) for path in reversed(paths)}
+    close = get_close_matches(asked, ends, n=1)
+    return f"did you mean '{ends[close[0]]}'?" if close else f"there are {', '.join(beside)}"
+
+
+def _begins(path: list[str], steps: list[str]) -> bool:
+    """A longer path that begins with these steps."""
+    return len(path) > len(steps) and _agree(path[: len(steps)], steps)
 
 
 def _matching(asked: str) -> Iterator[Key]:

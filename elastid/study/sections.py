@@ -35,18 +35,18 @@ class Study:
 
     name: names the run folder. -- a new name for a changed copy keeps the run folder of the first, runs/NAME; without
     it results of both would land in one.
-    robot: the path of its file, relative to the study, or the robot itself; left out where responses, recorded or from
-    elsewhere, are all that is asked for: places are then names. -- give it as soon as a model is to be fitted; left
-    out, the stages end with the responses and their report.
-    experiment: configurations, repetitions and the rig. -- it decides the kind of study: simulated to plan or to learn,
-    recorded for logs, responses where another program has estimated already.
-    excitation: needed where the rig is simulated. -- leave it out for logs and responses, whose lines are found in the
-    data.
-    design: chooses further configurations. -- give it before robot time is booked: chosen postures reach the intervals
-    of drawn ones in fewer measurements. Postures of your own stay beside the chosen ones.
     seed: of everything that is drawn; the same seed gives the same results, bit for bit, for any number of processes.
     -- another number repeats the whole study with other phases, noise and starts; numbers that then move by more than
     their intervals are not to be trusted. 0 is as good as any.
+    robot: the path of its file, relative to the study, or the robot itself; left out where responses, recorded or from
+    elsewhere, are all that is asked for: places are then names. -- give it as soon as a model is to be fitted; left
+    out, the stages end with the responses and their report.
+    excitation: needed where the rig is simulated. -- leave it out for logs and responses, whose lines are found in the
+    data.
+    experiment: configurations, repetitions and the rig. -- it decides the kind of study: simulated to plan or to learn,
+    recorded for logs, responses where another program has estimated already.
+    design: chooses further configurations. -- give it before robot time is booked: chosen postures reach the intervals
+    of drawn ones in fewer measurements. Postures of your own stay beside the chosen ones.
     estimator: from records to frequency responses. -- the defaults suit a closed-loop robot with several realisations;
     change it for records without a period, or for fewer experiments than motors.
     model: the equations that the fit uses. -- needed for linkages where another formulation is wanted; a serial robot

@@ -9,7 +9,7 @@ import pytest
 
 from elastid.base.errors import StudyError
 from elastid.study import make_schema
-from elastid.study.explanation import explain
+from elastid.study.explanation import explain, overview
 from elastid.study.reference import advice_of, list_keys, list_sections, names_in, texts_of
 from elastid.study.sections import Study
 
@@ -94,8 +94,34 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
     assert "Keys below it: to, factor" in explain("fit.parameters.k_1.tie")
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
     assert explain("fit.criterion") in explain("criterion").split("\n\n")
-    with pytest.raises(StudyError, match=r"a study has no key fit\.critereon; did you mean 'criterion'"):
-        explain("fit.critereon")
+
+
+@pytest.mark.parametrize(
+    ("asked", "nearest"),
+    [
+        ("fit.critereon", "did you mean 'fit.criterion'?"),
+        ("fit.parameters.k_1.strt", "did you mean 'fit.parameters.k_1.start'?"),
+        ("experiment.recorded.files[0].pth", "did you mean 'experiment.recorded.files.path'?"),
+        ("excitaton", "did you mean 'excitation'?"),
+        ("bnad_hz", "did you mean 'excitation.band_hz'?"),
+        ("model.qqq", "there are model.formulation, model.variant, model.independent"),
+        ("qqq", "there are name, "),
+    ],
+)
+def test_a_misspelt_key_has_a_nearest_one(asked: str, nearest: str) -> None:
+    """At the step where its path stops to exist; of a single word that of any section."""
+    with pytest.raises(StudyError) as refusal:
+        explain(asked)
+    assert f"a study has no key {asked}; {nearest}" in str(refusal.value)
+
+
+def test_without_a_key_the_sections_are_listed_in_the_order_of_a_study() -> None:
+    """Each with its text; every shipped study keeps that order."""
+    order = [line.split()[0] for line in overview().splitlines() if re.match(r"  \w", line)]
+    assert sorted(order) == sorted(names_in(Study))
+    for file in (ROOT / "configs").glob("*.yml"):
+        given = [line.split(":")[0] for line in file.read_text().splitlines() if re.match(r"\w+:", line)]
+        assert sorted(given, key=order.index) == given, file.name
 
 
 # Advice that fits every key says nothing of one.
