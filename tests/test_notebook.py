@@ -52,6 +52,8 @@ def test_values_show_themselves_in_a_few_lines(measured, result) -> None:
     for value, says in (
         (study, "linkage_arm.yml: Study linkage_arm, simulated"),
         (study.study, "k_*, d_*, fm_*"),
+        (study.study.robot, "Robot linkage arm: 4 bodies, 2 motors, 1 loop"),
+        (study.study.robot, "2      lower      y     100         8e+05 N*m/rad    400 N*m*s/rad"),
         (plan(), "RMS of motor 1, motor 2, motor 3 in N*m"),
         (steady_record(), "periods of"),
         (measured[0], "2 x 2 at 60 lines, 2 to 60 Hz"),

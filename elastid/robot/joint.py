@@ -117,6 +117,17 @@ class Joint:
         return self.motion == "translation"
 
     @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Axis, gear ratio, stiffness and damping as a table shows them; empty where there is none."""
+        direction = self.axis if isinstance(self.axis, str) else ", ".join(f"{part:.4g}" for part in self.axis)
+        axis = f"along {direction}" if self.slides else direction
+        ratio = "" if self.motor is None else f"{self.motor.ratio:.6g}"
+        if self.spring is None:
+            return axis, ratio, "", ""
+        units = ("N/m", "N*s/m") if self.slides else ("N*m/rad", "N*m*s/rad")
+        return axis, ratio, f"{self.spring.stiffness:.4g} {units[0]}", f"{self.spring.damping:.4g} {units[1]}"
+
+    @property
     def numbers(self) -> Numbers:
         """Of the spring, of friction across the joint (f_), of the motor."""
         spring = below("spring", self.spring.numbers(self.name)) if self.spring is not None else {}

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
 from elastid.base.section import section
 from elastid.robot.body import BASE, Body, Frame, Payload
@@ -89,6 +90,21 @@ class Robot:
         check_gears(self.driven, self.gears)
         check_series(self.driven, self.gearboxes)
         self.chain.check_places(self.motor_locations, self.locations)
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """How much of each there is, and the joints with motor and spring."""
+        counts = (
+            (len(self.bodies), "bodies"), (len(self.driven), "motors"), (len(self.loops), "loops"),
+            (len(self.compensators), "compensators"), (len(self.gears), "gear couplings"),
+        )  # fmt: skip
+        words = [f"{n} {noun if n > 1 else noun.replace('ies', 'y').rstrip('s')}" for n, noun in counts if n]
+        load = [] if self.payload is None else [f"payload {self.payload.mass:g} kg"]
+        rows = [(joint.name, body.name, *joint.cells) for body in self.bodies for joint in body.joints]
+        headings = ("joint", "moves", "axis", "gear ratio", "stiffness", "damping")
+        return Display(f"Robot {self.name}: {', '.join([*words, *load])}", headings, rows)
 
     @cached_property
     def all_bodies(self) -> tuple[Body, ...]:

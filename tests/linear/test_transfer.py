@@ -13,10 +13,12 @@ from elastid.linear.equilibrium import equilibrium
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.linearise import Linearisation, linearise
 from elastid.linear.modes import antiresonances, modes
+from elastid.linear.propagation import response_deviation
 from elastid.linear.response.kernel import Kernel
 from elastid.linear.response.ldl import is_compiled
 from elastid.linear.response.transfer import frequency_response, to_response
 from elastid.model.serial import serial
+from elastid.parameters import Parameter, ParameterSet
 from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
@@ -276,3 +278,15 @@ def test_unknown_place_is_refused_with_those_there_are():
     """An output that the robot does not have."""
     with pytest.raises(StudyError, match="'tool' is not a place on robot arm; there are motor 1"):
         linear(arm(), outputs=("tool",))
+
+
+@pytest.mark.parametrize("lowest", [0.0, -1.0, float("nan")])
+def test_a_response_at_rest_is_refused_with_its_place(lowest):
+    """A constant torque turns a free motor for ever: no NaN and no singular matrix, here and in its deviation."""
+    model = linear(arm(gravity=(0.0, 0.0, 0.0)))
+    lines = np.array([1.0, lowest, 2.0])
+    with pytest.raises(ValueError, match=rf"freq_hz is {lowest:g} Hz at index 1: a response is computed above 0 Hz"):
+        frequency_response(model, model.theta_ref, lines)
+    parameters = ParameterSet((Parameter("k_1", 4e4, "N*m/rad"),))
+    with pytest.raises(ValueError, match="freq_hz is 0 Hz at index 0"):
+        response_deviation(model, np.array([0.0, 1.0]), parameters, np.zeros(1), np.eye(1))

@@ -24,9 +24,10 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
 
     .. math:: G(j\omega) = (j\omega)^k e^{-j\omega T_d}\, C\, [K - \omega^2 M + j\omega D]^{-1} B
 
-    theta (n_theta,): model.parameters, SI.  freq_hz (F,): positive.
+    theta (n_theta,): model.parameters, SI.  freq_hz (F,): positive, ValueError otherwise.
     Returns G (F, n_y, n_u), link side, model.quantity per Nm; with the images of torques that `model.hold` holds.
     """
+    check_frequencies(freq_hz)
     M, D, K = model.matrices(theta)
     s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
@@ -36,6 +37,17 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
         above = frequency_response(images.plant, images.undelayed(theta), images.nodes_hz)
         G = G + images.folding(theta).images(above)
     return np.asarray(G)
+
+
+def check_frequencies(freq_hz: FloatArray) -> None:
+    """ValueError for a frequency (F,) that is not positive: at 0 Hz a constant torque turns a free motor for ever."""
+    lines = np.asarray(freq_hz)
+    bad = np.flatnonzero(~(lines > 0))
+    if bad.size:
+        raise ValueError(
+            f"freq_hz is {lines[bad[0]]:g} Hz at index {bad[0]}: a response is computed above 0 Hz, since a constant "
+            "torque turns a free motor for ever; leave the line out, or give a small frequency such as 0.01"
+        )
 
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
