@@ -56,6 +56,12 @@ def _write_tuple(group: Any, name: str, value: tuple[Any, ...]) -> None:
             write_value(inner, str(i), each)
 
 
+def is_array(kind: Any) -> bool:
+    """Whether a type is that of an array; NumPy's alias of it is a type of its own from 2.5 and Python 3.12 on."""
+    alias = getattr(get_origin(kind), "__value__", kind)
+    return get_origin(alias) is np.ndarray
+
+
 def read_value(group: Any, name: str, kind: Any) -> Any:
     """The value of a type that `write_value` has left below a group."""
     origin, arguments = get_origin(kind), get_args(kind)
@@ -67,7 +73,7 @@ def read_value(group: Any, name: str, kind: Any) -> Any:
         return attributes(group)[name]
     if kind in _SCALARS:
         return kind(attributes(group)[name])
-    if origin is np.ndarray:
+    if is_array(kind):
         return group[name][()]
     if origin is tuple:
         return _read_tuple(group, name, arguments)
