@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from elastid.app.console import Console
-from elastid.app.run import Run, run_all
+from elastid.app.provenance import software
+from elastid.app.run import Run, logged_in, run_all
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
@@ -27,6 +28,8 @@ from elastid.study.fleet import Fleet, Member
 from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
+# Layout of the table, counted up where a column changes.
+FORMAT = "1"
 # Times that a member is begun whose worker dies.
 ATTEMPTS = 2
 DIED = f"its worker died {ATTEMPTS} times, perhaps for lack of memory; run it alone, or with fewer --jobs"
@@ -52,12 +55,17 @@ class FleetRow:
 
 
 def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
-    """All members, then fleet.parquet (fleet.csv without pyarrow) and fleet.html; the path of the page.
+    """All members, then fleet.parquet (fleet.csv without pyarrow), fleet.html and run.log; the path of the page.
 
     Raises StudyError where the study of a member is wrong, and when all is written FitError where members failed,
     MisfitError where some are misfits.
     """
     _check(fleet, folder)
+    with logged_in(folder, jobs, console):
+        return _run_fleet(fleet, folder, jobs, console)
+
+
+def _run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     outcomes = _outcomes(fleet, folder, jobs, console)
     rows = [
         row
@@ -71,7 +79,7 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     values = _values(rows)
     findings = find_changes(values, fleet.false_discovery_rate)
     units = {row.parameter: row.unit for row in rows}
-    content = FleetContent(fleet.name, values, units, findings, outcomes, fleet.false_discovery_rate)
+    content = FleetContent(fleet.name, values, units, findings, outcomes, fleet.false_discovery_rate, software())
     page = write_page_of_fleet(content, folder)
     console.say(f"fleet: {content.verdict}")
     for path in (table, page):
@@ -190,7 +198,8 @@ def _write_table(folder: Path, rows: Sequence[FleetRow]) -> Path:
     import pyarrow.parquet
 
     path = folder / "fleet.parquet"
-    table = pyarrow.table({name: [getattr(row, name) for row in rows] for name in columns})
+    columns_of = {name: [getattr(row, name) for row in rows] for name in columns}
+    table = pyarrow.table(columns_of, metadata={"elastid": "fleet", "format": FORMAT, "made by": software()})
     with replacing(path) as temporary:
         pyarrow.parquet.write_table(table, temporary)
     return path

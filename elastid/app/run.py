@@ -140,19 +140,26 @@ class Run:
 
         ElastidError where another program does.
         """
-        with one_writer(self.folder), self.console.logging_to(self.folder):
-            remove_leftovers(self.folder)
-            command = shlex.join(["elastid", *sys.argv[1:]])
-            self.console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {self.jobs} processes")
-            self.console.detail(software())
-            try:
-                yield
-            except KeyboardInterrupt:
-                self.console.log("interrupted")
-                raise
-            except Exception as error:
-                self.console.log(str(error) or repr(error))
-                raise
+        with logged_in(self.folder, self.jobs, self.console):
+            yield
+
+
+@contextmanager
+def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
+    """run.log of a folder with date, command and versions, and how the work ended; ElastidError for a second writer."""
+    with one_writer(folder), console.logging_to(folder):
+        remove_leftovers(folder)
+        command = shlex.join(["elastid", *sys.argv[1:]])
+        console.detail(f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC: {command}, {jobs} processes")
+        console.detail(software())
+        try:
+            yield
+        except KeyboardInterrupt:
+            console.log("interrupted")
+            raise
+        except Exception as error:
+            console.log(str(error) or repr(error))
+            raise
 
 
 def run_all(run: Run) -> None:

@@ -22,6 +22,7 @@ def write_comparison(path: Path, comparison: Comparison, stamp: Stamp) -> None:
         "schema": SCHEMA,
         "responses": stamp.inputs,
         "code": stamp.code,
+        "made by": stamp.software,
         "verdict": comparison.verdict,
         "configurations": list(comparison.configurations),
         "models": [asdict(row) | {"misfit": row.misfit.tolist()} for row in comparison.rows],

@@ -60,8 +60,8 @@ class Study:
     report: its figures. -- only for other formats of figures.
     friction: of joints is identified, from passes and loops, in the place of elasticity from responses. -- give it for
     a study of friction, whose stages are design, measure, levels, friction, follow and report.
-    filter: follows friction over the motions of a study of friction. -- give it beside `friction` where other numbers
-    than the defaults are to be followed, or an axis drifts faster.
+    filter: follows friction over the motions of a study of friction. -- {} makes the stage follow run with the
+    defaults; its keys are for other numbers than F_c, f and an offset, and for an axis that drifts faster.
     """
 
     name: str

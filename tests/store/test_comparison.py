@@ -1,5 +1,6 @@
 """A comparison comes back to the last bit, infinite and undefined numbers included, and only for its own responses."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -24,8 +25,10 @@ TRIALS = (
 def test_a_comparison_comes_back_to_the_last_bit(tmp_path, trials):
     """With a search and without."""
     written = Comparison(("a", "b"), MODELS, "own predicts best.", trials)
-    write_comparison(tmp_path / "compare.json", written, STAMP)
+    write_comparison(tmp_path / "compare.json", written, replace(STAMP, software="elastid 0.1.0, Python 3.11"))
     assert same(read_comparison(tmp_path / "compare.json", STAMP), written)
+    content = json.loads((tmp_path / "compare.json").read_text())
+    assert (content["schema"], content["made by"]) == (1, "elastid 0.1.0, Python 3.11")
 
 
 def test_a_comparison_of_other_responses_or_a_damaged_one_is_not_there(tmp_path):

@@ -35,7 +35,10 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FleetContent:
-    """What a fleet shows.  units: of the parameters.  rate: false discovery rate of the findings."""
+    """What a fleet shows.
+
+    units: of the parameters.  rate: false discovery rate of the findings.  made_by: versions and platform, in words.
+    """
 
     title: str
     values: tuple[FleetValue, ...]
@@ -43,6 +46,7 @@ class FleetContent:
     findings: tuple[Finding, ...]
     outcomes: tuple[Outcome, ...]
     rate: float
+    made_by: str
 
     @property
     def verdict(self) -> str:
