@@ -39,9 +39,11 @@ class MultisineSpec:
     small. -- `odd` is the default since gear friction and backlash then show as distortion beside the response; `full`
     where nonlinearity is small gives the most lines, quasi-logarithmic ones where the band spans more than two decades.
     group: of the grid odd-random: of so many consecutive odd lines one is left out at random. -- smaller where more
-    lines should show odd distortion, at the price of lines that carry the response; 3 to 5 are usual.
+    lines should show odd distortion, at the price of lines that carry the response; 3 to 5 are usual. 4 leaves three
+    quarters of the odd lines.
     ratio: of neighbouring lines of a quasi-logarithmic grid. -- larger for fewer lines with more power each; above 1.1
-    a lightly damped resonance falls between two lines.
+    a lightly damped resonance falls between two lines. 1.05 gives 47 lines a decade, and each resonance with a damping
+    ratio of 0.025 or more a line within its width.
     lines: multiples of 1/period, of the grid `lines`. -- for a choice of your own, such as lines that avoid the mains
     or a harmonic of the gear.
 
@@ -60,7 +62,7 @@ class MultisineSpec:
     parameters are nearly known, for the smallest intervals.
     least: of flat: information, the part of a flat torque's power that every line keeps. -- more where the nominal
     numbers are rough, so that a mode elsewhere than expected is still excited; less gains some percent of standard
-    deviation.
+    deviation. 0.1 keeps a third of the amplitude.
     power: amplitude times frequency to this power. -- positive where high resonances need more, negative where position
     limits allow and low lines drown in friction; 0 leaves the spectrum as `flat` says.
     spectrum: relative amplitude as (frequency, amplitude) points, straight lines on log-log axes. -- for a shape of

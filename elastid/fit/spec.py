@@ -136,26 +136,28 @@ class FitSpec:
     reaches the smallest variance and has no bias at noisy lines.
     log_first: start with `log`, finish with the criterion. -- false where the start is near, which saves one of two
     searches from each start; true widens the range of starts that reach the optimum.
-    parameters: by name, or by a pattern such as k_*; default: every k_ and d_ of the springs and fm_ of the motors.
-    Geometry (ends of compensators, places of joints and bodies) is identified where it is named: pc1_cyl_z, pj_2b_z. --
-    name fewer where the report calls parameters ill-conditioned, more where modification indices ask for them; `k_*:
-    {}` sets all springs free and keeps the rest fixed.
+    parameters: by name, or by a pattern such as k_* (default: every k_ of the springs, and every d_ of the springs and
+    fm_ of the motors that is not zero). Geometry (ends of compensators, places of joints and bodies) is identified
+    where it is named: pc1_cyl_z, pj_2b_z. -- name fewer where the report calls parameters ill-conditioned, more where
+    modification indices ask for them; `k_*: {}` identifies the springs alone and holds all other numbers at those of
+    the robot.
     ratios: factors that ties share, by a name of your own: one loss factor for many springs. -- where dampings are
     poorly determined one by one: one loss factor for all springs has a fraction of their variance.
     robots: several robots of one type in one fit, for what they share: by a name of your own, the configurations
     measured on each. Parameters that differ between them are `per: robot` (k_*: {}, fm_*: {per: robot}). -- where
     robots of one type share masses or stiffnesses but not friction; each parameter is then common unless it is `per:
     robot`.
-    starts: of the multistart. -- more where few of them reach the optimum: the report gives the hits, and from starts
-    50 % off half of all local searches miss; 1 where only the given start is of interest. Time grows with their number.
+    starts: of the multistart. -- more where few of them reach the optimum, which the report counts as hits; 1 where
+    only the given start is of interest. Time grows with their number. From starts 50 % off half of all local searches
+    miss, 20 at once all but never.
     start_factor: how far, as a factor, the starts spread around the given one; dampings and frictions spread over its
     square. -- larger, 5 to 10, where the robot's numbers are guesses, with more starts; 1.5 where they come from an
-    earlier fit.
+    earlier fit. 3 covers catalogues and numbers of similar robots.
     continuation: bands, each wider than the one before and all from the lowest line, that the first stage goes through;
     1 fits all lines at once. -- 3 or 4 where starts end far apart, as with many modes: low modes are matched before
     high ones count. Each band costs a search.
     solver: `trust_region`, or `ipopt` where that one stops early. -- `ipopt` where trust_region stops early at bounds
-    or with strongly correlated parameters; it is slower by a factor of several.
+    or with strongly correlated parameters; both end at one optimum where both converge.
     band_hz: lines used (default: all). -- narrower where the robot has modes beyond it that the model lacks, or where
     low lines are spoilt by friction; compare the parameters of two bands before you trust either.
     mask: elements left out. -- where a channel or a band is known to be wrong, such as lines at the mains frequency;

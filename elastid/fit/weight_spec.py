@@ -108,7 +108,8 @@ class WeightSpec:
     for single lines that are wrong by factors. -- for single lines that are wrong by factors; good data lose a little
     of their precision. Whole bands or channels that are wrong need a mask.
     loss_scale: standard deviations of real and imaginary part beyond which an element is an outlier. -- lower, about
-    1.3, where many lines are wrong; higher comes back to the square.
+    1.3, where many lines are wrong; higher comes back to the square. At 2 all but 5 % of good data count with their
+    square.
     """
 
     floor: float = 0.01

@@ -57,7 +57,7 @@ class EstimatorSpec:
     transient.
     outlier_sigma: a period further from the median than so many robust standard deviations is left out with a note, but
     for local methods. -- lower, about 4, where blows or dropouts spoil periods; higher keeps all. At 6 a good period is
-    practically never left out.
+    practically never left out; transient_periods: auto judges by it too.
     friction: of the motors, which the records themselves show, is taken out of the torque before the responses are
     estimated: Coulomb's level alone (`coulomb`), with bristles that bend before they slide (`curve`), or this only
     where it makes realisations agree better (`auto`). -- `none` for the response as it is, friction included, such as

@@ -64,14 +64,15 @@ class PassesSpec:
     count: passes of one joint at one load, those at the same speed included. -- more for narrower intervals, which
     shrink with the root; the five numbers of a Stribeck curve need at least 5, and 12 let the law be tested.
     spacing: `optimal` for the law's numbers (D-optimal over the guesses of the law), or `logarithmic`. -- `logarithmic`
-    where the law's numbers are no guess worth the name; `optimal` puts all passes at about five speeds, and shows
-    nothing in between.
+    where the robot's file has no more than a rough guess of friction; `optimal` puts all passes at about five speeds,
+    and shows nothing in between.
     window: [lower, upper] position of the joint (default: the middle half of its limits). -- wide enough for the
     highest speed to settle, and free of cell and cables; a slow pass of less than one motor turn cannot average ripple.
     repeat: how often the whole set is run. -- more where levels scatter from run to run: intervals are widened to that
     scatter, which after a single run cannot be told from a wrong law. Two show it at the least cost.
     reference_every: time after which one speed comes back, whose drift is the warm-up. -- shorter where a joint warms
-    up quickly, longer once the robot is warm; each costs one more pair of passes.
+    up quickly, longer once the robot is warm; each costs one more pair of passes. 5 minutes are a small part of the 10
+    to 60 that a gear takes to warm.
     """
 
     speeds: tuple[JointVelocity, JointVelocity] | None = None
@@ -129,7 +130,7 @@ class PreslidingSpec:
     loops: how many, log spaced. -- more for a finer curve of stiffness over amplitude; 12 cover 0.05 to 0.95 in steps
     of 31 %.
     frequency_hz: of a loop, slow enough that inertia does not count. -- lower where the arm's inertia bends the loops;
-    higher saves time and invites creep and noise less.
+    higher saves time and invites creep and noise less. 0.5 Hz is a tenth of the first mode of a large robot.
     """
 
     torque: tuple[Ratio, Ratio] = (0.05, 0.95)
@@ -152,7 +153,8 @@ class AtRestSpec:
     """A multisine of the joint's torque at standstill, whose response gives stiffness and damping of the bristles.
 
     torque: amplitudes, parts of the Coulomb torque; two and more extrapolate to none. -- at 0.1 of the Coulomb torque
-    stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the encoder resolves it.
+    stiffness reads 0.4 % low, at 0.3 already 3 %; smaller where the encoder resolves it. Two amplitudes are the least
+    that extrapolate to none.
     band_hz: [lowest, highest] line. -- upwards until inertia outweighs the bristles, downwards until drift does;
     damping needs the high lines.
     """
@@ -200,7 +202,7 @@ class FrictionSpec:
     joints: by name or number, the first is 1 (default: every driven joint). -- name a few where an hour is what is
     available: each joint takes its own passes, one after the other.
     rate_hz: of the controller and the logs of a design. -- that of the controller; logs that exist state theirs in
-    experiment.recorded.
+    experiment.recorded. 1 kHz is enough for passes, which are evaluated below 60 Hz.
     passes: at constant speeds; of logs `detect`, by default: plateaus are found in any motion. -- give {} to design
     them, `detect` for logs of any motion with stretches of constant speed; designed ones know their speeds.
     loads: under which passes are repeated (default: the robot as it is). -- two tell how levels grow with load, three

@@ -19,7 +19,7 @@ class FilterSpec:
     error of the torque, as of gravity). -- f+ and f- for axes whose slopes differ, without offset where gravity is
     known well; each more widens all where motion is poor.
     drift: by how much a number is expected to change within drift_time, relative. -- larger follows faster and scatters
-    more; the report's check of the innovations says which of both it is.
+    more; the report's check of the innovations says which of both it is. 20 % in 20 minutes is a robot that warms up.
     drift_time: that time. -- the time constant of warming; the filter sees drift over the root of it alone, so that
     tuning one of the two is enough.
     correlation_time: of the torque noise that is no white noise, 0 for none; ripple and cables need it. -- the time of
@@ -28,7 +28,7 @@ class FilterSpec:
     torque_std: of the torque noise of a sample (default: from the innovations of the first minute). -- where the first
     minute is not typical, as with the robot at rest; larger makes the filter slower and its intervals wider.
     settle: time that a filter takes before it is judged. -- longer where the start is far from the truth, so that the
-    swing-in does not count against the filter.
+    swing-in does not count against the filter. 10 s hold several motions with reversals.
     """
 
     states: tuple[Followed, ...] = ("Fc", "f", "offset")

@@ -29,9 +29,10 @@ class Link:
     joint: about or along z; its `motion` says which. -- names the spring, motor and limits; elastic joints that nothing
     drives belong into `elastic`.
     d: length along z. -- straight from the table; of a sliding joint it is added to the position.
-    a: length along x. -- with `modified` this is a_(i-1) of some books, which stands in the row before there: compare
-    the pictures.
-    alpha: angle about x. -- with `modified` that of the row before in books that number from 0; give deg with its unit.
+    a: length along x. -- with `modified` the a_(i-1) of row i in Craig's tables; with `standard` the one of the link
+    itself.
+    alpha: angle about x. -- with `modified` it turns before the joint, with `standard` behind it; give deg with its
+    unit.
     offset: added to the joint's angle. -- for tables whose zero is not the controller's, such as -90 deg for an upright
     second axis.
     mass: of the link. -- from CAD or the manual; an error of ten percent is one of ten percent in stiffness, since

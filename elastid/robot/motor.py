@@ -21,7 +21,7 @@ class Motor:
     ratio: motor turns per joint turn, negative where they turn in opposite ways. -- from the controller's parameters,
     sign included; an error here is one of its square in inertia.
     viscous: friction of the motor. -- the slope of torque over speed of a warm axis, over ratio^2 on the motor's side;
-    fm_NAME of a fit finds it.
+    fm_NAME of a fit finds it, from a start that is not 0.
     coulomb: dry friction that is Coulomb's alone. -- half the torque between slow motion up and down; used by
     simulation, a linear fit does not see it.
     friction: dry friction of any law, in the place of coulomb. -- for studies of friction, whose export writes it;

@@ -50,8 +50,8 @@ class LuGre:
 class MaxwellSlip:
     """Generalised Maxwell slip: elements side by side, each a spring that slips at its share of the Stribeck curve.
 
-    stiffness: sigma_0 of every element. -- one number for each element, stiffest first where the smallest motion breaks
-    it.
+    stiffness: sigma_0 of every element. -- one number for each element; those that are stiff for their share slip
+    first.
     shares: nu of every element, 1 in sum. -- as many as stiffnesses; equal ones are a good start by hand.
     attraction: C, how fast the torque of a slipping element goes to its level. -- larger reaches the level sooner after
     break-away and is stiffer to integrate.

@@ -35,8 +35,8 @@ class Spring:
 
     stiffness: k of Delta; with backlash, beyond the gap. -- the catalogue's torsional stiffness of the gear, at medium
     torque, or 1e5 to 1e6 N*m/rad for axes of large robots; the fit starts there.
-    damping: d of the deflection's rate. -- start with 1e-3 s times the stiffness; with 0 a fit of d_NAME needs a start
-    of its own in fit.parameters.
+    damping: d of the deflection's rate. -- start with 1e-3 s times the stiffness; a damping of 0 stays 0 in a fit,
+    unless fit.parameters names d_NAME with a start.
     quadratic: k2 of Delta^2, which makes one direction stiffer. -- for springs that differ between pulling directions,
     as cable drives; tell it by postures with opposite gravity.
     symmetric_quadratic: k2s of Delta |Delta|. -- for gears that stiffen in proportion to load, alike both ways, such as

@@ -112,7 +112,8 @@ class RecordedSpec:
     position) that are logged at the same rate, sampled without a filter, contain images of it, which the model then has
     too. `band-limited` where u was measured through a filter, or logged much faster than the drive updates it. -- a
     wrong choice costs half a sample of delay and, towards half the rate, a sinc; a misfit that grows so towards the
-    upper edge is its sign (residuals 1.27 times the noise and a spring off by 13 % in one case).
+    upper edge is its sign (residuals 1.27 times the noise and a spring off by 13 % in one case). Measured torques have
+    passed a filter, hence the default.
     controller: of the robot, in studies of friction whose channels have its reference. -- so that validation replays
     the logs in closed loop; without it the law is judged on torques alone.
     """

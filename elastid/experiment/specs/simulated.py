@@ -29,12 +29,12 @@ class ControllerSpec:
 
     bandwidth_hz: of the position loop about the configuration. -- low, so that the plant and not the loop is excited:
     below a third of the first antiresonance. Higher holds posture against friction, and takes low lines out of the
-    motion.
+    motion. 1.5 Hz is a third of 4.5 Hz, about where a large axis has its first antiresonance.
     damping_ratio: of that loop. -- 0.7 to 1; less lets the robot swing at bandwidth_hz, more makes the end of a
-    reference slow.
+    reference slow. 0.8 overshoots by less than 2 %.
     kind: `pd`, or the `cascade` of robot controllers, a proportional position loop around a velocity loop. -- `cascade`
     where the rig stands for an industrial controller, whose integral ends the error of friction; `pd` has two numbers
-    and no memory.
+    and no memory, so that nothing but the robot rings.
     integral_time: of the cascade's velocity loop (default: three times 1 / (2 pi bandwidth_hz)). -- shorter removes the
     error of friction and gravity sooner and costs stability: the study is refused below the limit of Routh's criterion.
     """
@@ -85,7 +85,7 @@ class CarrierSpec:
     cycles: of a sine or square, in a period of the multisine. -- 1 keeps the carrier's line farthest below the band;
     more for higher speed with the same swing.
     cutoff_hz: of the filter of a square. -- higher for shorter reversals, lower where their harmonics would shake the
-    first mode.
+    first mode. 1 Hz has been used on a real axis that turned its motor at 20 rad/s.
     """
 
     amplitude: JointPosition | tuple[JointPosition, ...] | None = None
