@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -130,7 +131,7 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     with file:
         if not is_intact(Path(path)):
             raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
-        require_own_data(file)
+        _require_own_data(Path(path))
         found = file.attrs.get("elastid")
         if found != kind:
             holds = f"holds {found}" if found else "was not written by elastid"
@@ -149,6 +150,18 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
                 f"{path}: damaged, or of an older layout (format {file.attrs.get('format', 0)}: "
                 f"{_first_line(error)}); delete it and run again"
             ) from error
+
+
+def _require_own_data(path: Path) -> None:
+    """`require_own_data`, of each version of a file once: results have thousands of members, and are opened often."""
+    found = os.stat(path)
+    _search_for_foreign_data(path, found.st_ino, found.st_size, found.st_mtime_ns)
+
+
+@lru_cache(maxsize=256)
+def _search_for_foreign_data(path: Path, inode: int, size: int, written_ns: int) -> None:
+    with h5py.File(path, "r") as file:
+        require_own_data(file)
 
 
 def read_stamp(path: Path | str) -> Stamp | None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from elastid.app.dry_friction import friction_line, shaft_couplings
 from elastid.app.imported_responses import imported_responses
 from elastid.app.run import Run
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.frf.friction.find import find_friction
 from elastid.frf.friction.result import FrictionTakenOut
@@ -23,22 +25,18 @@ from elastid.store import read_configurations, read_plan, read_records, write_re
 
 
 def estimate(run: Run) -> None:
-    """frf.h5 from records.h5, one configuration in memory at a time."""
-    path = run.path("measure")
+    """frf.h5 from records.h5; each process has one configuration in memory at a time."""
+    path, spec = run.path("measure"), run.study.estimator
     lines = read_plan(run.path("design")).lines if "design" in run.stages else None
     E = shaft_couplings(run.study)
-    friction = find_friction_of_run(path, run.study.estimator, lines, E)
+    friction = find_friction_of_run(path, spec, lines, E, Execution(run.jobs))
     if friction is not None:
         run.console.notes(note for note in friction.notes if note.severity == "warning")
-    responses: list[FrequencyResponse] = []
-    said: set[Note] = set()  # when the records were measured
-    names = read_configurations(path)
-    with run.console.progress("estimate") as progress:
-        for done, name in enumerate(names):
-            progress(done, len(names))
-            response, notes = estimate_configuration(path, name, run.study.estimator, lines, friction, E)
-            responses.append(response)
-            said |= notes
+    work = partial(_estimated, path, spec, lines, friction, E)
+    with run.execution("estimate") as execution:
+        found = execution.ordered(work, read_configurations(path))
+    responses = [response for response, _ in found]
+    said = {note for _, notes in found for note in notes}  # when the records were measured
     run.console.notes(note for response in responses for note in response.notes if note not in said)
     _write(run, responses, friction)
 
@@ -68,26 +66,42 @@ def estimate_configuration(
     return response, {note for record in records for note in record.notes}
 
 
+def _estimated(
+    path: Path,
+    spec: EstimatorSpec,
+    lines: IntArray | None,
+    friction: FrictionTakenOut | None,
+    E: FloatArray | None,
+    configuration: str,
+) -> tuple[FrequencyResponse, set[Note]]:
+    """`estimate_configuration` with what differs between configurations last."""
+    return estimate_configuration(path, configuration, spec, lines, friction, E)
+
+
 def find_friction_of_run(
-    path: Path, spec: EstimatorSpec, lines: IntArray | None, E: FloatArray | None = None
+    path: Path,
+    spec: EstimatorSpec,
+    lines: IntArray | None,
+    E: FloatArray | None = None,
+    execution: Execution | None = None,
 ) -> FrictionTakenOut | None:
     """Friction in records.h5, one configuration in memory at a time; None where the study asks for none."""
     if spec.friction == "none":
         return None
-    return find_friction(_RecordsOnShafts(path, E), spec, lines)
+    records = [_RecordsOnShafts(path, name, E) for name in read_configurations(path)]
+    return find_friction(records, spec, lines, execution)
 
 
 @dataclass(frozen=True)
 class _RecordsOnShafts:
-    """The records of records.h5 on the motors' shafts, read anew, one configuration at a time, whenever they are gone
-    through."""
+    """The records of a configuration in records.h5 on the motors' shafts, read anew whenever they are asked for."""
 
     path: Path
+    configuration: str
     E: FloatArray | None
 
-    def __iter__(self) -> Iterator[tuple[Record, ...]]:
-        for name in read_configurations(self.path):
-            yield tuple(on_shafts(each, self.E) for each in read_records(self.path, name))
+    def __iter__(self) -> Iterator[Record]:
+        return (on_shafts(each, self.E) for each in read_records(self.path, self.configuration))
 
 
 def _write(run: Run, responses: Sequence[FrequencyResponse], friction: FrictionTakenOut | None = None) -> None:

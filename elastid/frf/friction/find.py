@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.execution import Execution
 from elastid.base.note import Note, Severity
 from elastid.frf.checks.records import refuse_mismatch
 from elastid.frf.friction.accelerance import accelerance_of_lines, with_inertial_accelerance
@@ -23,20 +25,26 @@ from elastid.frf.friction.spectra import ConfigurationSpectra, gather_configurat
 from elastid.frf.spec import EstimatorSpec, Friction
 from elastid.record import Record
 
-# Shapes are chosen in the first configurations, so many records of them; levels are found in all.
+# Shapes are chosen in the first configurations, of so many records if all have as many as the first; levels are found
+# in all.
 _CHOICE_RECORDS = 24
 
 
 def find_friction(
-    measured: Iterable[Sequence[Record]], spec: EstimatorSpec, planned: IntArray | None = None
+    measured: Sequence[Iterable[Record]],
+    spec: EstimatorSpec,
+    planned: IntArray | None = None,
+    execution: Execution | None = None,
 ) -> FrictionTakenOut:
-    """Friction in the records of all configurations, which `measured` gives one configuration at a time, and again.
+    """Friction in the records of all configurations, each of which is gone through several times, or read anew.
 
     Shapes are chosen along the motion that samples show, levels are found along that between the samples. Where it
-    cannot be found nothing is taken out, and a note says why.
+    cannot be found nothing is taken out, and a note says why.  execution: of the configurations; the result does not
+    depend on it.
     Raises DataError and StudyError as `estimate` does.
     """
-    look = _first_look(measured, spec, planned)
+    execution = execution or Execution()
+    look = _first_look(measured, spec, planned, execution)
     if isinstance(look, FrictionTakenOut):
         return look
     raw = normal_equations(look.data, np.zeros(len(look.choice.shapes)), look.choice.motor_of)
@@ -47,7 +55,7 @@ def find_friction(
     result = with_inertial_accelerance(result, look.last, look.highest_hz)
     if len(look.choice.taken):
         choice = refined(look.choice, levels, look.first.inputs)
-        data = [gather_configuration(each, choice.shapes, spec, planned, result) for each in measured]
+        data = execution.ordered(partial(_gathered, choice.shapes, spec, planned, result), measured)
         levels, found = find_levels(data, choice.motor_of, choice.taken)
         result = _result(look, choice, levels, result.accelerance, raw, found)
         result = with_inertial_accelerance(result, look.last, look.highest_hz)
@@ -74,50 +82,87 @@ class _Look:
         return float(self.data[-1].freq_hz[self.data[-1].excited][-1])
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """One configuration as its samples show it.
+
+    refusal: why friction cannot be found in it, and data None; empty where it can.  limits: what cannot be told apart.
+    """
+
+    name: str
+    refusal: str
+    limits: tuple[Note, ...] = ()
+    data: ConfigurationSpectra | None = None
+
+
 def _first_look(
-    measured: Iterable[Sequence[Record]], spec: EstimatorSpec, planned: IntArray | None
+    measured: Sequence[Iterable[Record]], spec: EstimatorSpec, planned: IntArray | None, execution: Execution
 ) -> _Look | FrictionTakenOut:
     """The shapes of friction of all configurations; or no friction, with the reason."""
-    data: list[ConfigurationSpectra] = []
-    names: list[str] = []
-    limits: dict[str, Note] = {}
-    candidates: tuple[Shape, ...] = ()
-    chosen: tuple[Choice, Kept] | None = None
-    first: Record | None = None
-    count = 0
-    for records in measured:
-        refuse_mismatch(records)
-        first = first or records[0]
-        if refused := refusal(records):
-            of_motors = any(place.startswith("motor ") for place in records[0].inputs)
-            return _nothing(first, refused if of_motors or spec.friction != "auto" else "", spec.friction)
-        if records[0].inputs != first.inputs:
-            return _nothing(first, "configurations have different inputs, and so no motors in common", spec.friction)
-        if not names:
-            candidates = candidate_shapes(records, spec.friction == "coulomb")
-        names.append(records[0].configuration.name)
-        limits |= {note.text: note for note in limits_of(records)}
-        data.append(gather_configuration(records, candidates, spec, planned))
-        if not data[-1].shows_friction:
-            return _nothing(first, _one_response(records), spec.friction)
-        count += len(records)
-        if chosen is not None:
-            data[-1] = data[-1].with_shapes(np.arange(len(candidates)), chosen[1].rates)
-        elif count >= _CHOICE_RECORDS:
-            chosen, data = _chosen(data, candidates, first, spec)
-            candidates = tuple(candidates[i] for i in chosen[1].candidates)
-    assert first is not None
-    if chosen is None:
-        chosen, data = _chosen(data, candidates, first, spec)
-    return _Look(first, records, tuple(names), data, chosen[0], tuple(limits.values()))
+    records = tuple(measured[0])
+    first = records[0]
+    refuse_mismatch(records)
+    if refused := refusal(records):
+        of_motors = any(place.startswith("motor ") for place in first.inputs)
+        return _nothing(first, refused if of_motors or spec.friction != "auto" else "", spec.friction)
+    shapes = candidate_shapes(records, spec.friction == "coulomb")
+    few = -(-_CHOICE_RECORDS // len(records))
+    seen = execution.ordered(partial(_seen, shapes, first.inputs, spec, planned), measured[:few])
+    if refused := _refused(seen):
+        return _nothing(first, refused, spec.friction)
+    choice, kept, data = _chosen([each.data for each in seen if each.data is not None], shapes, first, spec)
+    shapes = tuple(shapes[i] for i in kept.candidates)
+    later = execution.ordered(partial(_seen, shapes, first.inputs, spec, planned), measured[few:])
+    if refused := _refused(later):
+        return _nothing(first, refused, spec.friction)
+    every = np.arange(len(shapes))
+    data += [each.data.with_shapes(every, kept.rates) for each in later if each.data is not None]
+    names = tuple(each.name for each in (*seen, *later))
+    limits = {note.text: note for each in (*seen, *later) for note in each.limits}
+    return _Look(first, tuple(measured[-1]), names, data, choice, tuple(limits.values()))
+
+
+def _seen(
+    shapes: Sequence[Shape],
+    inputs: tuple[str, ...],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    measured: Iterable[Record],
+) -> _Seen:
+    """A configuration whose records must have the inputs of the first one."""
+    records = tuple(measured)
+    refuse_mismatch(records)
+    name, refused = records[0].configuration.name, refusal(records)
+    if not refused and records[0].inputs != inputs:
+        refused = "configurations have different inputs, and so no motors in common"
+    if refused:
+        return _Seen(name, refused)
+    data = gather_configuration(records, shapes, spec, planned)
+    return _Seen(name, "" if data.shows_friction else _one_response(records), limits_of(records), data)
+
+
+def _refused(seen: Sequence[_Seen]) -> str:
+    """Why friction cannot be found in the first configuration of which that is so."""
+    return next((each.refusal for each in seen if each.refusal), "")
+
+
+def _gathered(
+    shapes: Sequence[Shape],
+    spec: EstimatorSpec,
+    planned: IntArray | None,
+    friction: FrictionTakenOut,
+    measured: Iterable[Record],
+) -> ConfigurationSpectra:
+    """The spectra of a configuration along its motion under the friction that was found."""
+    return gather_configuration(tuple(measured), shapes, spec, planned, friction)
 
 
 def _chosen(
     data: Sequence[ConfigurationSpectra], candidates: Sequence[Shape], first: Record, spec: EstimatorSpec
-) -> tuple[tuple[Choice, Kept], list[ConfigurationSpectra]]:
+) -> tuple[Choice, Kept, list[ConfigurationSpectra]]:
     """The choice of shapes, and the spectra of these alone."""
     choice, kept = choose(data, candidates, first.inputs, spec.friction == "auto")
-    return (choice, kept), [each.with_shapes(kept.candidates, kept.rates) for each in data]
+    return choice, kept, [each.with_shapes(kept.candidates, kept.rates) for each in data]
 
 
 def _one_response(records: Sequence[Record]) -> str:
