@@ -10,7 +10,8 @@ from textwrap import fill
 from typing import Any
 
 from elastid.base.errors import StudyError, did_you_mean
-from elastid.study.reference import Key, describe, list_keys, names_in, texts_of
+from elastid.study.fleet import FleetSpec
+from elastid.study.reference import Key, describe, keys_below, list_keys, names_in, names_of_each, texts_of
 from elastid.study.sections import Study
 
 _WIDTH = 100
@@ -24,7 +25,8 @@ def explain(asked: str) -> str:
     """
     found = list(_matching(asked))
     if not found:
-        raise StudyError(f"a study has no key {asked}; {_nearest(asked)}")
+        owner = "a fleet" if asked.startswith("fleet.") else "a study"
+        raise StudyError(f"{owner} has no key {asked}; {_nearest(asked)}")
     return "\n\n".join(_explanation(key) for key in found)
 
 
@@ -41,13 +43,14 @@ def overview() -> str:
             "A study has these keys, in this order:",
             *lines,
             "`elastid explain fit` lists the keys below one of them, `elastid explain fit.criterion` explains one.",
+            "Keys of a robot's file are below robot (robot.bodies), of a fleet's file below fleet (fleet.members).",
         ]
     )
 
 
 def _nearest(asked: str) -> str:
     """The end of a message: the nearest key where the path stops to exist, or of a single word the nearest of all."""
-    steps, paths = _steps(asked), [_steps(key.path) for key in list_keys()]
+    steps, paths = _steps(asked), [_steps(key.path) for key in _all_keys()]
     known = max(range(len(steps)), key=lambda n: (any(_begins(path, steps[:n]) for path in paths), n))
     beside = dict.fromkeys(path[known] for path in paths if _begins(path, steps[:known]))
     parent = "".join(f"{step}." for step in steps[:known])
@@ -59,15 +62,24 @@ def _nearest(asked: str) -> str:
     return f"did you mean '{ends[close[0]]}'?" if close else f"there are {', '.join(beside)}"
 
 
+def _all_keys() -> Iterator[Key]:
+    """Those of a study and of its robot, and those of a fleet's file below `fleet`."""
+    yield from list_keys()
+    yield Key("fleet", FleetSpec, "fleet", FleetSpec, texts_of(FleetSpec)[0], "", MISSING)
+    yield from keys_below(FleetSpec, "fleet.")
+
+
 def _begins(path: list[str], steps: list[str]) -> bool:
     """A longer path that begins with these steps."""
     return len(path) > len(steps) and _agree(path[: len(steps)], steps)
 
 
 def _matching(asked: str) -> Iterator[Key]:
-    """The keys of that path, or else those whose path ends so, each path once."""
-    keys = {key.path: key for key in list_keys()}.values()
+    """The keys of that path, or else those whose path ends so, each path once; of a name the mapping that holds it."""
+    keys = {key.path: key for key in _all_keys()}.values()
     wanted = _steps(asked)
+    if any(_begins(_steps(key.path), wanted) and _steps(key.path)[len(wanted) - 1] == "<name>" for key in keys):
+        wanted = wanted[:-1]
     exact = [key for key in keys if _agree(_steps(key.path), wanted)]
     yield from exact or (key for key in keys if _agree(_steps(key.path)[-len(wanted) :], wanted))
 
@@ -81,11 +93,12 @@ def _agree(steps: list[str], wanted: list[str]) -> bool:
 
 
 def _explanation(key: Key) -> str:
-    below = names_in(key.annotation)
+    below, of_each = names_in(key.annotation), names_of_each(key.annotation)
     lines = [key.path, _paragraph(key.text), _paragraph(f"Value: {describe(key.annotation)}.")]
     lines.append(_paragraph(f"Default: {_default(key.default)}."))
     lines += [_paragraph(f"{key.advice_heading}: {key.advice}")] if key.advice else []
     lines += [_paragraph(f"Keys below it: {', '.join(below)}.")] if below else []
+    lines += [_paragraph(f"Keys of each: {', '.join(of_each)}.")] if of_each else []
     return "\n".join(lines)
 
 

@@ -25,7 +25,11 @@ ROBOT, DATE = "robot", "date"
 class MemberSpec:
     """One robot on one date.
 
-    robot: its name.  date: when it was measured, year-month-day.  set: keys of the study that are its own, dotted.
+    robot: its name. -- the serial number rather than a place in the hall, since trends follow it over the years.
+    date: when it was measured, year-month-day. -- that of the measurement, not of the analysis; two dates of one robot
+    make a trend, and three show whether it is steady.
+    set: keys of the study that are its own, dotted. -- paths of logs above all, such as
+    experiment.recorded.files.0.path; other keys only where this robot differs in fact.
     """
 
     robot: str
@@ -45,11 +49,18 @@ class MemberSpec:
 class FleetSpec:
     """One study over robots and dates.
 
-    name: of the fleet.  study: path of the study that every member runs, relative to this file.
-    members: listed here.  table: CSV file with columns robot, date and keys of the study, a row each member.
-    folders: pattern of folders, a member each, such as logs/{robot}/{date}.
-    set: keys of the study for all members; {robot}, {date} and {folder} stand for those of the member.
-    false_discovery_rate: share of the differences and trends that are reported which may be chance.
+    name: of the fleet. -- it names the run folder; a fleet that grows keeps its name, and only new members are run.
+    study: path of the study that every member runs, relative to this file. -- one that runs well for a single member;
+    keys that differ between members are overridden by `set`.
+    members: listed here. -- for a few robots whose keys differ; a table is easier to keep from ten on.
+    table: CSV file with columns robot, date and keys of the study, a row each member. -- where a spreadsheet or a data
+    base lists the measurements: a column for each key that differs.
+    folders: pattern of folders, a member each, such as logs/{robot}/{date}. -- where logs are filed by robot and date
+    already; every folder that fits the pattern is a member.
+    set: keys of the study for all members; {robot}, {date} and {folder} stand for those of the member. -- for what is
+    common to all members and not to the study, such as fewer starts; with {folder} the paths of logs.
+    false_discovery_rate: share of the differences and trends that are reported which may be chance. -- lower, 0.01,
+    where each finding stops a robot; higher where looking is cheap. At 0.05 one finding in twenty may be chance.
     """
 
     name: str

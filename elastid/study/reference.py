@@ -11,7 +11,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
@@ -48,7 +48,7 @@ class Key:
     annotation: Any
     text: str
     advice: str
-    default: Any = field(default=MISSING)
+    default: Any
 
     @property
     def advice_heading(self) -> str:
@@ -58,9 +58,9 @@ class Key:
 
 def list_keys() -> Iterator[Key]:
     """Every key of a study and of a robot's file in each of its forms, in the order of the sections."""
-    yield from _keys_below(Study, "")
+    yield from keys_below(Study, "")
     for form in ROBOT_FORMS[1:]:
-        yield from _keys_below(form, "robot.")
+        yield from keys_below(form, "robot.")
 
 
 def list_sections() -> Mapping[str, type]:
@@ -97,19 +97,20 @@ def _read(section: type) -> tuple[str, Mapping[str, tuple[str, str]]]:
     return " ".join(" ".join(own).split()), texts
 
 
-def _keys_below(annotation: Any, path: str) -> Iterator[Key]:
+def keys_below(annotation: Any, path: str) -> Iterator[Key]:
+    """Every key of the sections that an annotation allows, and of those below them; path: before their names."""
     for option in _options(annotation):
         arguments, origin = get_args(option), get_origin(option)
         if origin is tuple:
-            yield from _keys_below(arguments[0], f"{path[:-1]}[].")
+            yield from keys_below(arguments[0], f"{path[:-1]}[].")
         elif origin is dict:
-            yield from _keys_below(arguments[1], f"{path}<name>.")
+            yield from keys_below(arguments[1], f"{path}<name>.")
         elif is_dataclass(option) and isinstance(option, type):
             hints, (_, texts) = get_type_hints(option, include_extras=True), _read(option)
             for f in fields(option):
                 default = f.default if f.default_factory is MISSING else f.default_factory()
                 yield Key(path + f.name, option, f.name, hints[f.name], *texts.get(f.name, ("", "")), default)
-                yield from _keys_below(hints[f.name], f"{path}{f.name}.")
+                yield from keys_below(hints[f.name], f"{path}{f.name}.")
 
 
 def type_at(root: Any, path: KeyPath) -> Any:
@@ -122,6 +123,13 @@ def type_at(root: Any, path: KeyPath) -> Any:
 def names_in(annotation: Any) -> list[str]:
     """The keys of the section that an annotation allows."""
     return [f.name for option in _options(annotation) if is_dataclass(option) for f in fields(option)]
+
+
+def names_of_each(annotation: Any) -> list[str]:
+    """The keys of each entry of the list, or of each name of the mapping, that an annotation allows."""
+    listed = [get_args(option)[0] for option in _options(annotation) if get_origin(option) is tuple]
+    named = [get_args(option)[1] for option in _options(annotation) if get_origin(option) is dict]
+    return [name for each in (*listed, *named) for name in names_in(each)]
 
 
 def words_in(annotation: Any) -> list[str]:

@@ -10,7 +10,8 @@ import pytest
 from elastid.base.errors import StudyError
 from elastid.study import make_schema
 from elastid.study.explanation import explain, overview
-from elastid.study.reference import advice_of, list_keys, list_sections, names_in, texts_of
+from elastid.study.fleet import FleetSpec, MemberSpec
+from elastid.study.reference import advice_of, keys_below, list_keys, list_sections, names_in, texts_of
 from elastid.study.sections import Study
 
 ROOT = Path(__file__).parents[2]
@@ -94,6 +95,9 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
     assert "Keys below it: to, factor" in explain("fit.parameters.k_1.tie")
     assert explain("experiment.recorded.files[0].samples") == explain("files.samples").split("\n\n")[0]
     assert explain("fit.criterion") in explain("criterion").split("\n\n")
+    assert explain("fit.parameters.k_1") == explain("fit.parameters")
+    assert "Keys of each: robot, date, set." in explain("fleet.members")
+    assert "Keys of each: start, bounds, fixed" in explain("fit.parameters")
 
 
 @pytest.mark.parametrize(
@@ -106,6 +110,7 @@ def test_a_key_is_explained_by_its_path_or_by_its_end() -> None:
         ("bnad_hz", "did you mean 'excitation.band_hz'?"),
         ("model.qqq", "there are model.formulation, model.variant, model.independent"),
         ("qqq", "there are name, "),
+        ("fit.parametrs.k_1.start", "did you mean 'fit.parameters'?"),
     ],
 )
 def test_a_misspelt_key_has_a_nearest_one(asked: str, nearest: str) -> None:
@@ -132,11 +137,11 @@ FILLER = re.compile(
 )
 
 
-@pytest.mark.parametrize("section", list_sections().values(), ids=lambda section: section.__name__)
+@pytest.mark.parametrize("section", [*list_sections().values(), FleetSpec, MemberSpec], ids=lambda of: of.__name__)
 def test_every_key_says_when_to_change_it(section: type) -> None:
     """Advice behind ` -- ` in the docstring of its section: whole words on this key, not its text once more."""
     advice = advice_of(section)
-    keys = [key for (of, _), key in KEYS.items() if of == section.__name__]
+    keys = [key for key in keys_below(section, "") if key.section is section]
     assert [key.name for key in keys if key.name not in advice] == [], "without advice"
     assert [name for name, words in advice.items() if len(words.split()) < 6 or FILLER.search(words)] == [], "filler"
     assert [key.name for key in keys if SequenceMatcher(None, key.text, key.advice).ratio() > 0.8] == [], "an echo"
@@ -145,7 +150,8 @@ def test_every_key_says_when_to_change_it(section: type) -> None:
 def test_no_advice_is_given_twice() -> None:
     """One sentence for many keys is filler; keys that share one text within a section share its advice."""
     given: dict[str, set[tuple[str, str]]] = {}
-    for (section, _), key in KEYS.items():
+    for key in (*KEYS.values(), *keys_below(FleetSpec, "")):
+        section = key.section.__name__
         for sentence in re.split(r"(?<=\.)\s+", key.advice.rstrip(".")) if key.advice else ():
             given.setdefault(sentence.rstrip("."), set()).add((section, key.text))
     assert {sentence: where for sentence, where in given.items() if len(where) > 1} == {}
