@@ -7,6 +7,7 @@ are read, with their limits and damping; of a limit's effort, the torque on the 
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -73,10 +74,10 @@ class UrdfRobot:
     payload: Payload | None = None
 
     def robot(self, folder: Path) -> Robot:
-        """The robot; StudyError with `file:line` where the file cannot be read as one."""
+        """The robot; ValueError without its file, StudyError with `file:line` where that cannot be read as one."""
         path = folder / self.urdf
-        if not path.is_file():
-            raise StudyError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
+        if not os.path.isfile(path):
+            raise ValueError(f"urdf: no such file (looked for {path}; the path is relative to the robot's file)")
         root = read_elements(path)
         if root.tag != "robot":
             raise root.wrong(f"a URDF begins with <robot>, this file with <{root.tag}>")

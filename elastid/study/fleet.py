@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -118,7 +119,7 @@ def load_fleet(path: Path) -> Fleet:
     if found:
         raise make_error(source, found)
     study = path.parent / spec.study
-    if not study.is_file():
+    if not os.path.isfile(study):
         raise make_error(source, [Problem(("study",), f"no such file (looked for {study})")])
     members = sorted(_members(spec, path), key=lambda member: (member.robot, member.date))
     if not members:

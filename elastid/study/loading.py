@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -94,10 +95,14 @@ def _with_robot_file(source: YamlSource, path: Path) -> YamlSource:
     if not isinstance(robot, str):
         return source
     file = path.parent / robot
-    if not file.is_file():
+    if not os.path.isfile(file):
         place = source.place(("robot",), of_value=True)
         raise StudyError(f"{place}: robot: no such file (looked for {file}; the path is relative to the study)")
-    part = read_robot(file)
+    try:
+        part = read_robot(file)
+    except StudyError as error:
+        place = source.place(("robot",), of_value=True)
+        raise StudyError(f"{place}: robot: {file} is no robot:\n{error}") from None
     text = f"{source.text.rstrip()}\n\n# {robot}\n{part.text}"
     return YamlSource({**source.data, **part.data}, {**source.places, **part.places}, text)
 

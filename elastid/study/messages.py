@@ -16,7 +16,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from elastid.base.errors import StudyError, did_you_mean
 from elastid.study.reference import describe, names_in, type_at, words_in
-from elastid.study.yaml_source import KeyPath, Place, YamlSource
+from elastid.study.yaml_source import KeyPath, Place, YamlSource, first_of
 
 PydanticError: TypeAlias = Mapping[str, Any]
 
@@ -162,7 +162,7 @@ def make_error(source: YamlSource, found: Iterable[Problem], robot_errors: str =
     found = tuple(found)
     lines = [message for _, message in sorted({_line(source, problem) for problem in found})]
     head = source.head if any(problem.head for problem in found) else ()
-    return StudyError("\n".join([*lines, *filter(None, [robot_errors]), *head]))
+    return StudyError("\n".join([first_of(lines), *filter(None, [robot_errors]), *head]).lstrip("\n"))
 
 
 def _line(source: YamlSource, problem: Problem) -> tuple[Place, str]:

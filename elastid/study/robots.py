@@ -5,6 +5,7 @@ The keys `bodies`, `links` or `urdf` decide which.
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -51,7 +52,7 @@ def with_robot(source: YamlSource, folder: Path) -> YamlSource:
     elif "urdf" in data:
         rigid = _validated(source, UrdfRobot)
         file = folder / rigid.urdf
-        lines = file.read_text("utf-8", "replace").splitlines() if file.is_file() else []
+        lines = file.read_text("utf-8", "replace").splitlines() if os.path.isfile(file) else []
         source = replace(source, text=source.text + "".join(f"# {line}\n" for line in lines))
         make = partial(rigid.robot, folder)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import takewhile
 from pathlib import Path
@@ -20,6 +20,8 @@ KeyPath: TypeAlias = tuple[str | int, ...]
 # After expansion of aliases, which may repeat nodes without end.
 _MAX_NODES = 200_000
 _MAX_INTEGER = 2**63
+# So many errors are told; mending them mends most others.
+_MOST_ERRORS = 20
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -83,6 +85,8 @@ def read_source(path: Path, name: str, rank: int = 0) -> YamlSource:
 def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     """YAML text of a source called `name`; StudyError lists broken YAML, duplicate keys and tags by place."""
     root = Place(rank, 1, 1, name)
+    if _half_character(text):
+        raise StudyError(f"{name}:1:1: not a text in UTF-8")
     yaml = YAML(typ="safe", pure=True)
     try:
         node = yaml.compose(text)
@@ -100,8 +104,14 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
     reader = _Reader(name, rank, yaml.constructor)
     data = reader.value(node, (), root)
     if reader.problems:
-        raise StudyError("\n".join(reader.problems))
+        raise StudyError(first_of(reader.problems))
     return YamlSource(data, reader.places, text)
+
+
+def first_of(lines: Sequence[str]) -> str:
+    """Lines of errors, the first of many and a count of the others."""
+    more = len(lines) - _MOST_ERRORS
+    return "\n".join([*lines[:_MOST_ERRORS], *([f"... and {more} further errors"] if more > 0 else [])])
 
 
 def _reason(error: MarkedYAMLError) -> str:
@@ -113,6 +123,11 @@ def _reason(error: MarkedYAMLError) -> str:
 
 def _line_column(before: str) -> tuple[int, int]:
     return before.count("\n") + 1, len(before) - before.rfind("\n")
+
+
+def _half_character(text: str) -> bool:
+    """Whether a text has a surrogate, which an escape or an option can bring in and no file can hold."""
+    return any("\ud800" <= c <= "\udfff" for c in text)
 
 
 class _Reader:
@@ -151,6 +166,9 @@ class _Reader:
                 self.problem(key_node, "a key must be a name, not a list or a mapping")
                 continue
             key = str(key_node.value)
+            if _half_character(key):
+                self.problem(key_node, "half of a character that UTF-8 cannot write (a surrogate) in a key")
+                continue
             if key in first:
                 self.problem(key_node, f"key '{key}' is given twice (first in line {first[key]})")
                 continue
@@ -161,6 +179,9 @@ class _Reader:
         """A leaf as plain data: null, a boolean, a number or a text; any other tag is a problem."""
         kind = str(node.tag).removeprefix(_TAG)
         text = node.value
+        if _half_character(str(text)):
+            self.problem(node, "half of a character that UTF-8 cannot write (a surrogate, \\ud800 to \\udfff)")
+            return None
         try:
             if kind == "null":
                 return None
@@ -173,6 +194,9 @@ class _Reader:
                 return str(text)
         except (ValueError, OverflowError):
             self.problem(node, f"'{text[:40]}' is out of the range of numbers")
+            return None
+        except (LookupError, TypeError, AttributeError):  # of a tag that the text does not suit
+            self.problem(node, f"'{text[:40]}' is no {kind}, as its tag says")
             return None
         self.problem(node, f"the tag {node.tag} is refused: a study holds plain data only")
         return None

@@ -464,3 +464,38 @@ def test_a_study_whose_record_is_missing_says_where_it_can_be_had(tmp_path: Path
     assert any("github.com" in line for line in head)
     path.write_text("\n".join(line for line in study.splitlines() if not line.startswith("#")))
     assert len(errors(path)) == 1
+
+
+@pytest.mark.parametrize(
+    ("value", "message"),
+    [
+        ("!!bool maybe", "'maybe' is no bool, as its tag says"),
+        ("!!float x", "'x'"),
+        (r'"\ud800"', "half of a character that UTF-8 cannot write"),
+        ("a" * 4000, "no such file"),
+    ],
+)
+def test_values_that_no_study_holds_are_refused_at_their_place(tiny: Path, value: str, message: str) -> None:
+    """A tag that its text does not suit, half a character, a name that no disk takes."""
+    (first, *_) = errors(edited(tiny, "robot: robot.yml", f"robot: {value}"))
+    line = tiny.read_text().splitlines().index(f"robot: {value}") + 1
+    assert first.startswith(f"study.yml:{line}:8: ")
+    assert message in first
+
+
+def test_of_very_many_errors_the_first_are_told(tiny: Path) -> None:
+    """Twenty of them, and how many more there are."""
+    tiny.write_text(tiny.read_text() + "".join(f"key_{i}: {i}\n" for i in range(1000)))
+    told = errors(tiny)
+    assert len(told) == 21
+    assert "key_0: unknown key" in told[0]
+    assert told[-1] == "... and 980 further errors"
+
+
+def test_a_file_that_is_no_robot_is_named_at_the_study(tiny: Path) -> None:
+    """Its own place is told after that."""
+    (tiny.parent / "words.txt").write_text("root:x:0:0\n")
+    first, second = errors(edited(tiny, "robot: robot.yml", "robot: words.txt"))
+    line = tiny.read_text().splitlines().index("robot: words.txt") + 1
+    assert first == f"study.yml:{line}:8: robot: words.txt is no robot:"
+    assert second.startswith("words.txt:1:1: a robot is a mapping")

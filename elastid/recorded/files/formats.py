@@ -6,6 +6,7 @@ the entry point group `elastid.readers`.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
@@ -55,7 +56,7 @@ FORMATS = (
 def is_log(path: Path) -> bool:
     """Whether a path is that of a log: a file, or a folder that a format recognises, such as a ROS bag."""
     *of_folders, _ = all_formats()  # text, the last, takes everything
-    return path.is_file() or (path.is_dir() and any(each.recognises(path, b"") for each in of_folders))
+    return os.path.isfile(path) or (os.path.isdir(path) and any(each.recognises(path, b"") for each in of_folders))
 
 
 def all_formats() -> tuple[Format, ...]:
@@ -110,7 +111,7 @@ def read_channels(
 def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
     """A log file, whatever its format; arrays are read while it is open."""
     if not is_log(path):
-        what = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if path.is_dir() else "is not there"
+        what = "is a folder but no ROS 2 bag (it has no metadata.yaml)" if os.path.isdir(path) else "is not there"
         raise StudyError(f"log file {path} {what}; check path under files (relative to the study's folder)")
     found = next(each for each in all_formats() if each.recognises(path, _head(path)))
     guard = partial(_guarded, path, found)
@@ -122,7 +123,7 @@ def opened_log(path: Path, text: TextFormatSpec) -> Iterator[Log]:
 
 def _head(path: Path) -> bytes:
     """The first bytes of a file; none of a folder."""
-    if path.is_dir():
+    if os.path.isdir(path):
         return b""
     with path.open("rb") as file:
         return file.read(_HEAD_BYTES)

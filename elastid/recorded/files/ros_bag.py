@@ -8,6 +8,7 @@ stamp of its messages, or where they have none the time at which the bag receive
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -32,7 +33,7 @@ _JOINT_FIELDS = {"position": "rad", "velocity": "rad/s", "effort": "N*m"}
 
 def recognises(path: Path, head: bytes) -> bool:
     """A folder by its metadata, a file by its signature."""
-    return (path / _METADATA).is_file() or head.startswith(_SIGNATURES)
+    return os.path.isfile(path / _METADATA) or head.startswith(_SIGNATURES)
 
 
 @contextmanager

@@ -8,6 +8,7 @@ into the requested one. H takes out the hold of a command, as in Y = G H U: 1 fo
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -36,7 +37,7 @@ _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
     """The frequency response in a file; DataError where there is none of that name."""
-    if path.is_file() and is_universal_file(path):
+    if os.path.isfile(path) and is_universal_file(path):
         return uff_table(path, spec.channels)
     with opened_log(path, spec.text) as log:
         if isinstance(log, TextLog):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
     if design.noise.frf:
         earlier.append(((*_DESIGN, "noise", "frf"), design.noise.frf))
     for place, path in earlier:
-        if not responses_file(base, path).is_file():
+        if not os.path.isfile(responses_file(base, path)):
             problem = f"no such measurement (looked for {responses_file(base, path)}); `elastid estimate` makes it"
             yield Problem(place, problem)
 
@@ -47,7 +48,7 @@ def check_design(study: Study, base: Path) -> Iterator[Problem]:
 def responses_file(base: Path, path: str) -> Path:
     """The frf.h5 that a run folder or a file stands for."""
     given = base / path
-    return given / "frf.h5" if given.is_dir() or not given.suffix else given
+    return given / "frf.h5" if os.path.isdir(given) or not given.suffix else given
 
 
 def _check_parameters(study: Study, design: DesignSpec) -> Iterator[Problem]:

@@ -91,7 +91,7 @@ def check_files(
     for i, file in enumerate(files):
         place = base / file.path
         if not is_log(place):
-            beside = sorted(p.name for p in place.parent.iterdir() if p.is_file()) if place.parent.is_dir() else []
+            beside = _files_beside(place)
             hint = f"; {did_you_mean(place.name, beside[:MAX_LISTED])}" if beside else ""
             yield Problem((*path, "files", i, "path"), f"no such file (looked for {place}){hint}", head=True)
         if not file.configuration and not is_friction:
@@ -102,6 +102,14 @@ def check_files(
         if name not in {file.configuration for file in files} and not is_friction:
             message = f"no file holds configuration {name}; list one in {'.'.join(map(str, path))}.files"
             yield Problem(("experiment", "configurations", name), message, at_key=True)
+
+
+def _files_beside(place: Path) -> list[str]:
+    """The names of the files in the folder of a path; none where it cannot be looked into."""
+    try:
+        return sorted(each.name for each in place.parent.iterdir() if each.is_file())
+    except (OSError, ValueError):
+        return []
 
 
 def check_channels(study: Study, channels: Sequence[ChannelSpec], path: KeyPath) -> Iterator[Problem]:
