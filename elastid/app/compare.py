@@ -24,7 +24,7 @@ from elastid.model.parallel_linkage.approximations import elastic_joints_within,
 from elastid.model.spec import Variant as ModelVariant
 from elastid.response import FrequencyResponse
 from elastid.robot.simplified import further_elastic, stiffened, without_motor_coupling
-from elastid.store import Checkpoint, read_responses
+from elastid.store import Checkpoint, keep_checksums, read_responses
 from elastid.store.comparison import write_comparison
 from elastid.study import LoadedStudy, Study, load
 from elastid.validation.compare import ComparedVariant, RefitTask, held, rank, refit, restricted
@@ -58,12 +58,14 @@ def compare(run: Run, others: Sequence[LoadedStudy] = ()) -> None:
 def finish(run: Run, comparison: Comparison) -> None:
     """Write a comparison, say how it came out, and show it in the report where there is one."""
     write_comparison(run.folder / RESULT, comparison, run.stamps["estimate"])
+    keep_checksums(run.folder, [RESULT])
     shutil.rmtree(run.folder / PARTIAL, ignore_errors=True)
     run.console.table(comparison_table(comparison))
     run.console.say(f"compare: {comparison.verdict}")
     run.console.say(str(run.folder / RESULT))
     if run.path("report").is_file() and all(run.is_current(s) for s in run.stages if s != "report"):
         report(run)
+        keep_checksums(run.folder, run.stages["report"].texts)
 
 
 def variants(loaded: LoadedStudy, others: Sequence[LoadedStudy] = ()) -> Iterator[ComparedVariant]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from glob import escape
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,8 @@ from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
 from elastid.report.friction_content import refusals
 from elastid.report.friction_rows import friction_rows
+from elastid.store import changed_texts, kind_of, read_fit, read_friction
 from elastid.store import described as described_artefact
-from elastid.store import kind_of, read_fit, read_friction
 from elastid.store.friction_study import FRICTION, read_friction_result
 
 _COLUMNS = ("signal", "shape", "unit", "first", "lowest", "highest")
@@ -136,7 +137,9 @@ def _friction_numbers(path: Path) -> Iterator[str]:
 
 
 def _json_lines(path: Path) -> Iterator[str]:
-    """The numbers and texts of summary.json and the like; DataError where it is no JSON."""
+    """The numbers and texts of summary.json and the like; DataError where it is no JSON, or not as it was written."""
+    if changed_texts(path.parent, [escape(path.name)]):
+        raise DataError(f"{path}: its content has changed since it was written; run its stage again")
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

@@ -21,7 +21,16 @@ from elastid.app.provenance import file_hash, software, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, module_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, load_for_workers
-from elastid.store import Stamp, is_intact, one_writer, read_stamp, remove_leftovers
+from elastid.store import (
+    Stamp,
+    changed_texts,
+    has_checksum,
+    is_intact,
+    keep_checksums,
+    one_writer,
+    read_stamp,
+    remove_leftovers,
+)
 from elastid.study import LoadedStudy, Study
 
 if TYPE_CHECKING:
@@ -84,13 +93,13 @@ class Run:
             yield Execution(self.jobs, progress) if checkpoint is None else Execution(self.jobs, progress, checkpoint)
 
     def is_current(self, stage: str) -> bool:
-        """Whether the result of a stage is there, readable, and made from the same inputs by the same code."""
-        wanted, path = self.stamps[stage], self.path(stage)
-        if not all((self.folder / name).exists() for name in self.stages[stage].leaves):
+        """Whether the result of a stage is there, as it was written, and made from the same inputs by the same code."""
+        wanted, path, row = self.stamps[stage], self.path(stage), self.stages[stage]
+        if not all((self.folder / name).exists() for name in row.leaves) or changed_texts(self.folder, row.texts):
             return False
         if path.suffix == ".h5":
             found = read_stamp(path)
-            return found is not None and found.is_of(wanted)
+            return found is not None and found.is_of(wanted) and has_checksum(path)
         text = path.read_text(encoding="utf-8", errors="replace")
         return wanted.inputs in text and wanted.code in text
 
@@ -130,6 +139,11 @@ class Run:
             raise StudyError(f"{path} cannot be read or is no result of elastid: {command}")
         if found.inputs != self.stamps[name].inputs:
             raise StudyError(f"{path} was made from another study, other data or other options: {command}")
+        if not has_checksum(path):
+            self.console.warn(
+                f"{path} carries no checksum, so that damage to it would go unnoticed: it was written by an older "
+                f"elastid, or its first bytes are damaged; it is used as is, and `elastid {name}` makes it anew"
+            )
         if found.code != self.stamps[name].code:
             made_by = found.software or f"elastid {found.version}"
             self.console.warn(f"{path} was made by other versions ({made_by}) and is used as is")
@@ -172,17 +186,21 @@ def run_all(run: Run) -> None:
                 # Of a stage that was killed after its result was written and before it had tidied up.
                 shutil.rmtree(run.partial(name), ignore_errors=True)
             else:
-                _tell_of_damage(run, run.path(name))
+                _tell_of_damage(run, run.path(name), stage)
                 function_of(stage.function)(run)
+            keep_checksums(run.folder, stage.texts)
         for stage in run.stages.values():
             if stage.conclude:
                 function_of(stage.conclude)(run)
 
 
-def _tell_of_damage(run: Run, path: Path) -> None:
-    """Say that a result is made again because its file has changed."""
+def _tell_of_damage(run: Run, path: Path, stage: Stage) -> None:
+    """Say that a result is made again because its files have changed."""
+    damaged = [run.folder / name for name in changed_texts(run.folder, stage.texts)]
     if path.suffix == ".h5" and path.is_file() and not is_intact(path):
-        run.console.warn(f"{path} has changed since it was written; it is made again")
+        damaged.append(path)
+    for each in damaged:
+        run.console.warn(f"{each} has changed since it was written; it is made again")
 
 
 def run_stage(run: Run, name: str) -> None:
@@ -200,6 +218,7 @@ def run_stage(run: Run, name: str) -> None:
     _load_for_workers(run, [stage])
     with run.logged():
         function_of(stage.function)(run)
+        keep_checksums(run.folder, stage.texts)
         if stage.conclude:
             function_of(stage.conclude)(run)
 

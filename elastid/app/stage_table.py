@@ -32,11 +32,11 @@ class Stage:
 
     help: one line for the command of its name.  sections: of the study, or single keys of one, that it reads; those
     that an earlier stage has read come with its result.  reads: the stages whose results it reads, where a study has
-    them.  leaves: the first file carries the stamp, the second is what programs read.  function, conclude:
-    "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON: whatever else the result depends on, with
-    the hashes of the stages before; "module:name".  of_reads: whether it depends on all that the stages depend on whose
-    results it reads.  needs: a section without which a study has not this stage.  conclude(run): shows the result at
-    the end of a run, and raises FitError where it cannot be trusted.
+    them.  leaves: the first file carries the stamp, the second is what programs read.  beside: patterns of further
+    files that it leaves.  function, conclude: "module:name" below elastid.app.stages.  further(loaded, inputs) -> JSON:
+    whatever else the result depends on, with the hashes of the stages before; "module:name".  of_reads: whether it
+    depends on all that the stages depend on whose results it reads.  needs: a section without which a study has not
+    this stage.  conclude(run): shows the result at the end of a run, and raises FitError where it cannot be trusted.
     """
 
     name: str
@@ -46,10 +46,16 @@ class Stage:
     reads: tuple[str, ...]
     leaves: tuple[str, ...]
     function: str
+    beside: tuple[str, ...] = ()
     further: str = ""
     of_reads: bool = True
     needs: str = ""
     conclude: str = ""
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Files, folders and patterns of what it leaves besides HDF5 files, which carry their own checksums."""
+        return (*(name for name in self.leaves if not name.endswith(".h5")), *self.beside)
 
 
 STAGES = (
@@ -61,6 +67,7 @@ STAGES = (
         reads=(),
         leaves=("plan.h5",),
         function="design:design",
+        beside=("references/*.csv",),
         further="elastid.app.further_inputs:of_design",
     ),
     Stage(
@@ -111,6 +118,7 @@ STAGES = (
         reads=("estimate",),
         leaves=("fit.h5", "summary.json"),
         function="fit:fit",
+        beside=("identified_robot*.yml",),
         conclude="fit:conclude",
     ),
     Stage(
@@ -150,6 +158,7 @@ STAGES = (
         reads=(),
         leaves=("plan.h5",),
         function="friction_design:design",
+        beside=("references/*.csv",),
     ),
     Stage(
         name="measure",

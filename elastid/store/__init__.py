@@ -10,6 +10,7 @@
 - results:    fit.h5 and validation.h5
 - comparison: compare.json
 - description: the content of any of them as text
+- checksum, text_checksums: a bit that flips on the disk is noticed, in HDF5 files and in all others of a run folder
 - unfinished: the checkpoint of an interrupted stage
 
 The same value gives the same bytes: no file holds a date. A name is loaded when it is first used: `estimate` needs
@@ -22,7 +23,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from elastid.store.checksum import is_intact
+    from elastid.store.checksum import has_checksum, is_intact
     from elastid.store.description import described
     from elastid.store.design import (
         read_forecast,
@@ -44,13 +45,17 @@ if TYPE_CHECKING:
         write_responses,
     )
     from elastid.store.results import read_fit, read_validation, write_fit, write_validation
+    from elastid.store.text_checksums import changed_texts, keep_checksums
     from elastid.store.unfinished import Checkpoint
 
 _HOME = {
     "Checkpoint": "elastid.store.unfinished",
     "Stamp": "elastid.store.files",
+    "changed_texts": "elastid.store.text_checksums",
     "described": "elastid.store.description",
+    "has_checksum": "elastid.store.checksum",
     "is_intact": "elastid.store.checksum",
+    "keep_checksums": "elastid.store.text_checksums",
     "kind_of": "elastid.store.files",
     "one_writer": "elastid.store.lock",
     "read_configurations": "elastid.store.measured",
@@ -79,8 +84,11 @@ _HOME = {
 __all__ = [
     "Checkpoint",
     "Stamp",
+    "changed_texts",
     "described",
+    "has_checksum",
     "is_intact",
+    "keep_checksums",
     "kind_of",
     "one_writer",
     "read_configurations",

@@ -30,6 +30,12 @@ def is_intact(path: Path | str) -> bool:
     return _is_intact(Path(path), found.st_ino, found.st_size, found.st_mtime_ns)
 
 
+def has_checksum(path: Path | str) -> bool:
+    """Whether a file carries one: those of older versions do not, nor does one whose first bytes are damaged."""
+    with Path(path).open("rb") as file:
+        return file.read(len(_MARK)) == _MARK
+
+
 @lru_cache(maxsize=256)
 def _is_intact(path: Path, inode: int, size: int, written_ns: int) -> bool:
     with path.open("rb") as file:

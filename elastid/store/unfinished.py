@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections import Counter
@@ -61,7 +62,7 @@ class Checkpoint(MutableMapping[str, Any]):
         """The part of that name; KeyError where it is absent, damaged or of another key."""
         try:
             content = json.loads(self._path(name).read_text(encoding="utf-8"))
-            if content["key"] == self.key:
+            if content["key"] == self.key and content["sha256"] == _digest(content["value"]):
                 return _READ[content["kind"]](**content["value"])
         except (OSError, ValueError, TypeError):
             pass
@@ -71,7 +72,7 @@ class Checkpoint(MutableMapping[str, Any]):
         """Keep a finished part."""
         content = {"key": self.key, "kind": _KIND_OF[type(value)], "value": asdict(value)}
         with text_file(self._path(name)) as file:
-            json.dump(content, file, default=_as_list)
+            json.dump(content | {"sha256": _digest(content["value"])}, file, default=_as_list)
 
     def __delitem__(self, name: str) -> None:
         """Forget it."""
@@ -101,6 +102,11 @@ class Checkpoint(MutableMapping[str, Any]):
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{quote(name, safe=' ')}.json"
+
+
+def _digest(value: Any) -> str:
+    """SHA-256 of the fields of a part: a bit that flips in a number leaves valid JSON, and another result."""
+    return hashlib.sha256(json.dumps(value, default=_as_list).encode()).hexdigest()
 
 
 def _as_list(value: Any) -> Any:

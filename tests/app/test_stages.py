@@ -1,6 +1,7 @@
 """file -> value -> file: what is kept, what is done again, what is left when work is stopped."""
 
 import csv
+import hashlib
 import json
 import shutil
 import subprocess
@@ -134,6 +135,55 @@ def test_a_result_that_has_changed_on_the_disk_is_made_again(copy: Path, capsys:
     run_all(Run(run.loaded, run.folder, 1, Console(0)))
     assert "frf.h5 has changed since it was written; it is made again" in capsys.readouterr().err
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "stage"),
+    [
+        ("summary.json", "fit"),
+        ("identified_robot.yml", "fit"),
+        ("validation.json", "validate"),
+        ("report.html", "report"),
+        ("references/*.csv", "design"),
+    ],
+)
+def test_a_text_that_has_changed_on_the_disk_is_made_again(
+    copy: Path, worked_on: list[str], capsys: pytest.CaptureFixture[str], name: str, stage: str
+) -> None:
+    """One digit that another program would read, or a robot would follow: `run` says so and makes it again."""
+    path = min((copy / "run").glob(name))
+    spoilt = bytearray(path.read_bytes())
+    spoilt[len(spoilt) // 2] ^= 1
+    path.write_bytes(spoilt)
+    run_all(run_of(copy / "study.yml", copy / "run"))
+    assert worked_on == [stage]
+    assert f"{path.name} has changed since it was written; it is made again" in capsys.readouterr().err
+
+
+def test_a_result_without_a_checksum_is_used_with_a_word_and_made_again_by_run(
+    copy: Path, worked_on: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As those of older versions, or one whose first bytes are damaged: a single stage warns, `run` makes it again."""
+    path = copy / "run" / "frf.h5"
+    path.write_bytes(b"\0" + path.read_bytes()[1:])
+    run = run_of(copy / "study.yml", copy / "run")
+    run_stage(run, "fit")
+    assert "frf.h5 carries no checksum" in capsys.readouterr().err
+    run_all(run)
+    assert worked_on == ["fit", "estimate"]
+
+
+def test_an_intact_run_folder_agrees_with_its_checksums(finished: Path) -> None:
+    """Every file that stages left is in the list but HDF5 files, which carry their own, and the log."""
+    listed = {
+        line.split("  ", 1)[1]: line.split("  ", 1)[0]
+        for line in (finished / "run" / "checksums.sha256").read_text().splitlines()
+    }
+    files = [path for path in (finished / "run").rglob("*") if path.is_file() and path.suffix not in (".h5", ".log")]
+    names = {path.relative_to(finished / "run").as_posix() for path in files}
+    assert {name for name in names if not name.startswith("export/")} == {*listed, "checksums.sha256"}
+    for name, digest in listed.items():
+        assert hashlib.sha256((finished / "run" / name).read_bytes()).hexdigest() == digest
 
 
 def test_touching_or_commenting_the_study_does_not_measure_again(copy: Path, worked_on: list[str]) -> None:

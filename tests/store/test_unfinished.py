@@ -55,3 +55,14 @@ def test_parts_under_another_key_or_damaged_are_not_there(kept: Checkpoint) -> N
         del kept["refit-0"]
     kept.clear()
     assert not kept.folder.exists()
+
+
+def test_a_part_with_a_flipped_bit_is_the_same_or_not_there(kept: Checkpoint) -> None:
+    """Most flips of a digit leave valid JSON and another number, with which a resumed fit would end elsewhere."""
+    path = kept.folder / "start-0.json"
+    content = path.read_bytes()
+    for place in range(len(content)):
+        flipped = bytearray(content)
+        flipped[place] ^= 1
+        path.write_bytes(flipped)
+        assert "start-0" not in kept or repr(kept["start-0"]) == repr(START)

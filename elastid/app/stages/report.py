@@ -9,6 +9,7 @@ from elastid.fit.fitted_robot import FittedRobot
 from elastid.report.content import ReportContent
 from elastid.report.page.page import write_report
 from elastid.store import (
+    changed_texts,
     read_fit,
     read_forecast,
     read_friction,
@@ -20,6 +21,7 @@ from elastid.store import (
 )
 from elastid.store.comparison import read_comparison
 from elastid.store.twin import read_twin
+from elastid.validation.comparison import Comparison
 
 
 def report(run: Run) -> None:
@@ -51,9 +53,18 @@ def _content(run: Run) -> ReportContent:
         limit_use=read_peaks(plan) if plan is not None else None,
         nearest_run=read_rehearsal(plan) if plan is not None else None,
         robot=study.as_robot(),
-        comparison=read_comparison(run.folder / "compare.json", run.stamps["estimate"]),
+        comparison=_comparison(run),
         model_std=fitted.response_std,
         friction=friction,
         twin=read_twin(run.path("validate"), "validation"),
         contents=contents(study, friction, result.parameters.free),
     )
+
+
+def _comparison(run: Run) -> Comparison | None:
+    """That of compare.json, where it is of these responses and as it was written."""
+    if changed_texts(run.folder, ["compare.json"]):
+        path = run.folder / "compare.json"
+        run.console.warn(f"{path} has changed since it was written and is left out; run `elastid compare` again")
+        return None
+    return read_comparison(run.folder / "compare.json", run.stamps["estimate"])
