@@ -26,7 +26,12 @@ from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearis
 from elastid.fit.setup.gain_scale import check_scale
 from elastid.fit.setup.geometry import check_geometry
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.setup.response_checks import check_responses, find_copies, find_same_postures
+from elastid.fit.setup.response_checks import (
+    check_responses,
+    find_contradictions,
+    find_copies,
+    find_same_postures,
+)
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.multistart import Interrupted, multistart, spread
 from elastid.fit.spec import FitSpec
@@ -130,7 +135,8 @@ def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]
     """Known before the result is diagnosed: data that count twice, data left out, an optimum that still moves."""
     responses = assembly.responses
     twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
-    return (*twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
+    unlike = find_contradictions(responses, assembly.spec.robots)
+    return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
 
 
 def check_effects(fit: ElasticFit, robot: Robot) -> None:

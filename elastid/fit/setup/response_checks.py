@@ -17,6 +17,9 @@ from elastid.robot import Robot
 ANGLE_TOLERANCE = 2e-5
 # Two responses with more than this share of their lines in common are one measurement.
 MAX_SHARED_LINES = 0.5
+# Medians over the lines beyond which two responses are not of one posture: of |G1 - G2| / |G|, which friction changes
+# by less from one measurement to the next, and of the same over its standard deviation.
+MAX_DIFFERENCE, MAX_DIFFERENCE_OVER_STD = 0.3, 5.0
 
 
 def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> None:
@@ -67,6 +70,56 @@ def find_same_postures(
             "twice; leave one out where it was not, and name them in fit.robots where they are of two robots",
         ),
     )
+
+
+def find_contradictions(
+    responses: Sequence[FrequencyResponse], robots: Mapping[str, Sequence[str]]
+) -> tuple[Note, ...]:
+    """A warning where responses of one robot at the same declared angles differ far beyond their noise.
+
+    No parameters explain both; those that are found are of neither.
+    """
+    unlike = [
+        (f"{one.configuration.name} and {other.configuration.name}", *found)
+        for one, other in _same_postures(responses)
+        if _are_of_one_robot(one.configuration.name, other.configuration.name, robots)
+        and (found := _difference(one, other))[0] > MAX_DIFFERENCE
+        and found[1] > MAX_DIFFERENCE_OVER_STD
+    ]
+    if not unlike:
+        return ()
+    _, share, over_std = max(unlike, key=lambda pair: pair[1])
+    return (
+        Note(
+            "unlike-at-one-posture",
+            f"declared at the same angles, and their responses differ: {', '.join(pair[0] for pair in unlike)}, by up "
+            f"to {100 * share:.0f} % (median of the lines), {over_std:.0f} times their noise; no parameters explain "
+            "both, and those that are found may be off by many times their std: correct the angles under "
+            "experiment.configurations, or name the robots in fit.robots where they are of two",
+        ),
+    )
+
+
+def _are_of_one_robot(one: str, other: str, robots: Mapping[str, Sequence[str]]) -> bool:
+    return not any((one in members) != (other in members) for members in robots.values())
+
+
+def _difference(one: FrequencyResponse, other: FrequencyResponse) -> tuple[float, float]:
+    """Medians over common lines of the elements' difference: relative to the larger one, and over its std.
+
+    Without common lines both are 0; where the noise is not known, it is taken for none.
+    """
+    _, here, there = np.intersect1d(one.freq_hz, other.freq_hz, assume_unique=True, return_indices=True)
+    if not here.size:
+        return 0.0, 0.0
+    G, H = one.G[here], other.G[there]
+    difference = np.abs(G - H)
+    variance = sum(
+        0.0 if covariance is None else covariance.variance[lines]
+        for covariance, lines in ((one.noise, here), (other.noise, there))
+    )
+    relative = difference / np.maximum(np.maximum(np.abs(G), np.abs(H)), 1e-300)
+    return float(np.median(relative)), float(np.median(difference / np.sqrt(np.maximum(variance, 1e-300))))
 
 
 def _same_postures(responses: Sequence[FrequencyResponse]) -> Iterator[tuple[FrequencyResponse, FrequencyResponse]]:

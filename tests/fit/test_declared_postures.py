@@ -1,0 +1,65 @@
+"""Responses of other postures than the study declares are told from measurements that were repeated at one."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.notes import said
+
+from elastid.fit.identify import identify
+from elastid.fit.setup.response_checks import find_contradictions
+from elastid.fit.spec import FitSpec
+from elastid.linear.linearise import Linearisation
+from elastid.linear.response.transfer import to_response
+from elastid.model.serial import serial
+from elastid.record import Configuration
+from elastid.response import Covariance, FrequencyResponse
+from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
+
+FREQ_HZ = np.linspace(2, 50, 40)
+POSTURES = ((0.3, 0.2), (0.9, -0.6), (-0.5, 1.0))
+
+
+def arm(k_1: float = 3e4, friction: float = 1e-2) -> Robot:
+    """Two links in a vertical plane with elastic gears."""
+    shoulder = Joint("1", "y", Spring(k_1, 60), Motor(2e-3, 60, friction))
+    elbow = Joint("2", "y", Spring(2e4, 40), Motor(1e-3, 60, friction))
+    upper = Body("upper", joints=(shoulder,), mass=40, center_of_mass=(0, 0, 0.4), inertia=3.0)
+    fore = Body("fore", "upper", Placement((0, 0, 0.8)), (elbow,), 25.0, (0.3, 0, 0), 1.0)
+    return Robot("arm", (upper, fore))
+
+
+def measured(robot: Robot, angles: tuple[float, float], name: str) -> FrequencyResponse:
+    """The response in a posture with 2 % noise of known variance, declared to be in the first one."""
+    model, rng = serial(robot), np.random.default_rng(len(name))
+    linear = Linearisation.of(model).at(Configuration(name, angles), model.theta, model.inputs, "acceleration")
+    exact = to_response(linear, linear.theta_ref, FREQ_HZ)
+    std = 0.02 * np.abs(exact.G) + 2e-4 * np.abs(exact.G).max(axis=0)
+    noise = std * (rng.standard_normal(std.shape) + 1j * rng.standard_normal(std.shape)) / math.sqrt(2)
+    declared = Configuration(name, POSTURES[0])
+    return replace(exact, configuration=declared, G=exact.G + noise, noise=Covariance(std**2, np.inf))
+
+
+def test_three_postures_declared_as_one_are_reported() -> None:
+    """All three pairs, by how much they differ, and what to correct; beside the result of the fit as well."""
+    responses = [measured(arm(), angles, "c" * (i + 1)) for i, angles in enumerate(POSTURES)]
+    (note,) = find_contradictions(responses, {})
+    assert note.severity == "warning"
+    assert "differ: c and cc, c and ccc, cc and ccc, by up to 1" in note.text
+    assert "correct the angles under experiment.configurations" in note.text
+    result = identify(responses, arm(), FitSpec(starts=1, seed=0))
+    assert note.text in said(result.notes)
+
+
+@pytest.mark.parametrize("other", [arm(friction=2e-2), arm(k_1=3.3e4)], ids=["warmer", "softer"])
+def test_a_posture_measured_twice_is_not(other: Robot) -> None:
+    """With the friction of another day, or a spring that is 10 % off: the fit has its own words for these."""
+    responses = [measured(arm(), POSTURES[0], "one"), measured(other, POSTURES[0], "again")]
+    assert find_contradictions(responses, {}) == ()
+
+
+def test_robots_that_are_named_may_differ() -> None:
+    responses = [measured(arm(), POSTURES[0], "a"), measured(arm(k_1=6e4), POSTURES[0], "bb")]
+    assert find_contradictions(responses, {"A": ("a",), "B": ("bb",)}) == ()
+    assert find_contradictions(responses, {}) != ()
