@@ -31,6 +31,7 @@ class ReportContent:
     friction: what was taken out of the responses.  contents: of viscous coefficients, what they contain in words.
     twin: the motors' torque part by part, and the model simulated along a record.
     model_std: for each of frf the standard deviation (F, n_y, n_u) of the model, due to that of its parameters.
+    dense: for each of frf the model on lines of its own, among them the measured ones, and that standard deviation.
     provenance: name to text (version, seed, ...), shown as it is; without a date in it the page is reproducible.
     """
 
@@ -50,6 +51,7 @@ class ReportContent:
     nearest_run: Rehearsal | None = None
     comparison: Comparison | None = None
     model_std: tuple[FloatArray, ...] = ()
+    dense: tuple[tuple[FrequencyResponse, FloatArray], ...] = ()
     friction: FrictionTakenOut | None = None
     contents: Mapping[str, str] | None = None
     twin: TwinFindings = NO_TWIN

@@ -7,6 +7,7 @@ from elastid.app.run import Run
 from elastid.app.summaries import modes_of, truth
 from elastid.fit.fitted_robot import FittedRobot
 from elastid.report.content import ReportContent
+from elastid.report.model_lines import dense_models
 from elastid.report.page.page import write_report
 from elastid.store import (
     changed_texts,
@@ -55,6 +56,7 @@ def _content(run: Run) -> ReportContent:
         robot=study.as_robot(),
         comparison=_comparison(run),
         model_std=fitted.response_std,
+        dense=dense_models(fitted),
         friction=friction,
         twin=read_twin(run.path("validate"), "validation"),
         contents=contents(study, friction, result.parameters.free),

@@ -41,7 +41,7 @@ class Drawing:
     """A figure to draw, with a file-safe name, the section of the page that it belongs to, and a caption.
 
     draw(): the figure; it pickles, so that figures can be drawn in several processes.  on_page: not where the page
-    shows the same curves to explore.
+    shows the same to explore or in a table, nor of every single configuration: these are files beside the page.
     """
 
     name: str
@@ -56,18 +56,18 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
     rows = parameter_rows(content.result, content.truth, content.contents)
     if rows:
         caption = "Start, estimate and 95 % interval of every parameter."
-        yield Drawing("parameters", "parameters", caption, partial(forest, rows))
+        yield Drawing("parameters", "parameters", caption, partial(forest, rows), on_page=False)
     judged = [np.concatenate([a.rms_log_db.ravel(), a.rms_sigma.ravel()]) for a in content.validation.configurations]
     if any(np.isfinite(values).any() for values in judged):
         caption = "Error of the model by configuration (down) and element (across); 1 sigma and less is noise."
-        yield Drawing("errors", "validation", caption, partial(model_errors, content.validation))
+        yield Drawing("errors", "validation", caption, partial(model_errors, content.validation), on_page=False)
     if content.twin.balances:
         worst = max(content.twin.balances, key=lambda balance: balance.left)
         caption = f"{worst.place}, {worst.log}: {TORQUE_CAPTION}"
-        yield Drawing("torque", "torque", caption, partial(torque_balance_figure, worst))
+        yield Drawing("torque", "torque", caption, partial(torque_balance_figure, worst), on_page=False)
     yield from twin_drawings(content.twin.runs)
     yield from friction_drawings(content.friction, content.robot)
-    yield from _configurations(content)
+    yield from (replace(drawing, on_page=False) for drawing in _configurations(content))
     if content.comparison is not None and content.comparison.rows[0].misfit.size:
         caption = "Error of every model on each configuration when it was left out of the fit."
         yield Drawing("comparison", "comparison", caption, partial(left_out_errors, content.comparison))
@@ -79,12 +79,12 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("identifiability", "fit", caption, partial(identifiability, content.result))
     if any(not one.place for one in content.result.indices):
         caption = "Share of what V has beyond the noise that each would explain, were it free or read so, alone."
-        yield Drawing("modification_indices", "fit", caption, partial(modification_shares, content.result))
+        yield Drawing("modification_indices", "why", caption, partial(modification_shares, content.result))
     yield from _plan(content)
     yield from _limits(content)
     if content.plan is not None:
         caption = "Torque injected in the first experiment."
-        yield Drawing("excitation", "excitation", caption, partial(excitation, content.plan))
+        yield Drawing("excitation", "excitation", caption, partial(excitation, content.plan), on_page=False)
 
 
 def twin_drawings(runs: Iterable[TwinRun]) -> Iterator[Drawing]:
@@ -92,7 +92,7 @@ def twin_drawings(runs: Iterable[TwinRun]) -> Iterator[Drawing]:
     for i, run in enumerate(run for run in runs if run.signals):
         motor = max(run.of(TORQUE), key=lambda signal: signal.error).place
         caption = f"{run.log}, {motor}: {RUN_CAPTION}"
-        yield Drawing(f"twin-{i + 1}", "twin", caption, partial(twin_run_figure, run, motor))
+        yield Drawing(f"twin-{i + 1}", "twin", caption, partial(twin_run_figure, run, motor), on_page=False)
 
 
 def friction_drawings(friction: FrictionTakenOut | None, robot: Robot | None = None) -> Iterator[Drawing]:
@@ -145,7 +145,7 @@ def response_drawings(
         ("singular-values", "singular values of the response matrix", partial(singular_values, *shown)),
     ):
         drawing = of_configuration(measured.configuration.name, f"{file}-{kind}", f"{what}{beside}.", draw)
-        yield replace(drawing, on_page=kind == "singular-values")
+        yield replace(drawing, on_page=False)
 
 
 def of_configuration(configuration: str, name: str, caption: str, draw: Callable[[], Figure]) -> Drawing:
@@ -204,7 +204,7 @@ def _limits(content: ReportContent) -> Iterator[Drawing]:
             f"shaded: the {content.limit_use.margin:.0%} of it that are kept free; grey: not measured)."
         )
         draw = partial(nearest_run_signals, content.nearest_run, content.limit_use, content.plan)
-        yield Drawing("limits", "plan", caption, draw)
+        yield Drawing("limits", "plan", caption, draw, on_page=False)
 
 
 def file_names(responses: Iterable[FrequencyResponse]) -> list[str]:

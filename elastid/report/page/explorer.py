@@ -1,8 +1,4 @@
-"""The interactive FRF matrix of the page: its data as JSON, and its scripts.
-
-Values are whole hundredths of a dB and tenths of a degree in 16 bits, so that 20 configurations of six axes take a few
-megabytes; -32768 stands for values that are not finite.
-"""
+"""The interactive FRF matrix of the page: its data, each number once as a 32-bit float in base64, and its scripts."""
 
 from __future__ import annotations
 
@@ -13,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.report.figures import style
 from elastid.report.figures.responses import configuration_title
 from elastid.report.page.embedding import asset, embedded
 from elastid.response import FrequencyResponse
 from elastid.validation.residual_tests import smoothed_std
 
-DB_STEP, DEGREE_STEP = 0.01, 0.1
-_NOT_FINITE = -32768
+# Scripts of a page with curves, in the order in which they need one another.
+SCRIPTS = ("curves.js", "explorer.js", "first_screen.js")
 
 
 @dataclass(frozen=True)
@@ -36,87 +32,90 @@ class Explorer:
 def explorer(
     pairs: Sequence[tuple[FrequencyResponse, FrequencyResponse | None]],
     left_out: Sequence[str] = (),
-    model_std: Sequence[FloatArray] = (),
+    models: Sequence[tuple[FrequencyResponse, FloatArray | None]] = (),
 ) -> Explorer:
-    """Response of every configuration, measured and, where there is a model, modelled with its std (F, n_y, n_u)."""
+    """Response of every configuration, measured and, where there is a model, modelled.
+
+    models: of each configuration the model on lines of its own, among them the measured ones, and its standard
+    deviation (L, n_y, n_u); else each model is drawn on the measured lines.
+    """
     first = pairs[0][0]
     content = {
         "frequency_unit": "Hz" if first.rate_is_known else "of the sampling rate",
         "quantities": _quantities(first),
         "responses": [
-            _response(measured, modelled, left_out, std)
-            for (measured, modelled), std in zip(pairs, model_std or (None,) * len(pairs), strict=True)
+            _response(measured, (modelled, None) if dense is None else dense, left_out)
+            for (measured, modelled), dense in zip(pairs, models or (None,) * len(pairs), strict=True)
         ],
     }
-    scripts = asset("uplot", "uPlot.iife.min.js"), asset("explorer.js")
-    return Explorer(embedded(content), scripts, asset("uplot", "uPlot.min.css"))
+    return Explorer(embedded(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
+
+
+def curve_scripts() -> tuple[str, ...]:
+    """The plotting library and the page's own scripts, in order."""
+    return asset("uplot", "uPlot.iife.min.js"), *(asset(name) for name in SCRIPTS)
 
 
 def _quantities(response: FrequencyResponse) -> Mapping[str, Any]:
-    """The quantities to choose from, and the look of their curves."""
-    measured = {"key": "measured", "label": "measured", "color": style.MEASURED, "points": True, "ranged": True}
-    fitted = {"key": "fitted", "label": "model", "color": style.FITTED, "points": False, "width": 1.5, "ranged": True}
-    levels = [
-        {"key": "residual", "label": "|measured − model|", "color": style.RESIDUAL, "points": False, "width": 0.7},
-        {"key": "noise", "label": "std of noise", "color": style.NOISE, "points": False, "width": 1, "dash": [6, 4]},
-        {"key": "total", "label": "std of noise + nonlinear", "color": style.TOTAL, "points": False, "width": 1}
-        | {"dash": [2, 3]},
-        {"key": "model", "label": "std of the model", "color": style.START, "points": False, "width": 1}
-        | {"dash": [8, 3, 2, 3]},
+    """The quantities to choose from; of each curve its look and the arrays that it needs."""
+    measured = _curve("measured", "measured", style.MEASURED, ["G"], points=True, ranged=True)
+    fitted = _curve("fitted", "model", style.FITTED, ["model"], width=1.5, ranged=True)
+    magnitude = [
+        measured,
+        fitted,
+        *(
+            _curve(end, "95 % band of the model", f"{style.FITTED}55", ["model", "std"], width=0.6, unread=True)
+            | {"fill": f"{style.FITTED}33"}
+            for end in ("low", "high")
+        ),
+        _curve("residual", "|measured − model|", style.RESIDUAL, ["G", "model"], width=0.7),
+        _curve("noise", "std of noise", style.NOISE, ["noise"], width=1, dash=[6, 4]),
+        _curve("total", "std of noise + nonlinear", style.TOTAL, ["total"], width=1, dash=[2, 3]),
+        _curve("model", "std of the model", style.START, ["std"], width=1, dash=[8, 3, 2, 3]),
     ]
     phase = [one | {"key": f"{one['key']}_phase"} for one in (measured, fitted)]
+    ratio = _curve("ratio", "residual / std", style.MEASURED, ["G", "model", "noise"], points=True, ranged=True)
+    coherence = _curve("coherence", "coherence", style.NOISE, ["coherence"], points=True, ranged=True)
+    decibel = f"magnitude, dB re 1 {style.pretty_unit(response.unit)}"
     return {
-        "magnitude": {
-            "title": f"magnitude, dB re 1 {style.pretty_unit(response.unit)}",
-            "unit": "dB",
-            "step": DB_STEP,
-            "digits": 2,
-            "curves": [measured, fitted, *levels],
-        },
-        "phase": {
-            "title": "phase, degrees",
-            "unit": "degrees",
-            "step": DEGREE_STEP,
-            "digits": 1,
-            "range": [-190, 190],
-            "curves": phase,
-        },
+        "magnitude": {"title": decibel, "unit": "dB", "digits": 2, "curves": magnitude},
+        "phase": {"title": "phase, degrees", "unit": "degrees", "digits": 1, "range": [-190, 190], "curves": phase},
+        "coherence": {"title": "coherence", "unit": "", "digits": 4, "range": [0, 1.05], "curves": [coherence]},
+        "ratio": {"title": "residual / std of noise", "unit": "std", "digits": 2, "curves": [ratio]},
     }
+
+
+def _curve(key: str, label: str, color: str, needs: Sequence[str], **look: Any) -> dict[str, Any]:
+    return {"key": key, "label": label, "color": color, "needs": list(needs), "points": False} | look
 
 
 def _response(
-    measured: FrequencyResponse,
-    modelled: FrequencyResponse | None,
-    left_out: Sequence[str],
-    model_std: FloatArray | None,
+    measured: FrequencyResponse, model: tuple[FrequencyResponse | None, FloatArray | None], left_out: Sequence[str]
 ) -> Mapping[str, Any]:
-    curves = {
-        "measured": _packed(style.in_db(measured.G), DB_STEP),
-        "measured_phase": _packed(np.degrees(np.angle(measured.G)), DEGREE_STEP),
-    }
+    modelled, std = model
+    freq = measured.freq_hz if modelled is None else modelled.freq_hz
+    arrays = {"G": _packed(measured.G)}
     if modelled is not None:
-        curves |= {
-            "fitted": _packed(style.in_db(modelled.G), DB_STEP),
-            "residual": _packed(style.in_db(measured.G - modelled.G), DB_STEP),
-            "fitted_phase": _packed(np.degrees(np.angle(modelled.G)), DEGREE_STEP),
-        }
+        arrays["model"] = _packed(modelled.G)
+    if std is not None:
+        arrays["std"] = _packed(std)
     for name, covariance in (("noise", measured.noise), ("total", measured.total)):
         if covariance is not None:
-            curves[name] = _packed(style.in_db(smoothed_std(measured, covariance)[0]), DB_STEP)
-    if model_std is not None:
-        curves["model"] = _packed(style.in_db(model_std), DB_STEP)
+            arrays[name] = _packed(smoothed_std(measured, covariance)[0])
+    if measured.quality is not None:
+        arrays["coherence"] = _packed(measured.quality.coherence)
     return {
         "title": configuration_title(measured, measured.configuration.name in left_out),
+        "name": measured.configuration.name,
         "inputs": list(measured.inputs),
         "outputs": list(measured.outputs),
-        "freq": [float(f"{f:.6g}") for f in measured.freq_hz],
-        "curves": curves,
+        "freq": [float(f"{f:.6g}") for f in freq],
+        "at": np.searchsorted(freq, measured.freq_hz).tolist(),
+        "arrays": arrays,
     }
 
 
-def _packed(values: FloatArray, step: float) -> str:
-    """(F, n_y, n_u) as 16-bit whole steps, element by element, little end first, in base64."""
-    with np.errstate(invalid="ignore"):
-        steps = np.clip(np.round(values / step), -32767, 32767)
-    whole = np.where(np.isfinite(values), steps, _NOT_FINITE).astype("<i2")
-    return base64.b64encode(np.ascontiguousarray(whole.transpose(1, 2, 0)).tobytes()).decode("ascii")
+def _packed(values: FloatArray | ComplexArray) -> str:
+    """(n, n_y, n_u) as 32-bit floats, element by element, real before imaginary part, little end first, in base64."""
+    single = "<c8" if np.iscomplexobj(values) else "<f4"
+    return base64.b64encode(np.ascontiguousarray(values.transpose(1, 2, 0)).astype(single).tobytes()).decode("ascii")

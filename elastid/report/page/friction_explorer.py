@@ -14,7 +14,7 @@ from elastid.friction_fit.static_law import StaticLaw
 from elastid.report.figures import style
 from elastid.report.figures.friction_curve import DIRECTIONS, Z_95, Condition, law_band, law_directions, units
 from elastid.report.page.embedding import asset, embedded
-from elastid.report.page.explorer import Explorer
+from elastid.report.page.explorer import Explorer, curve_scripts
 
 POINTS = 120
 # Key and label of a direction.
@@ -26,14 +26,13 @@ def friction_explorer(joints: Iterable[JointFriction]) -> Explorer | None:
     laws = [(joint.joint, joint.static) for joint in joints if joint.static is not None]
     if not laws:
         return None
-    quantity = {"title": "friction", "unit": "", "step": 1, "digits": None, "curves": _looks()}
+    quantity = {"title": "friction", "unit": "", "digits": None, "curves": _looks()}
     content = {
         "frequency_unit": "rad/s",
         "quantities": {"friction": quantity},
         "responses": [_curve(name, law) for name, law in laws],
     }
-    scripts = asset("uplot", "uPlot.iife.min.js"), asset("explorer.js")
-    return Explorer(embedded(content), scripts, asset("uplot", "uPlot.min.css"))
+    return Explorer(embedded(content), curve_scripts(), asset("uplot", "uPlot.min.css"))
 
 
 def _looks() -> list[Mapping[str, Any]]:

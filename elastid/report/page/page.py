@@ -17,6 +17,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 from PIL import Image
 
+from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
 from elastid.base.note import grouped
 from elastid.base.numbers import digits, interval_of, number, percent
@@ -24,10 +25,12 @@ from elastid.report.content import ReportContent
 from elastid.report.figures.drawings import CONFIGURATION, Drawing, drawings
 from elastid.report.friction_rows import friction_rows
 from elastid.report.page.booklet import PDF_METADATA, bound, front_pages, missing_glyphs_allowed
-from elastid.report.page.embedding import script_policy
+from elastid.report.page.embedding import asset, script_policy
 from elastid.report.page.explorer import explorer
+from elastid.report.page.first_screen import first_screen, row_axis
 from elastid.report.page.mode_viewer import mode_viewer
 from elastid.report.parameter_rows import parameter_rows
+from elastid.response import FrequencyResponse
 
 FigureFormat: TypeAlias = Literal["png", "pdf"]
 
@@ -36,7 +39,7 @@ DPI = 110
 MAX_COLORS = 256
 # Beyond this, the largest figures are links to files. With the data of 20 configurations of a six-axis robot the page
 # then stays below 10 MB.
-MAX_FIGURE_BYTES = 6_000_000
+MAX_FIGURE_BYTES = 1_200_000
 
 
 @dataclass(frozen=True)
@@ -112,13 +115,14 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
     free = set(content.result.parameters.free_names)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
     left_out = [agreement.configuration for agreement in content.validation.left_out]
-    frf = explorer(content.frf, left_out, content.model_std) if content.frf else None
+    frf = explorer(content.frf, left_out, _models(content)) if content.frf else None
     modes = mode_viewer(content.modes, rate_is_known)
-    scripts = [*(frf.scripts if frf else ()), *([modes.script] if modes else ())]
+    scripts = [*(frf.scripts if frf else [asset("first_screen.js")]), *([modes.script] if modes else ())]
+    rows = parameter_rows(content.result, content.truth, content.contents)
     return template("template.html.j2").render(
         content=content,
         result=content.result,
-        rows=parameter_rows(content.result, content.truth, content.contents),
+        rows=rows,
         given=[(p, content.result.values[p.name]) for p in content.result.parameters if p.name not in free],
         agreements=content.validation.configurations,
         figures=figures,
@@ -126,8 +130,18 @@ def html(content: ReportContent, figures: Collection[EmbeddedFigure]) -> str:
         mode_viewer=modes,
         scripts=scripts,
         policy=script_policy(scripts),
-        rate_is_known=rate_is_known,
+        hz="Hz" if rate_is_known else "units of the sampling rate",
+        axis=row_axis(rows),
+        **first_screen(content, rows),
     )
+
+
+def _models(content: ReportContent) -> tuple[tuple[FrequencyResponse, FloatArray | None], ...]:
+    """The model of each configuration to draw: on lines of its own, else on the measured ones with its std."""
+    if content.dense:
+        return content.dense
+    std = content.model_std or (None,) * len(content.frf)
+    return tuple((modelled, each) for (_, modelled), each in zip(content.frf, std, strict=True))
 
 
 def template(name: str) -> Template:

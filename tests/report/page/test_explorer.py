@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from plants.report_values import FREQ_HZ, full_content, pair, report_content
 
+from elastid.report.model_lines import MAX_VALUES, model_lines
 from elastid.report.page.explorer import explorer
 from elastid.report.page.page import MAX_FIGURE_BYTES
+from elastid.validation.agreement import validate
+from elastid.validation.residual_tests import smoothed_std
 
 
 def test_the_page_of_twenty_configurations_of_six_axes_stays_below_ten_megabytes():
-    """200 lines of 36 elements each, with every curve, beside as many figures as have room."""
-    frf = [pair(6, name=f"c{i}", seed=i, freq_hz=np.arange(2.0, 102.0, 0.5)) for i in range(20)]
-    data = explorer(frf, [], [0.01 * np.abs(G.G) for _, G in frf])
+    """200 lines of 36 elements each and the model's own, with every curve, beside as many figures as have room."""
+    freq_hz = np.arange(2.0, 102.0, 0.5)
+    frf = [pair(6, name=f"c{i}", seed=i, freq_hz=freq_hz) for i in range(20)]
+    lines = model_lines(freq_hz, list(range(5, 95, 5)), [0.05] * 18, MAX_VALUES // (20 * 36))
+    assert len(lines) > 2 * len(freq_hz)
+    _, model = pair(6, freq_hz=lines)
+    data = explorer(frf, [], [(model, 0.01 * np.abs(model.G))] * 20)
     assert len(data.data) + sum(map(len, data.scripts)) + MAX_FIGURE_BYTES < 9.9e6
 
 
@@ -54,24 +63,77 @@ def test_the_browser_shows_one_panel_an_element_with_the_numbers_of_the_study(op
 
 
 def test_the_browser_shows_the_uncertainty_of_the_model(visit, written):
+    """Once its curve is switched on in the legend."""
     content = full_content()
     page = visit(written(content))
+    page.locator("#explorer .key button", has_text="std of the model").click()
     _, frequency, numbers = hovered(page, 0, 0.4)
     line = int(np.argmin(np.abs(FREQ_HZ - frequency)))
     assert numbers["std of the model"] == pytest.approx(20 * np.log10(content.model_std[0][line, 0, 0]), abs=0.011)
 
 
+def test_the_legend_switches_curves(opened):
+    """A curve that is off has neither a line nor a number, and its button says so."""
+    button = opened.locator("#explorer .key button", has_text="std of noise + nonlinear")
+    assert "std of noise + nonlinear" in hovered(opened, 0, 0.4)[2]
+    button.click()
+    assert button.get_attribute("aria-pressed") == "false"
+    assert "std of noise + nonlinear" not in hovered(opened, 0, 0.4)[2]
+
+
 def test_the_browser_changes_configuration_quantity_and_element(opened):
-    measured, _ = report_content().frf[1]
-    configuration, quantity, element = (opened.locator("#explorer select").nth(i) for i in range(3))
-    configuration.select_option(index=1)
+    measured, modelled = report_content().frf[1]
+    opened.locator("#explorer [role=tab]").nth(1).click()
+    quantity, element = (opened.locator("#explorer select").nth(i) for i in range(2))
     quantity.select_option("phase")
-    element.select_option(label="motor 2 → place 1")
-    assert opened.locator("#explorer .u-wrap").count() == 1
-    name, frequency, numbers = hovered(opened, 0, 0.6)
+    name, frequency, numbers = hovered(opened, 1, 0.6)
     line = int(np.argmin(np.abs(measured.freq_hz - frequency)))
     assert name == "motor 2 → place 1"
     assert numbers["measured"] == pytest.approx(np.degrees(np.angle(measured.G[line, 0, 1])), abs=0.11)
+    element.select_option(label="motor 2 → place 1")
+    assert opened.locator("#explorer .u-wrap").count() == 3  # magnitude, phase, residual over noise
+    _, frequency, numbers = hovered(opened, 2, 0.6)
+    line = int(np.argmin(np.abs(measured.freq_hz - frequency)))
+    error = abs(measured.G[line, 0, 1] - modelled.G[line, 0, 1])
+    std = smoothed_std(measured, measured.total)[0][line, 0, 1]
+    assert numbers["residual / std"] == pytest.approx(error / std, abs=0.011)
+
+
+def test_a_thumbnail_opens_large_and_the_frequency_becomes_linear(opened):
+    opened.get_by_label("Enlarge motor 1 → place 2").click()
+    assert hovered(opened, 0, 0.4)[0] == "motor 1 → place 2"
+    logarithmic = hovered(opened, 0, 0.5)[1]
+    opened.locator("#explorer select").nth(2).select_option("linear")
+    assert hovered(opened, 0, 0.5)[1] > 2 * logarithmic
+
+
+def test_arrow_keys_step_through_the_measured_lines(opened):
+    measured, _ = report_content().frf[0]
+    opened.locator("#explorer [role=group]").first.focus()
+    for line in range(3):
+        opened.keyboard.press("ArrowRight")
+        text = opened.locator("#explorer output").inner_text()
+        assert float(text.split(", ")[1].split(" Hz")[0]) == pytest.approx(measured.freq_hz[line], rel=1e-5)
+
+
+def test_the_tabs_follow_the_arrow_keys(opened):
+    opened.locator("#explorer [role=tab]").first.focus()
+    opened.keyboard.press("ArrowRight")
+    chosen = opened.locator("#explorer [role=tab][aria-selected=true]")
+    assert chosen.inner_text().startswith("c2")
+
+
+def test_a_resonance_between_the_measured_lines_is_drawn(visit, written):
+    """Lines 4 Hz apart miss the peak of the model; the readout stays with the measured lines."""
+    freq_hz = np.arange(2.0, 60.0, 4.0)
+    lines = model_lines(freq_hz, [15.7], [0.02])
+    frf = (pair(1, freq_hz=freq_hz),)
+    content = report_content(frf=frf, validation=validate(*zip(*frf, strict=True), left_out=[]), plan=None)
+    page = visit(written(replace(content, dense=((pair(1, freq_hz=lines)[1], np.zeros((len(lines), 1, 1))),))))
+    drawn = page.evaluate("frf.values(frf.data.responses[0], 'fitted', 0)")
+    expected = 20 * np.log10(np.abs(pair(1, freq_hz=lines)[1].G[:, 0, 0]))
+    assert drawn == pytest.approx(expected.tolist(), abs=1e-3)
+    assert hovered(page, 0, 0.4)[1] in freq_hz
 
 
 def test_the_browser_zooms_all_panels_together_and_back(opened):
@@ -96,4 +158,4 @@ def test_names_from_a_file_cannot_run_in_the_browser(visit, written):
     content = report_content(title="<img src=x onerror=alert(1)>", frf=frf)
     page = visit(written(content))
     assert page.title() == "<img src=x onerror=alert(1)>"
-    assert "</script>" in page.locator("#explorer select").nth(0).inner_text()
+    assert page.evaluate("frf.data.responses[0].name") == frf[0][0].configuration.name

@@ -1,0 +1,141 @@
+"""The first screen of the page as values: the verdict in a sentence, width of each interval, where the model fails."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from elastid.base.numbers import number, percent
+from elastid.fit.result import FitResult
+from elastid.report.content import ReportContent
+from elastid.report.parameter_rows import ParameterRow
+from elastid.validation.results import Agreement
+
+# Half-width of a 95 % interval over the estimate, of a number that is known well, fairly, poorly.
+WIDTH_CLASSES = (0.02, 0.1, 0.5)
+WIDTH_WORDS = ("to 2 %", "to 10 %", "to 50 %", "wider")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """An element in one configuration: residual over its standard deviation, NaN where none is known; dB otherwise."""
+
+    configuration: int
+    element: int
+    name: str
+    value: float
+
+    @property
+    def level(self) -> int:
+        """0 where the residual is noise, to 3; of an unknown value 0."""
+        return int(np.searchsorted((1.3, 2.0, 4.0), self.value)) if math.isfinite(self.value) else 0
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A row of cells for each configuration; measure: the quantity of the cells; worst: the cell of the largest."""
+
+    rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    measure: str
+    worst: Cell | None
+
+
+def half_width(row: ParameterRow) -> float:
+    """Half of the 95 % interval over the estimate; infinite where the data do not reach."""
+    low, high = row.interval
+    return (high - low) / 2 / abs(row.estimate) if row.estimate and math.isfinite(high - low) else math.inf
+
+
+def width_class(row: ParameterRow) -> int:
+    """Index of WIDTH_WORDS."""
+    return int(np.searchsorted(WIDTH_CLASSES, half_width(row)))
+
+
+def springs_and_dampers(rows: Sequence[ParameterRow]) -> list[ParameterRow]:
+    """Rows of stiffness and damping; all rows where there is none."""
+    return [row for row in rows if row.name.startswith(("k", "d"))] or list(rows)
+
+
+def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
+    """The number with the widest interval among springs and dampers; None without numbers."""
+    return max(springs_and_dampers(rows), key=half_width, default=None)
+
+
+def verdict_sentence(result: FitResult, rows: Sequence[ParameterRow]) -> str:
+    """What the fit says of the numbers; the cause first where it did not converge, noise unknown said in it."""
+    return "; ".join(filter(None, (_of_status(result), _of_widths(rows), _of_truth(rows))))
+
+
+def _of_status(result: FitResult) -> str:
+    if result.status != "converged":
+        return result.message.rstrip(".")
+    if not result.noise_is_known:
+        return "the noise is unknown, so that nothing says whether the model describes the data"
+    if result.exceeds_noise:
+        return f"residuals {number(result.model_error, 2)} times the noise, which the intervals include"
+    return "the model describes the data"
+
+
+def _of_widths(rows: Sequence[ParameterRow]) -> str:
+    judged = springs_and_dampers(rows)
+    if not judged:
+        return ""
+    kind = "springs and dampers" if any(row.name.startswith(("k", "d")) for row in judged) else "numbers"
+    limit = next((w for w in WIDTH_CLASSES if sum(half_width(r) <= w for r in judged) >= len(judged) / 2), math.inf)
+    most = half_width(max(judged, key=half_width))
+    if most <= WIDTH_CLASSES[-1]:
+        return f"{len(judged)} of {len(judged)} {kind} known to {percent(most)} or better"
+    if not math.isfinite(limit):
+        return f"most of {len(judged)} {kind} known no better than to {percent(WIDTH_CLASSES[-1])}"
+    within = sum(half_width(row) <= limit for row in judged)
+    return f"{within} of {len(judged)} {kind} known to {percent(limit)} or better"
+
+
+def _of_truth(rows: Sequence[ParameterRow]) -> str:
+    known = [row for row in rows if row.truth is not None]
+    inside = sum(row.interval[0] <= row.truth <= row.interval[1] for row in known if row.truth is not None)
+    return f"{inside} of {len(known)} true values inside their intervals" if known else ""
+
+
+def strip(agreements: Sequence[Agreement]) -> Strip:
+    """Residual over noise of every element in every configuration; errors in dB where no noise is known."""
+    known = any(np.isfinite(one.rms_sigma).any() for one in agreements)
+    rows = tuple((one.configuration, _cells(q, one, known)) for q, one in enumerate(agreements))
+    every = [cell for _, cells in rows for cell in cells if math.isfinite(cell.value)]
+    worst = max(every, key=lambda cell: cell.value, default=None)
+    return Strip(rows, "residual / noise" if known else "error, dB", worst)
+
+
+def _cells(q: int, one: Agreement, known: bool) -> tuple[Cell, ...]:
+    values = one.rms_sigma if known else one.rms_log_db
+    return tuple(
+        Cell(q, i * len(one.inputs) + j, f"{source} → {output}", float(values[i, j]))
+        for i, output in enumerate(one.outputs)
+        for j, source in enumerate(one.inputs)
+    )
+
+
+def excess_sentence(result: FitResult) -> str:
+    """What would explain the residuals beyond the noise, the first of the sequence; empty where nothing is named."""
+    first = next((one for one in result.indices if one.place == 1), None)
+    if first is None:
+        return ""
+    change = ""
+    if len(first.values) and first.values[0]:
+        change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %"
+    return f"{percent(min(first.share, 1.0), 3)} of the excess would go with {first.name}{change}."
+
+
+def summary_line(content: ReportContent) -> str:
+    """Configurations, experiments and the robot's time."""
+    n = len(content.frf)
+    said = [f"{n} configuration{'s' if n != 1 else ''}"]
+    if content.plan is not None:
+        records = sum(content.plan.realisations) * len(content.plan.inputs)
+        said += [f"{records} records", f"{number(content.plan.robot_time_s, 3)} s of robot time"]
+    if version := content.provenance.get("elastid"):
+        said.append(f"elastid {version}")
+    return " · ".join(said)

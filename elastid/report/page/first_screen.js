@@ -1,0 +1,89 @@
+// The first screen: the plot of the element that a cell of the strip names, commands to copy; the table of numbers, sorted and filtered.
+"use strict";
+(() => {
+  const plotted = document.getElementById("worst");
+  if (plotted && frf) {
+    const title = plotted.querySelector(".title");
+    const place = plotted.querySelector(".plot");
+    const readout = plotted.querySelector("output");
+    const cells = [...document.querySelectorAll(".strip button")];
+    const off = new Set(["std of the model", "std of noise"]);
+    let plot = null;
+    let shown = cells.find((cell) => cell.getAttribute("aria-pressed") === "true") ?? null;
+    const draw = () => {
+      const [q, e] = shown ? [Number(shown.dataset.q), Number(shown.dataset.e)] : [0, 0];
+      const response = frf.data.responses[q];
+      plot?.destroy();
+      title.textContent = `${response.name ?? response.title}: ${frf.name(response, e)}`;
+      const inner = place.cloneNode(false);
+      place.replaceChildren(inner);
+      inner.className = "";
+      const quantity = frf.quantities(response)[0];
+      plot = frf.panel({ place: inner, response, quantity, e, width: Math.max(220, place.clientWidth), height: 240, sync: "first", titled: false, off, read: (text) => (readout.textContent = text) });
+      frf.legend(plotted.querySelector(".key"), response, quantity, off, draw);
+    };
+    cells.forEach((cell) =>
+      cell.addEventListener("click", () => {
+        cells.forEach((other) => other.setAttribute("aria-pressed", String(other === cell)));
+        shown = cell;
+        draw();
+      }),
+    );
+    plotted.hidden = false;
+    draw();
+    let resized;
+    window.addEventListener("resize", () => {
+      clearTimeout(resized);
+      resized = setTimeout(draw, 150);
+    });
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
+  }
+
+  // A page in a file may not write to the clipboard everywhere: then the text is selected.
+  const copy = async (text, from, button) => {
+    const before = button.textContent;
+    try {
+      await navigator.clipboard.writeText(text);
+      button.textContent = "copied";
+    } catch {
+      getSelection().selectAllChildren(from);
+      button.textContent = document.execCommand("copy") ? "copied" : "press Ctrl+C";
+    }
+    setTimeout(() => (button.textContent = before), 1500);
+  };
+  document.querySelectorAll("button.copy").forEach((button) => {
+    button.hidden = false;
+    button.addEventListener("click", () => copy(button.previousElementSibling.textContent, button.previousElementSibling, button));
+  });
+
+  const table = document.getElementById("numbers-table");
+  if (!table) return;
+  const body = table.tBodies[0];
+  const field = (text) => (/[",\n]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text);
+  const text = (cell) => cell.dataset.csv ?? cell.innerText.trim();
+  const csv = () =>
+    [table.tHead.rows[0], ...[...body.rows].filter((row) => !row.hidden)].map((row) => [...row.cells].map((cell) => field(text(cell))).join(",")).join("\n");
+  const controls = document.getElementById("numbers-controls");
+  controls.hidden = false;
+  controls.querySelector("input").addEventListener("input", (event) => {
+    const wanted = event.target.value.toLowerCase();
+    [...body.rows].forEach((row) => (row.hidden = !row.innerText.toLowerCase().includes(wanted) && !row.textContent.toLowerCase().includes(wanted)));
+  });
+  const button = controls.querySelector("button");
+  button.addEventListener("click", () => copy(csv(), table, button));
+  [...table.tHead.rows[0].cells].forEach((head, column) => {
+    if (!head.dataset.sort) return;
+    const sorter = document.createElement("button");
+    sorter.type = "button";
+    sorter.append(...head.childNodes);
+    head.append(sorter);
+    sorter.addEventListener("click", () => {
+      const up = head.getAttribute("aria-sort") !== "ascending";
+      [...table.tHead.rows[0].cells].forEach((other) => other.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", up ? "ascending" : "descending");
+      const key = (row) => row.cells[column].dataset.value ?? row.cells[column].innerText;
+      const order = (a, b) => (head.dataset.sort === "number" ? Number(key(a)) - Number(key(b)) : key(a).localeCompare(key(b)));
+      body.append(...[...body.rows].sort((a, b) => (up ? 1 : -1) * order(a, b)));
+    });
+  });
+})();

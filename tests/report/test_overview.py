@@ -1,0 +1,75 @@
+"""The first screen: the verdict follows the intervals and the status, and the actions follow the covariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.report_values import TRUTH, fit_result, report_content
+
+from elastid.base.numbers import percent
+from elastid.report.model_lines import model_lines
+from elastid.report.next_steps import PRIOR_STD, next_steps
+from elastid.report.overview import half_width, strip, verdict_sentence, widest
+from elastid.report.parameter_rows import parameter_rows
+
+
+def rows_of(result):
+    return parameter_rows(result, TRUTH)
+
+
+def test_the_verdict_is_of_the_numbers_and_names_the_cause_where_it_did_not_converge():
+    result = replace(fit_result(), status="converged", cost_dof=200.0)
+    sentence = verdict_sentence(result, rows_of(result))
+    assert sentence.startswith("the model describes the data; ")
+    assert "3 of 3 springs and dampers known to 40 % or better" in sentence
+    assert verdict_sentence(fit_result(), rows_of(result)).startswith("The fit ended with d_1 at its lower bound;")
+    unknown = replace(result, status="noise_unknown", cost_dof=np.nan, message="The noise is unknown.")
+    assert "noise is unknown" in verdict_sentence(unknown, rows_of(unknown))
+
+
+def test_the_widest_number_is_the_one_with_the_largest_ratio_of_interval_to_estimate():
+    rows = rows_of(fit_result())
+    worst = widest(rows)
+    assert worst is not None
+    assert worst.name == "d_1"
+    low, high = worst.interval
+    assert half_width(worst) == pytest.approx((high - low) / 2 / worst.estimate)
+
+
+def test_the_strip_points_at_the_largest_residual_over_noise():
+    content = report_content()
+    found = strip(content.validation.configurations)
+    assert found.worst is not None
+    values = np.array([a.rms_sigma.ravel() for a in content.validation.configurations])
+    q, e = np.unravel_index(int(values.argmax()), values.shape)
+    assert (found.worst.configuration, found.worst.element) == (q, e)
+    assert found.worst.value == values.max()
+
+
+def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
+    """Of two numbers correlated with 0.99, a prior on the other narrows the wider one as Bayes' rule says."""
+    result = fit_result()
+    std = np.array([0.1, 0.5, 0.01, 0.001])
+    r = np.eye(4)
+    r[0, 1] = r[1, 0] = -0.99
+    covariance = r * np.outer(std, std)
+    result = replace(result, covariance=covariance, status="converged")
+    found = next_steps(report_content(result=result), rows_of(result))
+    prior = next(action for action in found if "prior" in action.what)
+    e = np.eye(4)[0]
+    posterior = np.linalg.inv(np.linalg.inv(covariance) + np.outer(e, e) / PRIOR_STD**2)
+    assert "k_1" in prior.what
+    expected = half_width(rows_of(result)[1]) * np.sqrt(posterior[1, 1] / covariance[1, 1])
+    assert f"to ±{percent(expected)}." in prior.gain
+    assert prior.text == "fit.parameters.k_1: {prior: {std: 0.05}}"
+
+
+def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():
+    measured = np.arange(2.0, 60.0, 4.0)
+    lines = model_lines(measured, [29.68, 32.96], [0.01, 0.01])
+    assert set(measured) <= set(lines)
+    for f in (29.68, 32.96):
+        assert np.sum(np.abs(lines - f) < 0.01 * f) >= 4
+    assert len(model_lines(measured, [29.68], [0.01], 40)) == 40
