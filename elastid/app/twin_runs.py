@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from elastid.app.identified_robot import with_found_friction
 from elastid.app.run import Run
+from elastid.base.execution import Execution
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.fit.fitted_robot import robots_by_group
 from elastid.linear.linear_model import DELAY
@@ -12,7 +13,7 @@ from elastid.validation.elastic_twin_run import FittedTwin, elastic_runs
 from elastid.validation.twin_run import TwinRun
 
 
-def runs_of_fit(run: Run) -> tuple[TwinRun, ...]:
+def runs_of_fit(run: Run, execution: Execution) -> tuple[TwinRun, ...]:
     """Along the first record of the first configuration that was left out, or else of the first of all."""
     study, path = run.study, run.path("measure")
     names = read_configurations(path)
@@ -26,7 +27,7 @@ def runs_of_fit(run: Run) -> tuple[TwinRun, ...]:
     moved = with_found_friction(robot, read_friction(run.path("estimate")))
     record = next(iter(read_records(path, chosen)))
     band_hz = float(responses[0].freq_hz[0]), float(responses[0].freq_hz[-1])
-    return elastic_runs(record, FittedTwin(moved, numbers.get(DELAY, 0.0), study.model), band_hz, _rig(run))
+    return elastic_runs(record, FittedTwin(moved, numbers.get(DELAY, 0.0), study.model), band_hz, _rig(run), execution)
 
 
 def _rig(run: Run) -> SimulatedRig | None:

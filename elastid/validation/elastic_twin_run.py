@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Execution
 from elastid.excitation.grids import grid_lines, line_frequencies
 from elastid.experiment.plan.plan import Experiment
 from elastid.experiment.simulated.hardware import filter_motions
@@ -46,7 +48,11 @@ class FittedTwin:
 
 
 def elastic_runs(
-    record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None
+    record: Record,
+    twin: FittedTwin,
+    band_hz: tuple[float, float],
+    rig: SimulatedRig | None,
+    execution: Execution | None = None,
 ) -> tuple[TwinRun, ...]:
     """The runs along a record, compared within band_hz.
 
@@ -54,9 +60,8 @@ def elastic_runs(
     """
     if not record.rate_is_known:
         return ()
-    short = _shortened(record)
-    runs = (_run(short, twin, band_hz, "torque", None),)
-    return runs if rig is None else (*runs, _run(short, twin, band_hz, "reference", rig))
+    rigs = [None] if rig is None else [None, rig]
+    return tuple((execution or Execution()).ordered(partial(_run, _shortened(record), twin, band_hz), rigs))
 
 
 def _shortened(record: Record) -> Record:
@@ -67,9 +72,9 @@ def _shortened(record: Record) -> Record:
     return replace(record, u=record.u[:n], y=record.y[:n], r=None, period_samples=n)
 
 
-def _run(
-    record: Record, twin: FittedTwin, band_hz: tuple[float, float], drive: Drive, rig: SimulatedRig | None
-) -> TwinRun:
+def _run(record: Record, twin: FittedTwin, band_hz: tuple[float, float], rig: SimulatedRig | None) -> TwinRun:
+    """Driven by the torque of the record, or by the reference of a rig."""
+    drive: Drive = "torque" if rig is None else "reference"
     held_hz = HELD_SHARE * band_hz[0] if rig is None else 0.0
     seconds = record.period_samples / record.rate_hz
     empty = TwinRun(record.name, drive, held_hz, seconds, record.rate_hz)

@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen_value
 from elastid.base.errors import DataError, StudyError
+from elastid.base.execution import Execution
 from elastid.experiment.specs.cascade import CascadeSpec
 from elastid.friction_fit.motion import rigid_torque
 from elastid.friction_fit.motion_signals import MotionSignals
@@ -56,18 +58,22 @@ class _Log:
 
 
 def friction_runs(
-    robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords, controller: CascadeSpec | None
+    robot: Robot,
+    joints: Sequence[JointFriction],
+    measured: FrictionRecords,
+    controller: CascadeSpec | None,
+    execution: Execution | None = None,
 ) -> tuple[TwinRun, ...]:
     """The twin along the first log of each group of joints that moved together, under its torque and its reference.
 
     robot: with the identified friction.  controller: None where it is not known; no reference drives the twin then.
     """
-    runs: list[TwinRun] = []
+    driven: list[tuple[_Log, CascadeSpec | None]] = []
     for log in _logs(robot, joints, measured):
-        runs.append(_run(robot, log, "torque", None))
+        driven.append((log, None))
         if controller is not None and all(record.reference is not None for record in log.records):
-            runs.append(_run(robot, log, "reference", controller))
-    return tuple(runs)
+            driven.append((log, controller))
+    return tuple((execution or Execution()).ordered(partial(_run, robot), driven))
 
 
 def _logs(robot: Robot, joints: Sequence[JointFriction], measured: FrictionRecords) -> list[_Log]:
@@ -105,7 +111,10 @@ def _log(robot: Robot, members: Sequence[tuple[JointFriction, FrictionRecord]]) 
     )
 
 
-def _run(robot: Robot, log: _Log, drive: Drive, controller: CascadeSpec | None) -> TwinRun:
+def _run(robot: Robot, driven: tuple[_Log, CascadeSpec | None]) -> TwinRun:
+    """Along a log, driven by its torque, or by its reference through a controller."""
+    log, controller = driven
+    drive: Drive = "torque" if controller is None else "reference"
     held_hz = HELD_HZ if controller is None else 0.0
     empty = TwinRun(log.records[0].name, drive, held_hz, len(log.position) / log.rate_hz, log.rate_hz)
     start = Configuration(log.records[0].name, log.position[0])

@@ -9,6 +9,7 @@ from elastid.app.run import Run
 from elastid.app.summaries import write_summary
 from elastid.app.tables import friction_table
 from elastid.base.errors import FitError
+from elastid.base.execution import Execution
 from elastid.experiment.simulated.plant import true_robot
 from elastid.friction_fit.identify import identify_friction
 from elastid.friction_fit.law_choice import NOT_ASKED
@@ -36,7 +37,8 @@ def friction(run: Run) -> None:
     except FitError as error:
         write_summary(path, failed_friction(study, str(error)))
         raise
-    twin = TwinFindings(friction_balances(result.joints, measured), runs_of_friction(study, result, measured))
+    runs = runs_of_friction(study, result, measured, Execution(run.jobs))
+    twin = TwinFindings(friction_balances(result.joints, measured), runs)
     write_summary(path, friction_study_summary(study, result, twin))
     with text_file(run.folder / run.stages["friction"].leaves[2]) as file:
         file.write(robot_of_friction(study, result))

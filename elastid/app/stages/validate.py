@@ -2,36 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
-from elastid.app.dry_friction import shaft_couplings
+from elastid.app.records_in_time import InTime, records_in_time
 from elastid.app.run import Run
 from elastid.app.summaries import validation_summary, write_summary
 from elastid.app.twin_runs import runs_of_fit
-from elastid.base.errors import StudyError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.fitted_robot import FittedRobot
-from elastid.frf.friction.net_torque import net_records
 from elastid.response import FrequencyResponse
-from elastid.store import (
-    read_configurations,
-    read_fit,
-    read_friction,
-    read_records,
-    read_responses,
-    read_stamp,
-    write_validation,
-)
+from elastid.store import read_fit, read_responses, read_stamp, write_validation
 from elastid.validation.agreement import validate as validate_responses
 from elastid.validation.compare import ComparedVariant, RefitTask, refit
 from elastid.validation.cost import cost_p, explain_cost
 from elastid.validation.cross_validation import describe_folds, divide, gather_folds
-from elastid.validation.elastic_twin import elastic_balances, model_parts, rigid_linearisation
-from elastid.validation.replay import describe_replays, replay
-from elastid.validation.results import Fold, Replay, Validation
-from elastid.validation.twin import TorqueBalance, describe_balance
+from elastid.validation.replay import describe_replays
+from elastid.validation.results import Fold, Validation
+from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
 
 
@@ -39,10 +28,10 @@ def validate(run: Run) -> None:
     """validation.h5 and validation.json: how far the fitted model carries, on left-out configurations if any."""
     unfinished = run.resumed("validate")
     with run.execution("validate", unfinished) as execution:
-        validation = _validation(run, execution)
-    measured = "measure" in run.stages and _is_as_measured(run)
-    balances = tuple(_balances(run)) if measured else ()
-    twin = TwinFindings(balances, runs_of_fit(run) if measured else ())
+        validation, in_time = _validation(run, execution)
+        runs = runs_of_fit(run, execution) if in_time is not None else ()
+    balances = tuple(balance for each in in_time or () for balance in each.balances)
+    twin = TwinFindings(balances, runs)
     write_summary(run.summary("validate"), validation_summary(run.study, validation, twin))
     write_validation(run.path("validate"), validation, run.stamps["validate"], twin)
     unfinished.clear()
@@ -56,8 +45,8 @@ def validate(run: Run) -> None:
         run.console.say(f"validate: {words}")
 
 
-def _validation(run: Run, execution: Execution) -> Validation:
-    """How far the fitted model carries, why its cost is what it is, and the records replayed through it."""
+def _validation(run: Run, execution: Execution) -> tuple[Validation, list[InTime] | None]:
+    """How far the fitted model carries, why its cost is what it is, and the records through it, None without them."""
     study, left_out = run.study, run.study.validation.left_out
     responses, result = read_responses(run.path("estimate")), read_fit(run.path("fit"))
     fitted = FittedRobot.of(result, study.as_robot(), responses, study.model)
@@ -66,9 +55,10 @@ def _validation(run: Run, execution: Execution) -> Validation:
     shifts = {name: fitted.response_shifts(name) for name in left_out if name in measured}
     judged = validate_responses(responses, modelled, left_out, cost_p(result), shifts)
     seen = [(Ghat, G) for Ghat, G in zip(responses, modelled, strict=True) if Ghat.configuration.name not in left_out]
-    replays = tuple(_replays(run, fitted, execution))
+    in_time = records_in_time(run, fitted, execution) if _has_records(run) else None
+    replays = tuple(each.replayed for each in in_time or ())
     folds = _folds(run, [Ghat for Ghat, _ in seen], execution)
-    return replace(
+    validation = replace(
         judged,
         cost=explain_cost(result, [Ghat for Ghat, _ in seen], [G for _, G in seen], judged.fitted, study.fit),
         replays=replays,
@@ -76,6 +66,7 @@ def _validation(run: Run, execution: Execution) -> Validation:
         folds=folds,
         folded=describe_folds(folds, judged.fitted) if folds else "",
     )
+    return validation, in_time
 
 
 def _folds(run: Run, responses: Sequence[FrequencyResponse], execution: Execution) -> tuple[Fold, ...]:
@@ -90,48 +81,13 @@ def _folds(run: Run, responses: Sequence[FrequencyResponse], execution: Executio
     return gather_folds(parts, in_order(execution.resumed(partial(refit, responses), tasks, names)))
 
 
-def _replays(run: Run, fitted: FittedRobot, execution: Execution) -> Iterator[Replay]:
-    """One record in memory at a time; none where responses came from elsewhere or the records are gone."""
+def _has_records(run: Run) -> bool:
+    """Whether the records are there and are those of this study; responses from elsewhere have none."""
     if "measure" not in run.stages:
-        return
+        return False
     path = run.path("measure")
-    if not _is_as_measured(run):
-        run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
-        return
-    names = read_configurations(path)
-    friction = read_friction(run.path("estimate"))
-    todo = [response for response in fitted.measured if response.configuration.name in names]
-    for done, response in enumerate(todo):
-        execution.progress(done, len(todo))
-        name = response.configuration.name
-        band_hz = (float(response.freq_hz[0]), float(response.freq_hz[-1]))
-        records = net_records(read_records(path, name), friction, shaft_couplings(run.study))
-        yield replay(records, fitted.at(name), fitted.theta_of(name), band_hz, run.study.estimator)
-
-
-def _balances(run: Run) -> Iterator[TorqueBalance]:
-    """The torque of each motor in the first record of each configuration, part by part."""
-    study = run.study
-    fitted = FittedRobot.of(
-        read_fit(run.path("fit")), study.as_robot(), read_responses(run.path("estimate")), study.model
-    )
-    path, friction, E = run.path("measure"), read_friction(run.path("estimate")), shaft_couplings(study)
-    try:
-        rigid = rigid_linearisation(fitted, study.model)
-    except StudyError as error:
-        run.console.say(f"validate: the torque is not divided into parts: {error}")
-        return
-    names = read_configurations(path)
-    for response in fitted.measured:
-        name = response.configuration.name
-        parts = model_parts(fitted, rigid, name) if name in names else None
-        if parts is not None:
-            record = next(iter(read_records(path, name)))
-            net = next(net_records([record], friction, E))
-            yield from elastic_balances(record, net, parts, response.freq_hz, study.estimator)
-
-
-def _is_as_measured(run: Run) -> bool:
-    """Whether the records are those of this study."""
-    found = read_stamp(run.path("measure"))
-    return found is not None and found.inputs == run.stamps["measure"].inputs
+    found = read_stamp(path)
+    if found is not None and found.inputs == run.stamps["measure"].inputs:
+        return True
+    run.console.say(f"validate: {path} is not there as it was measured; nothing is replayed in time")
+    return False
