@@ -10,7 +10,7 @@ from plants.two_axes import ROBOT, STUDY, measured
 
 from elastid.app import cli
 from elastid.app.compare import variants
-from elastid.base.errors import DataError
+from elastid.base.errors import DataError, StudyError
 from elastid.experiment.specs.channels import ChannelSpec
 from elastid.experiment.specs.recorded import TextFormatSpec
 from elastid.experiment.specs.responses import ResponseColumnsSpec, ResponseFileSpec, ResponsesSpec
@@ -28,6 +28,7 @@ from elastid.recorded.responses.reading import read_table
 from elastid.robot import Anchor, Body, Chain, Joint, Loop, Pin, Placement, Rod
 from elastid.store import read_fit
 from elastid.study import load
+from elastid.study.checks.experiment import PLAN_KEYS
 
 
 def test_the_other_axis_of_a_pin_is_in_the_axes_of_the_second_body() -> None:
@@ -145,3 +146,13 @@ def test_a_loss_scale_beyond_all_elements_leaves_least_squares(fitted) -> None:
     )
     np.testing.assert_allclose(wide.x, square.x, atol=1e-7)
     assert np.abs(tight.x - square.x).max() > 1e-5
+
+
+@pytest.mark.parametrize("key", PLAN_KEYS)
+def test_a_plan_of_logs_is_refused(key: str, tmp_path: Path) -> None:
+    """Realisations, periods and ramps are in the files: a number for them would do nothing."""
+    assert cli.run_command(["new", str(tmp_path / "logs"), "--template", "recorded"]) == 0
+    study = tmp_path / "logs" / "study.yml"
+    assert load(study, []).study.kind == "recorded"
+    with pytest.raises(StudyError, match=f"experiment.{key}: the experiment is recorded: its files determine this"):
+        load(study, [f"experiment.{key}=3"])

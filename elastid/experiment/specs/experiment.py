@@ -27,21 +27,22 @@ class ExperimentSpec:
     configurations: name to positions of the driven joints (rad, or m where a joint slides); a section `design` adds
     others. -- choose postures that load each spring differently; one seldom separates the springs of one axis, three to
     five commonly do.
-    realisations: independent draws of the random phases. -- more where friction distorts: variance and distortion fall
-    as one over their number, the time grows with it; 4 to 10 are usual on a robot. Two is the least that shows the
-    level of distortion, and the default for that reason.
+    realisations: independent draws of the random phases, of a simulated rig; logs number theirs. -- more where friction
+    distorts: variance and distortion fall as one over their number, the time grows with it; 4 to 10 are usual on a
+    robot. Two is the least that shows the level of distortion, and the default for that reason.
     experiments: of every realisation (default: as many as motors, each with all motors moving). -- fewer save robot
     time by that factor, for the local methods of `estimator` alone, which separate inputs by neighbouring lines; they
     need periods so long that many lines lie within each resonance.
-    periods: measured in each experiment. -- more where noise is what limits: its variance falls as one over their
-    number, distortion stays. Two are the least that show the noise level, hence the default.
-    transient_periods: before these, left out. -- more where resonances ring longer than a period: light damping, short
-    periods. With 0 the first period counts, and estimator.transient_periods must find whether it rings.
-    ramp: time in which torque and movement grow at the start and fade at the end. -- longer where the start shakes the
-    robot or trips a drive; it adds its length twice to each experiment. 0.5 s is several times the swing of a first
-    mode of 5 to 10 Hz.
-    hold: rest before the start and after the end. -- give a second where a logger needs time to begin; the references
-    then start at rest.
+    periods: measured in each experiment of a simulated rig. -- more where noise is what limits: its variance falls as
+    one over their number, distortion stays. Two are the least that show the noise level, hence the default.
+    transient_periods: before these, left out; of a simulated rig. -- more where resonances ring longer than a period:
+    light damping, short periods. With 0 the first period counts, and estimator.transient_periods must find whether it
+    rings.
+    ramp: time in which torque and movement of a simulated rig grow at the start and fade at the end. -- longer where
+    the start shakes the robot or trips a drive; it adds its length twice to each experiment. 0.5 s is several times the
+    swing of a first mode of 5 to 10 Hz.
+    hold: rest of a simulated rig before the start and after the end. -- give a second where a logger needs time to
+    begin; the references then start at rest.
     simulated: a rig that is a model. -- for planning, for learning, and to see whether the parameters can be found at
     all before the robot is booked.
     recorded: logs of a rig. -- for logs of the robot itself; channels and files say what is in them.

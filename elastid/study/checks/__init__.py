@@ -12,7 +12,7 @@ from pathlib import Path
 from elastid.study.checks.design import check_design
 from elastid.study.checks.estimator import check_estimator
 from elastid.study.checks.excitation import check_excitation, check_lines
-from elastid.study.checks.experiment import check_experiment
+from elastid.study.checks.experiment import check_experiment, check_plan_keys
 from elastid.study.checks.fit import check_fit
 from elastid.study.checks.friction import check_friction
 from elastid.study.checks.model import check_model
@@ -29,6 +29,7 @@ __all__ = ["check_lines", "check_study"]
 def check_study(study: Study, base: Path) -> Iterator[Problem]:
     """Every contradiction between the sections of a study whose files are relative to `base`."""
     experiment = study.experiment
+    yield from check_plan_keys(study)
     if study.friction is not None:
         yield from check_friction(study, base)
         return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import fields
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from elastid.study.messages import Problem
 from elastid.study.sections import Study
 from elastid.study.yaml_source import KeyPath
 
+# Keys of a plan, which logs and responses from elsewhere do not follow.
+PLAN_KEYS = ("realisations", "periods", "transient_periods", "ramp", "hold")
 # Positions beyond which a joint without limits was given in another unit: two turns in rad, and a long rail in m.
 MAX_ANGLE = 4 * math.pi
 MAX_TRAVEL = 50.0
@@ -22,6 +25,19 @@ def check_experiment(study: Study) -> Iterator[Problem]:
     """Experiments of a realisation, and configurations."""
     yield from _check_count(study)
     yield from _check_configurations(study)
+
+
+def check_plan_keys(study: Study) -> Iterator[Problem]:
+    """None of a plan where there is none: logs and responses have their own realisations and periods."""
+    experiment = study.experiment
+    defaults = {f.name: f.default for f in fields(experiment)}
+    for key in PLAN_KEYS if experiment.simulated is None else ():
+        if getattr(experiment, key) != defaults[key]:
+            message = (
+                f"the experiment is {experiment.kind}: its files determine this; drop the key (files[].realisation "
+                "numbers realisations, estimator.transient_periods leaves periods out)"
+            )
+            yield Problem(("experiment", key), message, at_key=True)
 
 
 def _check_count(study: Study) -> Iterator[Problem]:
