@@ -1,4 +1,8 @@
-"""Example 1: a single elastic joint, from its numbers to its stiffness with an interval, in Python alone.
+"""
+A two-mass bench
+================
+
+A single elastic joint, from its numbers to its stiffness with an interval, in Python alone.
 
 A motor with a gear of ratio 100 drives a load through an elastic gear. The simulated rig is measured in closed loop,
 the response is estimated, and stiffness and damping are fitted from a start that is wrong by a third.

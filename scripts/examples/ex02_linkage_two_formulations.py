@@ -1,4 +1,9 @@
-"""Example 2: the equations of a parallel linkage, constrained and with its loop eliminated, have the same response."""
+"""
+A linkage, minimal against constrained
+======================================
+
+The equations of a parallel linkage, constrained and with its loop eliminated, have the same response.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Example 3: stiffness from frequency responses that another tool has measured, here of python-control."""
+"""
+Responses of python-control
+===========================
+
+Stiffness from frequency responses that another tool has measured, here of python-control.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Example 4: the gain margin of a motor controller on a fitted model, by python-control."""
+"""
+A controller on the fitted model
+================================
+
+The gain margin of a motor controller on a fitted model, by python-control.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Example 5: a run folder of the command line opened in a notebook: results, tables, a figure, a prediction."""
+"""
+A run folder in a notebook
+==========================
+
+A run folder of the command line opened in a notebook: results, tables, a figure, a prediction.
+"""
 
 from __future__ import annotations
 

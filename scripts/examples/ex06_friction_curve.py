@@ -1,4 +1,8 @@
-"""Example 6: the friction of one axis from passes at constant speeds, chosen, simulated and identified in Python.
+"""
+A friction curve
+================
+
+The friction of one axis from passes at constant speeds, chosen, simulated and identified in Python.
 
 The study is that of `elastid new friction --template friction`, whose text says what each number means.
 """

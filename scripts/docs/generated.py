@@ -1,0 +1,213 @@
+"""Pages that are made from the code: commands, keys of a study, files of a run, public names, equations."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+import click
+from plain_text import escaped, restructured
+
+import elastid
+from elastid.app.cli import cli, run_command
+from elastid.store import described
+from elastid.study.explanation import explain
+from elastid.study.reference import Key, list_keys, texts_of
+from elastid.study.sections import Study
+
+PACKAGE = Path(elastid.__file__).parent
+# Artefacts of a run that the page of files shows, in the order of the stages.
+HDF5 = {
+    "tiny": ("plan.h5",),
+    "recorded": ("records.h5", "frf.h5", "fit.h5", "validation.h5"),
+}
+
+
+def title(text: str, line: str = "=") -> str:
+    """A heading."""
+    return f"{text}\n{line * len(text)}\n"
+
+
+def block(text: str, language: str = "none") -> str:
+    """A block of text as it is."""
+    return f".. code-block:: {language}\n\n" + "\n".join(f"   {line}".rstrip() for line in text.splitlines()) + "\n"
+
+
+def commands() -> str:
+    """Every command with its arguments and options, from the command line itself."""
+    parts = [title("Commands"), f"{cli.help} The commands stand in the order of the work.\n"]
+    root = click.Context(cli, info_name="elastid", help_option_names=["-h", "--help"])
+    for name in cli.list_commands(root):
+        command = cli.commands[name]
+        usage = click.Context(command, info_name=name, parent=root)
+        parts += [
+            f".. _command-{name}:\n",
+            title(f"elastid {name}", "-"),
+            restructured(inspect.cleandoc(command.help or "")),
+        ]
+        parts.append(block(command.get_usage(usage).removeprefix("Usage: "), "bash"))
+        records = [option.get_help_record(usage) for option in command.params]
+        parts += [f"``{record[0]}``\n   {escaped(record[1] or 'no further words.')}\n" for record in records if record]
+    return "\n".join(parts)
+
+
+def keys() -> dict[str, str]:
+    """A page for each section of a study, with every key, and their index."""
+    by_path = {key.path: key for key in list_keys()}
+    order, own = list(texts_of(Study)[1]), texts_of(Study)[1]
+    grouped = sorted(by_path.values(), key=lambda key: order.index(_root(key)))
+    pages = {}
+    for root, of in groupby(grouped, _root):
+        parts = [title(root), escaped(own[root]) + "\n"]
+        for key in of:
+            parts += [f".. _key-{key.path}:\n", title(key.path, "-"), _explained(key)]
+        pages[f"keys/{root}"] = "\n".join(parts)
+    toc = "\n".join(f"   {root}" for root in order if f"keys/{root}" in pages)
+    pages["keys/index"] = (
+        title("Keys of a study")
+        + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and the schema "
+        "of ``elastid schema`` shows it in an editor. ``[]`` stands for the number of an entry, ``<name>`` for a name "
+        "that the study chooses.\n\n.. toctree::\n   :maxdepth: 1\n\n" + toc + "\n"
+    )
+    return pages
+
+
+def _root(key: Key) -> str:
+    return re.split(r"[.\[]", key.path)[0]
+
+
+def _explained(key: Key) -> str:
+    """The paragraphs of `elastid explain`, behind the path."""
+    paragraphs: list[str] = []
+    for line in explain(key.path).splitlines()[1:]:
+        starts = re.match(r"  (Value|Default|How to choose it|When to change it|Keys below it): ", line)
+        if starts or not paragraphs:
+            paragraphs.append(line.strip())
+        else:
+            paragraphs[-1] += " " + line.strip()
+    lines = [
+        re.sub(r"^(Value|Default|How to choose it|When to change it|Keys below it):", r"**\1:**", escaped(p))
+        for p in paragraphs
+    ]
+    return "\n\n".join(lines) + "\n"
+
+
+def names() -> str:
+    """The public names in the order of the work, by autodoc."""
+    parts = [title("Public names"), "Everything below is an attribute of ``elastid``, loaded when it is first used.\n"]
+    for name in elastid.__all__:
+        value = getattr(elastid, name)
+        parts += [f".. _name-{name}:\n", title(name, "-")]
+        if inspect.ismodule(value):
+            parts.append(f".. automodule:: {value.__name__}\n   :members:\n")
+        elif inspect.isclass(value):
+            parts.append(f".. autoclass:: elastid.{name}\n   :members:\n")
+        else:
+            parts.append(f".. autofunction:: elastid.{name}\n")
+    return "\n".join(parts)
+
+
+def files(folder: Path) -> str:
+    """Names, axes, shapes and units of every artefact, read from small runs in `folder`, and what summary.json has."""
+    (folder / "tiny").mkdir()
+    (folder / "tiny" / "study.yml").write_text(_TINY)
+    (folder / "tiny" / "robot.yml").write_text(_TINY_ROBOT)
+    for name, last in (("recorded", "validate"), ("tiny", "design")):
+        if name == "recorded":
+            run_command(["new", str(folder / name), "--template", name])
+        stages = ["measure", "estimate", "fit", "validate"] if last == "validate" else [last]
+        for stage in stages:
+            done = run_command(
+                [stage, str(folder / name / "study.yml"), "--run", str(folder / name / "run"), "--jobs", "1", "-q"]
+            )
+            if done not in (0, 3):
+                raise RuntimeError(f"elastid {stage} of the run for the page of files ended with {done}")
+    parts = [title("Files of a run"), inspect.cleandoc(_FILES)]
+    for name, artefacts in HDF5.items():
+        for artefact in artefacts:
+            text = "\n".join(_structure(described(folder / name / "run" / artefact).splitlines()[1:]))
+            parts += [title(artefact, "-"), block(text)]
+    summary = json.loads((folder / "recorded" / "run" / "summary.json").read_text())
+    parts += [
+        title("summary.json", "-"),
+        inspect.cleandoc(_SUMMARY),
+        block(json.dumps(_shortened(summary), indent=1), "json"),
+    ]
+    robot = (folder / "recorded" / "run" / "identified_robot.yml").read_text()
+    parts += [title("robot.yml", "-"), inspect.cleandoc(_ROBOT), block(robot, "yaml")]
+    return "\n\n".join(parts) + "\n"
+
+
+def _structure(lines: list[str]) -> Iterator[str]:
+    """Names, axes, meanings and units; values and numbers of one run are left out, but for those of attributes."""
+    for line in lines:
+        yield re.sub(r"(\)|\]|[a-z]) = .*$", r"\1", line) if "(" in line.split(" = ")[0] else line[:110]
+
+
+def _shortened(value: object) -> object:
+    """The same with the first of each list, and four digits."""
+    if isinstance(value, dict):
+        return {name: _shortened(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_shortened(each) for each in value[:2]]
+    if isinstance(value, float):
+        return float(f"{value:.4g}")
+    return value
+
+
+def equations() -> str:
+    """Every equation of the code: module, what it is, and the equation itself."""
+    parts = [title("Equations and where they live"), "From the docstrings, room by room.\n"]
+    rooms = sorted((path for path in PACKAGE.rglob("*.py")), key=lambda path: path.relative_to(PACKAGE).parts)
+    for room, paths in groupby(rooms, lambda path: path.relative_to(PACKAGE).parts[0].removesuffix(".py")):
+        found = [entry for path in paths for entry in _with_equations(path)]
+        parts += [title(room, "-"), *found] if found else []
+    return "\n".join(parts)
+
+
+def _with_equations(path: Path) -> Iterator[str]:
+    module = ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__")
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+            doc = ast.get_docstring(node) or ""
+            if ".. math::" in doc:
+                name = module if isinstance(node, ast.Module) else f"{module}.{node.name}"
+                yield f"**{escaped(name)}**\n\n{restructured(doc)}"
+
+
+_FILES = """
+Results are HDF5; named axes are dimension scales, complex numbers are native, and every dataset has its unit. The
+listing is of small runs of one motor, as ``elastid inspect FILE`` prints it: the name, in parentheses the axes with
+their lengths, the meaning, the unit in brackets. Every file carries ``format``, the version of its layout, and
+``provenance``: hashes of all that the result depends on, the seed and the versions of the software. In front of the
+HDF5 data stands the SHA-256 of it, so that a bit that flips on a disk is found.
+"""
+_SUMMARY = """
+The end of a fit for other programs. ``schema`` is the version of this form, ``status`` says how the fit ended and
+``message`` says it in a sentence; ``std`` and ``interval95`` are absent for numbers that were held, and ``truth`` is
+there where the rig was simulated. Lists are shortened here to two entries, and numbers to four digits.
+"""
+_ROBOT = """
+The file of a robot is YAML; :doc:`keys/robot` has every key. ``identified_robot.yml`` is the same file with the numbers
+that were found, for the next study:
+"""
+_TINY_ROBOT = """
+name: one elastic joint
+gravity: [0, 0, 0]
+bodies:
+  - name: load
+    joints:
+      - {name: 1, axis: z, motor: {inertia: 1e-3, ratio: 1, viscous: 1e-3}, spring: {stiffness: 50, damping: 0.01}}
+    inertia: 1e-3
+"""
+_TINY = """
+name: tiny
+robot: robot.yml
+excitation: {rate_hz: 500, period: 2 s, band_hz: [2, 80], torque_rms: 0.5}
+experiment: {configurations: {bench: [0]}, simulated: {noise: {torque_std: 0.01, angle_std: 1e-6}}}
+"""

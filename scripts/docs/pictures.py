@@ -1,0 +1,139 @@
+"""The pictures of the README and of the pages, from a run of the demo and one of the friction template.
+
+    uv run --group docs python scripts/docs/pictures.py [--demo runs/demo] [--friction runs/friction_of_an_axis]
+
+Each is below 120 KB, beside this script in pictures/.  The report's first screen needs chromium; without it, that
+picture stays as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, NullFormatter
+from PIL import Image
+
+import elastid as ei
+
+HERE = Path(__file__).parent / "pictures"
+MOST_BYTES = 120_000
+
+
+def responses(run: Path, path: Path) -> None:
+    """Magnitudes of one configuration, the fitted model with its 95 % band, as an n_y x n_u matrix."""
+    result = ei.read_fit(run / "fit.h5")
+    measured = next(G for G in ei.read_responses(run / "frf.h5") if G.configuration.name in result.configurations)
+    model = result.model(measured.configuration.name)
+    dense = np.geomspace(*measured.freq_hz[[0, -1]], 800)
+    G, std = np.abs(model.response(dense).G), model.response_std(dense)
+    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    axes = figure.subplots(*measured.G.shape[1:], sharex=True, sharey=True)
+    for (i, j), ax in np.ndenumerate(axes):
+        ax.loglog(measured.freq_hz, np.abs(measured.G[:, i, j]), ".", ms=3, color="#0072b2", label="measured")
+        ax.loglog(dense, G[:, i, j], color="#d55e00", lw=1.2, label="model")
+        band = 1.96 * std[:, i, j]
+        ax.fill_between(dense, np.maximum(G[:, i, j] - band, 1e-9), G[:, i, j] + band, color="#d55e00", alpha=0.3, lw=0)
+        ax.set_title(f"{measured.inputs[j]} → {measured.outputs[i]}", fontsize=8)
+        ax.grid(True, which="both", lw=0.3)
+        ax.tick_params(labelsize=7)
+        ax.xaxis.set_major_locator(FixedLocator([2, 5, 10, 20, 50]))
+        ax.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        ax.xaxis.set_minor_formatter(NullFormatter())
+    low, high = np.percentile(np.abs(measured.G), [1, 100])
+    axes[0, 0].set_ylim(low / 2, 2 * high)
+    axes[0, 0].legend(fontsize=7)
+    figure.supxlabel("frequency (Hz)", fontsize=9)
+    figure.supylabel("acceleration per torque, rad/s² per Nm", fontsize=9)
+    figure.savefig(path, dpi=110)
+
+
+def friction(run: Path, path: Path) -> None:
+    """Levels and law of friction with the band."""
+    figure = ei.plot.friction_curve(ei.read_friction_result(run / "friction.h5"), "1")
+    figure.savefig(path, dpi=110)
+
+
+def axes(path: Path) -> None:
+    """Driven axis, elastic axes behind it, and the offset of a row of the table, in the plane of two links."""
+    figure = Figure(figsize=(8.4, 3.4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for ax, offset, words in ((left, 0.0, "offset: 0"), (right, 90.0, "offset: 90 deg")):
+        for angle, color in ((0.0, "0.75"), (30.0, "#0072b2")):
+            along = np.array([np.cos(np.radians(offset + angle)), np.sin(np.radians(offset + angle))])
+            ax.plot([0, along[0]], [0, along[1]], lw=9, color=color, alpha=0.5, solid_capstyle="round")
+            ax.annotate(f"q = {angle:g} deg", 1.08 * along, fontsize=8, ha="center")
+        for direction, name in ((along, "x"), (np.array([-along[1], along[0]]), "y")):
+            ax.annotate("", 0.5 * direction, (0, 0), arrowprops={"arrowstyle": "-|>", "color": "#d55e00", "lw": 1.8})
+            ax.annotate(name, 0.55 * direction + 0.05, fontsize=10, color="#d55e00")
+        ax.plot(0, 0, "o", ms=9, mfc="white", mec="black")
+        ax.plot(0, 0, ".", ms=4, color="black")
+        ax.annotate("z, driven: joint 1, towards you", (0, 0), fontsize=8, xytext=(4, -17), textcoords="offset points")
+        ax.axhline(0, lw=0.5, color="0.6", ls="--")
+        ax.set(aspect="equal", xlim=(-0.75, 1.3), ylim=(-0.4, 1.25), title=words)
+        ax.axis("off")
+    figure.suptitle(
+        "angle of the table = offset + q; elastic joints 1x and 1y (x, y) turn with the link, behind the gear",
+        fontsize=10,
+    )
+    figure.savefig(path, dpi=110)
+
+
+def page(run: Path, path: Path) -> None:
+    """The first screen of the report in chromium."""
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as engines:
+        browser = engines.chromium.launch(executable_path=_chromium(), args=["--no-sandbox"])
+        screen = browser.new_page(viewport={"width": 1180, "height": 800})
+        screen.goto((run / "report.html").resolve().as_uri())
+        screen.screenshot(path=str(path))
+        browser.close()
+
+
+def _chromium() -> str:
+    from shutil import which
+
+    found = which("chromium") or which("chromium-browser") or which("google-chrome")
+    if found is None:
+        raise FileNotFoundError("chromium is not on the path; install it for the picture of the report")
+    return found
+
+
+def smaller(path: Path) -> int:
+    """The picture with 64 colors at most, in bytes; RuntimeError where it is still too large for a README."""
+    Image.open(path).convert("RGB").quantize(64, method=Image.Quantize.MEDIANCUT).save(path, optimize=True)
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise RuntimeError(f"{path} has {size} bytes, more than {MOST_BYTES}; draw it smaller")
+    return size
+
+
+def made(demo: Path, of_friction: Path) -> Iterator[tuple[str, int]]:
+    """Every picture with its size in bytes."""
+    draw = {
+        "frf.png": lambda path: responses(demo, path),
+        "friction.png": lambda path: friction(of_friction, path),
+        "axes.png": axes,
+        "report.png": lambda path: page(demo, path),
+    }
+    for name, drawn in draw.items():
+        path = HERE / name
+        try:
+            drawn(path)
+        except (FileNotFoundError, ModuleNotFoundError) as error:
+            print(f"{name} is not drawn: {error}")
+            continue
+        yield name, smaller(path)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--demo", type=Path, default=Path("runs/demo"), metavar="DIR")
+    parser.add_argument("--friction", type=Path, default=Path("runs/friction_of_an_axis"), metavar="DIR")
+    asked = parser.parse_args()
+    print(json.dumps(dict(made(asked.demo, asked.friction))))

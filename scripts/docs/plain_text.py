@@ -1,0 +1,65 @@
+"""Docstrings of the code as reStructuredText: equations and doctests stay, all other words are text and not markup."""
+
+from __future__ import annotations
+
+import re
+from textwrap import dedent, indent
+
+_KEY = re.compile(r"(?:^|  )(?=(?:[a-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?: )")
+_CODE = re.compile(r"``?([^`]+?)``?")
+_MARKUP = re.compile(r"([\\*_|])")
+_ROLE = re.compile(r":math:`[^`]*`")
+
+
+def escaped(text: str) -> str:
+    """Text in which only `code` and :math: mean something.
+
+    >>> escaped("`k_*` and d_1*")
+    '``k_*`` and d\\\\_1\\\\*'
+    """
+    pieces, end = [], 0
+    for found in re.finditer(rf"{_ROLE.pattern}|{_CODE.pattern}", text):
+        pieces.append(_MARKUP.sub(r"\\\1", text[end : found.start()]).replace("`", r"\`"))
+        glued = r"\ " if text[found.end() : found.end() + 1].isalnum() else ""
+        before = r"\ " if text[found.start() - 1 : found.start()].isalnum() else ""
+        pieces.append(before + (found[0] if found[0].startswith(":math:") else f"``{found[1].strip()}``") + glued)
+        end = found.end()
+    return "".join(pieces) + _MARKUP.sub(r"\\\1", text[end:]).replace("`", r"\`")
+
+
+def restructured(doc: str) -> str:
+    """A docstring as reStructuredText.
+
+    Paragraphs that begin with `.. math::` or `>>>` are kept; indented ones are shown as they are; bullets are lists;
+    `name: text` at the start of a line, or two spaces behind a sentence, becomes a line of its own.
+    """
+    return "\n\n".join(_paragraph(each) for each in re.split(r"\n\s*\n", doc.strip("\n")) if each.strip()) + "\n"
+
+
+def _paragraph(text: str) -> str:
+    if text.lstrip().startswith((".. math::", ">>>")):
+        return dedent(text)
+    if text.startswith((" ", "\t")):
+        return "::\n\n" + indent(dedent(text), "    ")
+    if text.startswith("- "):
+        return "\n".join("- " + escaped(" ".join(item.split())) for item in re.split(r"\n?^- ", text, flags=re.M)[1:])
+    head, equation, tail = text.partition("\n.. math::")
+    if equation:
+        return f"{_paragraph(head)}\n\n{equation.strip()}{tail}"
+    return "\n\n".join(_line(each) for line in _joined(text) for each in _KEY.split(line) if each.strip())
+
+
+def _joined(text: str) -> list[str]:
+    """The lines of a paragraph joined, but for those that begin with `name: `."""
+    lines: list[str] = []
+    for line in text.splitlines():
+        if lines and not re.match(r"(?:[A-Za-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?: ", line):
+            lines[-1] += " " + line.strip() if not line.startswith("  ") else line
+        else:
+            lines.append(line)
+    return lines
+
+
+def _line(text: str) -> str:
+    found = re.match(r"((?:[A-Za-z]\w*, )*[A-Za-z_]\w*(?: \([^()]*\))?): (.*)", text, re.DOTALL)
+    return f"- **{escaped(found[1])}**: {escaped(found[2].strip())}" if found else escaped(" ".join(text.split()))

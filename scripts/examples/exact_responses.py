@@ -1,0 +1,25 @@
+"""Exact responses of a robot with noise of a known size: what several examples fit instead of a long measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+import elastid as ei
+
+
+def measured(robot: ei.Robot, truth: Mapping[str, float], postures: Mapping[str, Sequence[float]], freq_hz, noise=0.01):
+    """Responses of a robot with the numbers of `truth`: each element with so much relative noise, and its covariance."""
+    model, rng = ei.formulate(robot, ei.ModelSpec()), np.random.default_rng(0)
+    theta = np.array([truth.get(name, value) for name, (value, _) in robot.parameters().items()])
+    responses = []
+    for name, angles in postures.items():
+        posture = ei.Configuration(name, tuple(angles))
+        linear = ei.linearise(model, posture, theta, robot.motor_locations, "acceleration")
+        G = ei.frequency_response(linear, np.append(theta, 0.0), freq_hz)
+        std = noise * np.abs(G)
+        G = G + std * (rng.standard_normal(G.shape) + 1j * rng.standard_normal(G.shape)) / np.sqrt(2)
+        names, known = robot.motor_locations, ei.Covariance(std**2, np.inf)
+        responses.append(ei.FrequencyResponse(freq_hz, G, names, names, "acceleration", posture, total=known))
+    return responses
