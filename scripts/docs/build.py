@@ -62,7 +62,9 @@ def sources(folder: Path) -> Path:
 
 def dead_links(html: Path) -> tuple[int, list[str]]:
     """How many links lead from page to page or to an anchor, and those that lead nowhere."""
-    pages = {path: Page(path.read_text(encoding="utf-8")) for path in html.rglob("*.html")}
+    pages = {
+        path: Page(path.read_text(encoding="utf-8")) for path in html.rglob("*.html") if "_static" not in path.parts
+    }
     count, dead = 0, []
     for path, page in pages.items():
         for link in page.links:

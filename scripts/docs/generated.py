@@ -70,9 +70,9 @@ def keys() -> dict[str, str]:
     toc = "\n".join(f"   {root}" for root in order if f"keys/{root}" in pages)
     pages["keys/index"] = (
         title("Keys of a study")
-        + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and the schema "
-        "of ``elastid schema`` shows it in an editor. ``[]`` stands for the number of an entry, ``<name>`` for a name "
-        "that the study chooses.\n\n.. toctree::\n   :maxdepth: 1\n\n" + toc + "\n"
+        + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and the "
+        "schema of ``elastid schema`` shows it in an editor. ``[]`` stands for the number of an entry, ``<name>`` "
+        "for a name that the study chooses.\n\n.. toctree::\n   :maxdepth: 1\n\n" + toc + "\n"
     )
     return pages
 

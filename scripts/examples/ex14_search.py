@@ -29,7 +29,7 @@ bodies:
     parent: upper
     placement: {xyz: [0, 0.6, 0]}
     joints:
-      - {name: 2, axis: x, motor: {inertia: 1e-3, ratio: 80}, spring: {stiffness: 2e5, damping: 50}}
+      - {name: 2, axis: x, motor: {inertia: 1e-3, ratio: 80}}
     mass: 6
     center_of_mass: [0, 0.3, 0.1]
     inertia: [0.3, 0.1, 0.3]

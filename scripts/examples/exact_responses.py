@@ -10,7 +10,7 @@ import elastid as ei
 
 
 def measured(robot: ei.Robot, truth: Mapping[str, float], postures: Mapping[str, Sequence[float]], freq_hz, noise=0.01):
-    """Responses of a robot with the numbers of `truth`: each element with so much relative noise, and its covariance."""
+    """Responses of a robot with the numbers of `truth`: elements with so much relative noise, and its covariance."""
     model, rng = ei.formulate(robot, ei.ModelSpec()), np.random.default_rng(0)
     theta = np.array([truth.get(name, value) for name, (value, _) in robot.parameters().items()])
     responses = []
