@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.fft import irfft, rfft
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.record import MOTION_ORDER, Record
 
 # Cells of the fine grid in a sample, where the motion above half the rate is not known.
@@ -76,7 +76,8 @@ def motion_of(record: Record, place: str, high: ComplexArray | None = None) -> M
     Y[~of_period & (power < _MIN_SNR * noise)] = 0
     if _velocity_noise(Y, s, noise, n, order) > _NOISY * _rms(integrated(Y, s, order - 1), n):
         Y[of_period & (power < _MIN_SNR * noise)] = 0
-    angle, velocity = np.zeros((2, len(fine_s)), complex) if high is None else np.stack([high, fine_s * high])
+    angle = np.zeros(len(fine_s), complex) if high is None else high.copy()
+    velocity = np.zeros(len(fine_s), complex) if high is None else fine_s * high
     angle[: len(s)] += integrated(Y, s, order)
     velocity[: len(s)] += integrated(Y, s, order - 1)
     return Motion(
@@ -129,19 +130,28 @@ def _rms(X: ComplexArray, n: int) -> float:
 
 def _fine(X: ComplexArray, points: int, cells: int) -> FloatArray:
     """The signal of a spectrum, as of samples, at the points of the fine grid, its first point once more at the end."""
-    x = irfft(X, points) * cells
-    return np.append(x, x[0])
+    x = np.empty(points + 1)
+    np.multiply(irfft(X, points), cells, out=x[:-1])
+    x[-1] = x[0]
+    return x
 
 
 def folded(X: ComplexArray, n: int) -> ComplexArray:
-    """DFT (n // 2 + 1,) of the samples of a signal whose DFT X, as of n samples, goes on above half the rate."""
-    every = np.concatenate([X, X[-2:0:-1].conj()])
-    return np.asarray(every.reshape(-1, n).sum(axis=0)[: n // 2 + 1])
+    """DFT (n // 2 + 1,) of the samples of a signal whose DFT X, as of n samples, goes on above half the rate.
+
+    X (n cells // 2 + 1,), of an even number of cells in a sample.
+    """
+    above = X[:-1].reshape(-1, n).sum(axis=0)
+    below = np.concatenate([above[:1] - X[:1], above[:0:-1]]).conj()
+    found = (above + below)[: n // 2 + 1]
+    found[0] += X[-1]
+    return np.asarray(found)
 
 
+@lru_cache(maxsize=16)
 def laplace(lines: int, n: int, rate_hz: float) -> ComplexArray:
     """s = j omega (lines,) of the lines of n samples, from 0 on."""
-    return np.asarray(2j * np.pi * rate_hz / n * np.arange(lines), dtype=np.complex128)
+    return frozen(2j * np.pi * rate_hz / n * np.arange(lines), np.complex128)
 
 
 def integrated(Y: ComplexArray, s: ComplexArray, order: int) -> ComplexArray:

@@ -11,6 +11,7 @@ turning points need to be followed one after the other, and s is exact where q i
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,19 +64,34 @@ def bristle(path: Path, D: float) -> FloatArray:
 
 
 def mean_sign(v: FloatArray, v_s: float) -> FloatArray:
-    """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0.
+    """Mean (n - 1,) of tanh(v / v_s) over each cell between points v (n,), v linear in it; of sgn(v) where v_s = 0."""
+    return sum_of_mean_signs(v, [(v_s, 1.0)])
 
-    By its integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
+
+def sum_of_mean_signs(v: FloatArray, signs: Sequence[tuple[float, float]]) -> FloatArray:
+    """Sum (n - 1,) of levels times `mean_sign`, of pairs of a speed v_s and a level; they share the search for cells.
+
+    By the integral v_s ln cosh(v / v_s), or |v|; so a reversal within a cell counts where it is.
     """
-    found = np.sign(v[:-1])
-    slow = np.abs(v) <= _SATURATED * v_s
-    turning = np.flatnonzero(slow[:-1] | slow[1:] | (found != np.sign(v[1:])))
-    ends = np.stack([v[turning], v[turning + 1]])
-    integral = np.abs(ends)
-    if v_s > 0:
-        integral = integral + v_s * np.log1p(np.exp(-2 * integral / v_s))
-    step, middle = ends[1] - ends[0], ends.mean(axis=0)
-    small = np.abs(step) <= 1e-6 * np.abs(ends).sum(axis=0)
-    inside = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
-    found[turning] = np.where(small, inside, (integral[1] - integral[0]) / np.where(small, 1.0, step))
+    speed = np.abs(v)
+    slow = speed <= _SATURATED * max(v_s for v_s, _ in signs)
+    negative = np.signbit(v)
+    found = np.copysign(sum(level for _, level in signs), v[:-1])
+    turning = np.flatnonzero(slow[:-1] | slow[1:] | (negative[:-1] != negative[1:]))
+    # Neighbouring cells share a point, where the integral is found once.
+    before = np.arange(len(turning)) + np.cumsum(np.diff(turning, prepend=turning[:1]) > 1)
+    points = np.zeros(len(turning) and before[-1] + 2, dtype=np.int64)
+    points[before], points[before + 1] = turning, turning + 1
+    step = v[turning + 1] - v[turning]
+    small = np.abs(step) <= 1e-6 * (speed[turning] + speed[turning + 1])
+    middle = (v[turning] + v[turning + 1])[small] / 2
+    step[small] = 1.0
+    found[turning] = 0.0
+    for v_s, level in signs:
+        integral = speed[points]
+        if v_s > 0:
+            integral += v_s * np.log1p(np.exp(-2 / v_s * integral))
+        mean = (integral[before + 1] - integral[before]) / step
+        mean[small] = np.tanh(middle / v_s) if v_s > 0 else np.sign(middle)
+        found[turning] += level * mean
     return np.asarray(found)

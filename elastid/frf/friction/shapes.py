@@ -18,7 +18,7 @@ from numpy.fft import rfft
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray, frozen
 from elastid.frf.friction.motion import Motion, laplace, whole_samples
-from elastid.frf.friction.operators import Path, bristle, mean_sign, stop
+from elastid.frf.friction.operators import Path, bristle, mean_sign, stop, sum_of_mean_signs
 from elastid.record import Record
 
 Kind: TypeAlias = Literal["sign", "stop", "bristle", "stop rate", "bristle rate"]
@@ -80,12 +80,23 @@ def spectrum(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]
     for is_rate in (False, True):
         own = [(shape, level) for shape, level in taken if shape.is_rate == is_rate]
         if own:
-            means = zip(own, _cell_means(record, motion, [shape for shape, _ in own]), strict=True)
-            weights = ((level * (shape.threshold if is_rate else 1.0), of_cells) for (shape, level), of_cells in means)
             # One transform of their sum: it costs more than a shape.
-            of_sum = rfft(np.sum([weight * of_cells for weight, of_cells in weights], axis=0))
+            of_sum = rfft(_sum_of_cell_means(record, motion, own))
             found += of_sum * laplace(len(found), n, record.rate_hz) if is_rate else of_sum
-    return np.asarray(found * _of_cells(n * motion.cells, motion.cells))
+    found *= _of_cells(n * motion.cells, motion.cells)
+    return found
+
+
+def _sum_of_cell_means(record: Record, motion: Motion, taken: Sequence[tuple[Shape, float]]) -> FloatArray:
+    """The mean (n cells,) in each cell of friction of some shapes; of rates, of the bristles times their thresholds."""
+    signs = [(shape.threshold, level) for shape, level in taken if shape.kind == "sign"]
+    found = sum_of_mean_signs(motion.velocity, signs) if signs else np.zeros(len(motion.velocity) - 1)
+    bent = [
+        (shape, level * (shape.threshold if shape.is_rate else 1.0)) for shape, level in taken if shape.kind != "sign"
+    ]
+    for (_, level), means in zip(bent, _cell_means(record, motion, [shape for shape, _ in bent]), strict=True):
+        found += level * means
+    return found
 
 
 def _cell_means(record: Record, motion: Motion, shapes: Sequence[Shape]) -> Iterator[FloatArray]:
