@@ -10,7 +10,7 @@ import os
 import pickle
 import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, as_completed, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, as_completed, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from multiprocessing import get_all_start_methods, get_context, parent_process
@@ -142,10 +142,23 @@ def start_method() -> str:
 
 
 def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence[Item]) -> Iterator[tuple[int, Value]]:
-    with on_cluster(address, function) as submit:
-        futures = {submit(item): index for index, item in enumerate(items)}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+    """By a cluster; where all workers that have the function die, it goes to their successors."""
+    left, deaths = dict(enumerate(items)), 0
+    while left:
+        with on_cluster(address, function) as submit:
+            futures = {submit(item): index for index, item in left.items()}
+            try:
+                for future in as_completed(futures):
+                    value = future.result()
+                    del left[futures[future]]
+                    yield futures[future], value
+            except CancelledError as error:
+                deaths += 1
+                if deaths == _MOST_DEATHS:
+                    raise ElastidError(
+                        f"all workers of the cluster at {address} died {deaths} times, perhaps for lack of memory; "
+                        "give them more"
+                    ) from error
 
 
 # So many times workers may die in one work; half as many go on each time, since most die for lack of memory.

@@ -1,6 +1,7 @@
 """Work on the workers of a Dask cluster: the same results as in this process."""
 
 import math
+import os
 from types import SimpleNamespace
 
 import numpy as np
@@ -45,6 +46,36 @@ def killed_at_two(item: int) -> int:
     if item == 2:
         raise distributed.KilledWorker("task", SimpleNamespace(address="tcp://1"), 3)
     return item * item
+
+
+class DyingOnce:
+    """Squares; the first worker that comes to 3 is killed there."""
+
+    def __init__(self, folder):
+        self.died = folder / "died"
+
+    def __call__(self, item: int) -> int:
+        if item == 3:
+            try:
+                self.died.touch(exist_ok=False)
+            except FileExistsError:
+                return item * item
+            os._exit(9)
+        return item * item
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_work_outlives_the_only_worker_of_a_cluster(tmp_path):
+    """And with it the function that the items share: its successor is given both."""
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=True, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        on_dask(cluster.scheduler_address),
+    ):
+        assert ordered(DyingOnce(tmp_path), list(range(6)), 1) == [0, 1, 4, 9, 16, 25]
+    assert (tmp_path / "died").exists()
 
 
 @pytest.mark.slow
