@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "examples")]
 from plain_text import restructured
 
 import elastid
@@ -38,7 +38,8 @@ sphinx_gallery_conf = {
     "examples_dirs": "scripts/examples",
     "gallery_dirs": "gallery",
     "ignore_pattern": r"__init__|exact_responses",
-    "filename_pattern": r"/ex\d\d_",
+    # All but the one that reads the folder of a run.
+    "filename_pattern": r"/ex(?!05)\d\d_",
     "image_scrapers": ("example_figures",),
     "plot_gallery": os.environ.get("ELASTID_DOCS_RUN") == "1",
     "abort_on_example_error": True,
