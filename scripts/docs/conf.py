@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "examples")]
+sys.path.extend([str(Path(__file__).parent), str(Path(__file__).parents[1] / "examples")])
 from plain_text import restructured
 
 import elastid

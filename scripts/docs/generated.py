@@ -185,8 +185,8 @@ Results are HDF5; named axes are dimension scales, complex numbers are native, a
 listing is of small runs of one motor, as ``elastid inspect FILE`` prints it: the name, in parentheses the axes with
 their lengths, the meaning, the unit in brackets. Every file carries ``format``, the version of its layout, and
 ``provenance``: hashes of all that the result depends on, the seed and the versions of the software. In front of the
-HDF5 data stands the SHA-256 of it, so that a bit that flips on a disk is found; ``checksums.sha256`` has those of the other
-files.
+HDF5 data stands the SHA-256 of it, so that a bit that flips on a disk is found; ``checksums.sha256`` has those of the
+other files.
 """
 _SUMMARY = """
 The end of a fit for other programs. ``schema`` is the version of this form, ``status`` says how the fit ended and
