@@ -15,6 +15,7 @@ import pyarrow.parquet
 import pytest
 
 from elastid.app.cli import run_command
+from elastid.store import keep_checksums
 from elastid.study.fleet import load_fleet
 
 SOFT = "r2"
@@ -118,6 +119,7 @@ def test_members_that_fail_are_named_and_the_others_go_on(
     shutil.copytree(folder / "members", tmp_path / "members")
     summary = tmp_path / "members" / "r1_2026-01-31" / "summary.json"
     summary.write_text(summary.read_text().replace('"converged"', '"misfit"', 1))
+    keep_checksums(summary.parent, [summary.name])  # as written so by a fit, not damaged
     assert run_command(["fleet", str(path), "--run", str(tmp_path), "--jobs", "2"]) == 3
     told = capsys.readouterr()
     assert "1 of 6 members are misfits and are not compared with the others: r1 on 2026-01-31" in told.err
