@@ -112,12 +112,12 @@ def _configurations(content: ReportContent) -> Iterator[Drawing]:
     replays = {replay.configuration: replay for replay in content.validation.replays}
     left_out = {agreement.configuration for agreement in content.validation.left_out}
     model_std = content.model_std or (None,) * len(content.frf)
-    for file, (measured, modelled), std in zip(
-        file_names([measured for measured, _ in content.frf]), content.frf, model_std, strict=True
-    ):
+    dense = content.dense or (None,) * len(content.frf)
+    files = file_names([measured for measured, _ in content.frf])
+    for file, (measured, modelled), std, model in zip(files, content.frf, model_std, dense, strict=True):
         name = measured.configuration.name
         title = configuration_title(measured, name in left_out)
-        yield from response_drawings(file, measured, modelled, title, std)
+        yield from response_drawings(file, measured, modelled, title, std, model)
         if name in replays:
             caption = (
                 "the record with the worst fit, and the model under the measured torque; right: enlarged where the "
@@ -135,14 +135,16 @@ def response_drawings(
     modelled: FrequencyResponse | None,
     title: str,
     std: FloatArray | None = None,
+    dense: tuple[FrequencyResponse, FloatArray] | None = None,
 ) -> Iterator[Drawing]:
-    """Magnitude and phase, which the explorer of the page shows, and singular values; std: of the model."""
+    """Magnitude, phase and singular values; std: of the model; dense: model and std on lines of its own."""
     beside = "" if modelled is None else ", measured and modelled"
     shown = measured, modelled, title
+    model = modelled if dense is None else dense[0]
     for kind, what, draw in (
-        ("magnitude", "magnitude of the frequency responses", partial(frf_magnitude, *shown, std)),
-        ("phase", "phase of the frequency responses", partial(frf_phase, *shown)),
-        ("singular-values", "singular values of the response matrix", partial(singular_values, *shown)),
+        ("magnitude", "magnitude of the frequency responses", partial(frf_magnitude, *shown, std, dense)),
+        ("phase", "phase of the frequency responses", partial(frf_phase, measured, model, title)),
+        ("singular-values", "singular values of the response matrix", partial(singular_values, measured, model, title)),
     ):
         drawing = of_configuration(measured.configuration.name, f"{file}-{kind}", f"{what}{beside}.", draw)
         yield replace(drawing, on_page=False)

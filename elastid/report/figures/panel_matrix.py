@@ -82,11 +82,14 @@ class PanelMatrix:
         x, y = self.placed(freq_hz, np.where(seen, np.clip(values, *self.y), np.nan))
         return _joined(x), _joined(y)
 
-    def band(self, low: FloatArray, high: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """x, lower and upper edge of a band through all panels, broken as a curve is."""
+    def band(
+        self, low: FloatArray, high: FloatArray, freq_hz: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """x, lower and upper edge of a band through all panels, broken as a curve is; on lines of its own if given."""
+        f = self.freq_hz if freq_hz is None else freq_hz
         seen = (high >= self.y[0]) & (low <= self.y[1])
         edges = [np.where(seen, np.clip(edge, *self.y), np.nan) for edge in (low, high)]
-        (x, below), (_, above) = (self.placed(self.freq_hz, edge) for edge in edges)
+        (x, below), (_, above) = (self.placed(f, edge) for edge in edges)
         return _joined(x), _joined(below), _joined(above)
 
 

@@ -33,13 +33,18 @@ def configuration_title(measured: FrequencyResponse, left_out: bool) -> str:
 
 
 def frf_magnitude(
-    measured: FrequencyResponse, modelled: FrequencyResponse | None, title: str, std: FloatArray | None = None
+    measured: FrequencyResponse,
+    modelled: FrequencyResponse | None,
+    title: str,
+    std: FloatArray | None = None,
+    dense: tuple[FrequencyResponse, FloatArray] | None = None,
 ) -> Figure:
     """|G| in dB of every element (n_y rows, n_u columns) on one y range.
 
     Measured: points, grey below 2 sigma.  Model: line, with a band of 2 std.  Standard deviations of noise, of noise
     and nonlinear distortion, and of the model: dashed and dotted.  |Ghat - G|: thin.
-    std (F, n_y, n_u): of the model, due to the uncertainty of its parameters.
+    std (F, n_y, n_u): of the model, due to the uncertainty of its parameters.  dense: model and std on lines of its
+    own, which are drawn where they are given.
     """
     above, f = above_2sigma(measured), measured.freq_hz
     Ghat_db = style.in_db(measured.G)
@@ -50,11 +55,19 @@ def frf_magnitude(
     matrix = PanelMatrix(f, (low, high), *Ghat_db.shape[1:])
     ticks = style.db_ticks(low, high, most=6 if len(measured.outputs) <= 3 else 4)
     figure, axes = _empty(measured, matrix, ticks, title, f"|G| in dB re 1 {style.pretty_unit(measured.unit)}")
-    if modelled is not None and std is not None:
-        axes.fill_between(*matrix.band(*_band_db(modelled.G, std)), color=style.FITTED, alpha=0.25, lw=0)
+    drawn, spread = (modelled, std) if dense is None else dense
+    if drawn is not None and spread is not None:
+        band = matrix.band(*_band_db(drawn.G, spread), drawn.freq_hz)
+        axes.fill_between(*band, color=style.FITTED, alpha=0.25, lw=0)
     style.plot_points(axes, *matrix.placed(f, Ghat_db), above, matrix.inside(Ghat_db))
-    if model_db is not None and modelled is not None:
-        axes.plot(*matrix.curve(f, model_db), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+    if drawn is not None and modelled is not None:
+        axes.plot(
+            *matrix.curve(drawn.freq_hz, style.in_db(drawn.G)),
+            color=style.FITTED,
+            lw=1.1,
+            zorder=3,
+            label="fitted model",
+        )
         left = matrix.curve(f, style.in_db(measured.G - modelled.G))
         axes.plot(*left, color=style.RESIDUAL, lw=0.5, zorder=1, label="|measured − model|")
     for label, (std_db, color, dashes) in levels.items():
@@ -106,13 +119,14 @@ def singular_values(measured: FrequencyResponse, modelled: FrequencyResponse | N
     f = measured.freq_hz
     s_measured = np.asarray(np.linalg.svd(measured.G, compute_uv=False), float)
     s_modelled = None if modelled is None else np.asarray(np.linalg.svd(modelled.G, compute_uv=False), float)
+    lines = f if modelled is None else modelled.freq_hz
     noise = np.linalg.norm(sigma_of(measured)[0], axis=(1, 2))
     above = s_measured >= 2 * noise[:, None]
     figure, ((axes,),) = style.panels(1, 1, (7.5, 4.0))
     for k in range(s_measured.shape[1]):
         style.plot_points(axes, f, style.in_db(s_measured[:, k]), above[:, k])
         if s_modelled is not None:
-            axes.plot(f, style.in_db(s_modelled[:, k]), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
+            axes.plot(lines, style.in_db(s_modelled[:, k]), color=style.FITTED, lw=1.1, zorder=3, label="fitted model")
     if noise.any():
         axes.plot(f, style.in_db(noise), color=style.TOTAL, lw=1, ls=":", label="sigma of the matrix")
     style.lighten(axes)

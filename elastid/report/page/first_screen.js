@@ -39,6 +39,20 @@
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", draw);
   }
 
+  // One configuration's modes at a time; paper has all of them, and what is folded.
+  const modes = document.getElementById("mode-tabs");
+  if (modes) {
+    const rows = [...document.querySelectorAll("tr[data-mode]")];
+    const names = [...new Set(rows.map((row) => row.dataset.row))];
+    const show = (k) => rows.forEach((row) => (row.hidden = k !== null && row.dataset.row !== names[k]));
+    let last = 0;
+    const titles = names.map((name) => rows.find((row) => row.dataset.row === name).cells[0].textContent);
+    if (frf && names.length > 1) frf.tabs(modes, titles, (k) => show((last = k)))(0);
+    window.addEventListener("beforeprint", () => show(null));
+    window.addEventListener("afterprint", () => names.length > 1 && show(last));
+  }
+  window.addEventListener("beforeprint", () => document.querySelectorAll("main details").forEach((one) => (one.open = true)));
+
   // A page in a file may not write to the clipboard everywhere: then the text is selected.
   const copy = async (text, from, button) => {
     const before = button.textContent;
