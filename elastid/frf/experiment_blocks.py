@@ -205,7 +205,7 @@ def _mean(
 ) -> tuple[PeriodSpectra, ComplexArray]:
     """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums."""
     if not spectra.is_large:
-        every = period_spectra(spectra, lines, spec.quantity)
+        every = period_spectra(spectra, lines, spec.quantity, sums.scale)
         kept = trusted(every.on(excited), spec, total)
         return kept, sums.add([every.only(kept.periods)])
     # Few lines tell which periods can be trusted; then all lines are added up, some periods at a time.
@@ -214,7 +214,7 @@ def _mean(
     step = -(-int(excited.sum()) // max(_MIN_COMPARED_LINES, _MAX_COMPARED_VALUES // values))
     few = lines[excited][::step]
     kept = trusted(period_spectra(spectra, few, spec.quantity), spec, total and total.at_every(step))
-    groups = period_groups(spectra, lines, spec.quantity)
+    groups = period_groups(spectra, lines, spec.quantity, sums.scale)
     return kept, sums.add(group.only(np.flatnonzero(np.isin(group.periods, kept.periods))) for group in groups)
 
 

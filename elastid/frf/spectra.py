@@ -26,6 +26,8 @@ Role: TypeAlias = Literal["r", "u", "y"]
 # The drift at the ends of a period is averaged over this part of it: long enough to suppress encoder noise, short
 # enough that the drift is straight.
 _END_WINDOW = 1 / 50
+# Of the lines of a spectrum, fewer than this part are kept one period at a time.
+_FEW = 0.5
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
@@ -85,9 +87,26 @@ class RecordSpectra:
 
     def dft_at(self, role: Role, lines: IntArray) -> Iterator[ComplexArray]:
         """The DFT (p, F, c) of a signal at lines (F,), of all periods; of some at a time of a large record."""
+        if not self.is_large and self._are_few(lines) and (role != self.driver_role or self.driver is None):
+            return iter([self._dft_at_few(role, lines)])
         wanted = slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines
         groups = self.dft_groups(role) if self.is_large else iter([self.dft(role)])
         return (group[:, wanted] for group in groups)
+
+    def _are_few(self, lines: IntArray) -> bool:
+        """Whether it is faster to keep these lines alone of each period; never of halves, which share their mean."""
+        return not self.record.half_wave and len(lines) < _FEW * (self.record.repeat_samples // 2 + 1)
+
+    def _dft_at_few(self, role: Role, lines: IntArray) -> ComplexArray:
+        """The DFT (P, F, c) at a few lines (F,), by one array for the whole spectrum of a period after the other."""
+        L, signals = self.record.repeat_samples, getattr(self.record, role)
+        P, c = len(signals) // L, signals.shape[1]
+        spectrum = np.empty((L // 2 + 1, c), dtype=np.complex128)
+        found = np.empty((P, len(lines), c), dtype=np.complex128)
+        for p in range(P):
+            rfft(signals[p * L : (p + 1) * L], axis=0, out=spectrum)
+            np.take(spectrum, lines, axis=0, out=found[p])
+        return found
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
@@ -134,24 +153,28 @@ class PeriodSpectra:
         return replace(self, periods=self.periods[keep], y=self.y[keep], u=self.u[keep])
 
 
-def period_spectra(spectra: RecordSpectra, lines: IntArray, quantity: Motion) -> PeriodSpectra:
+def period_spectra(
+    spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
+) -> PeriodSpectra:
     """All periods of a record at DFT lines (F,), outputs as `quantity`: exact, by powers of j omega.
 
     The part of a position or velocity that does not return to its start within a period (drift) is removed.  Each half
-    period of a half-wave record counts as a period; lines must then be odd.
+    period of a half-wave record counts as a period; lines must then be odd.  scale: that of all records.
     Raises DataError where a sample is missing, since every line of G would be missing.
     """
-    groups = list(period_groups(spectra, lines, quantity))
+    groups = list(period_groups(spectra, lines, quantity, scale))
     if len(groups) == 1:
         return groups[0]
     periods, y, u = (np.concatenate([getattr(group, name) for group in groups]) for name in ("periods", "y", "u"))
     return replace(groups[0], periods=periods, y=y, u=u)
 
 
-def period_groups(spectra: RecordSpectra, lines: IntArray, quantity: Motion) -> Iterator[PeriodSpectra]:
+def period_groups(
+    spectra: RecordSpectra, lines: IntArray, quantity: Motion, scale: ComplexArray | None = None
+) -> Iterator[PeriodSpectra]:
     """The same, all periods at once; some of them at a time of a large record, whose spectra memory need not hold."""
     record = spectra.record
-    scale = amplitude_scale(record, lines, quantity)
+    scale = amplitude_scale(record, lines, quantity) if scale is None else scale
     drifts = np.array([each != "acceleration" for each in record.quantities])
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
