@@ -13,8 +13,8 @@ Jacobian and normal matrix of one configuration. --growth: time for twice the li
 --memory: resident memory of a fit with correlated weights, alone. The last line is one JSON object with the numbers of
 the table; that of the last full run is in last_run.json.
 
-Measured (CPU time, medians in turn, a machine of two cores with much else to do): with compiled loops (the extra fast)
-one evaluation takes 2.0 (evaluation_over_solve) times the bare solves and 8.6 (evaluation_over_floor) times the floor,
+Measured (CPU time, medians in turn, a machine of two cores with much else to do): with loops in C one
+evaluation takes 2.0 (evaluation_over_solve) times the bare solves and 8.6 (evaluation_over_floor) times the floor,
 with NumPy alone 3.4 (numpy_evaluation_over_solve) and 14.7 (numpy_evaluation_over_floor) times; CasADi takes 45.5
 (casadi_over_evaluation) times as long for one. A whole fit is 20 (faster_than_same_jacobian) times faster than
 least_squares with the same Jacobian, at worst 17 (faster_than_same_jacobian_at_worst) times, 38
@@ -292,7 +292,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
             V = R @ block.columns(scale, np.float64)
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
-            residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)).ravel())
+            residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)[0]).ravel())
             slopes.append(np.concatenate([dr.real[:, :, None], dr.imag[:, :, None]], axis=2).reshape(-1, len(x)))
     return np.concatenate(residuals), np.concatenate(slopes)
 
@@ -303,7 +303,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         known, (rows, columns) = with_R.normal._compressed, part.normal.columns.elements
         G = part.kernel.response(fit.theta(part, x))[:, rows, columns]
-        found.append(as_real(known.R.residual(slice(None), known.q, G)).ravel())
+        found.append(as_real(known.R.residual(slice(None), known.q, G)[0]).ravel())
     return np.concatenate(found)
 
 
@@ -413,7 +413,7 @@ def compare(Q: int, F: int, quick: bool) -> dict[str, float]:
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
     compiled = is_worth_it(F, n)
-    print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; the extra fast compiles them'}\n")
+    print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; a C compiler compiles them'}\n")
 
     plain, whole = without_compiled_loops(Q, F)
     kernel = kernel_times(fit, plain, whole, 3 if quick else 15)

@@ -24,13 +24,14 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from elastid.base.compiled import compiler
 from elastid.export.mujoco import mjcf
 from elastid.friction.robot_friction import frictions
 from elastid.model.elastic import ElasticModel
 from elastid.model.serial import serial
 from elastid.robot import Body, Friction, Joint, LuGre, Motor, Placement, Robot, Spring
 from elastid.simulation.closed_loop import Commands, Trajectory, closed_loop, simulate
-from elastid.simulation.compiled import MIN_CALLS, compiler
+from elastid.simulation.compiled import MIN_CALLS
 from elastid.simulation.controller import Gains, tune
 from elastid.simulation.drives import Drives
 from elastid.simulation.dynamics import free_acceleration

@@ -40,14 +40,13 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.slow
 def test_a_study_writes_in_its_run_folder_alone(tiny: Path, tmp_path: Path) -> None:
-    """From design to report: besides it there is the cache of compiled simulations, and those of libraries."""
+    """From design to report: besides it there is the cache of compiled loops, and those of libraries."""
     homes = {"HOME": "home", "USERPROFILE": "home", "TMPDIR": "temporary", "XDG_CACHE_HOME": "cache"}
-    for name in {*homes.values(), "work", "cache/matplotlib", "cache/numba"}:
+    for name in {*homes.values(), "work", "cache/matplotlib"}:
         (tmp_path / name).mkdir(exist_ok=True, parents=True)
     environment = os.environ | {name: str(tmp_path / folder) for name, folder in homes.items()}
     environment |= {
         "MPLCONFIGDIR": str(tmp_path / "cache" / "matplotlib"),
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache" / "numba"),
         "PYTHONDONTWRITEBYTECODE": "1",  # those of modules are Python's own
     }
     given, run = contents(tiny.parent), tmp_path / "run"
@@ -64,10 +63,10 @@ def test_a_study_writes_in_its_run_folder_alone(tiny: Path, tmp_path: Path) -> N
     code, written = json.loads((tmp_path / "traced.json").read_text(encoding="utf-8"))
     assert code == 0, done.stderr
     assert sum(Path(path).is_relative_to(run) for path in written) > 10, "nothing was traced"
-    allowed = (run, *(tmp_path / "cache" / name for name in ("elastid", "matplotlib", "numba")), tmp_path / "temporary")
+    allowed = (run, *(tmp_path / "cache" / name for name in ("elastid", "matplotlib")), tmp_path / "temporary")
     elsewhere = [path for path in written if not any(Path(path).is_relative_to(folder) for folder in allowed)]
     assert [path for path in elsewhere if path not in (os.devnull, str(tmp_path / "cache"))] == []
     # What other languages write is not traced, and would be found here.
     assert contents(tiny.parent) == given
     assert [list((tmp_path / name).iterdir()) for name in ("home", "work", "temporary")] == [[], [], []]
-    assert {path.name for path in (tmp_path / "cache").iterdir()} <= {"elastid", "matplotlib", "numba"}
+    assert {path.name for path in (tmp_path / "cache").iterdir()} <= {"elastid", "matplotlib"}

@@ -10,7 +10,7 @@ from elastid.linear.response.ldl import Elimination, is_compiled
 
 SOLVERS = [
     Leaves,
-    pytest.param(Elimination, marks=pytest.mark.skipif(not is_compiled(), reason="numba is not installed")),
+    pytest.param(Elimination, marks=pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")),
 ]
 
 OMEGA = 2 * np.pi * np.linspace(1, 60, 150)

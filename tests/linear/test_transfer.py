@@ -23,10 +23,10 @@ from elastid.record import Configuration
 from elastid.robot import Body, Joint, Motor, Placement, Robot, Spring
 
 FREQ_HZ = np.geomspace(0.5, 90, 130)
-needs_numba = pytest.mark.skipif(not is_compiled(), reason="numba is not installed")
+needs_compiler = pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")
 
 
-@pytest.fixture(params=[False, pytest.param(True, marks=needs_numba)], ids=["NumPy", "compiled"])
+@pytest.fixture(params=[False, pytest.param(True, marks=needs_compiler)], ids=["NumPy", "compiled"])
 def loops(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Kernels whose loops are compiled, however few lines they have, and kernels without."""
     monkeypatch.setattr("elastid.linear.response.kernel.is_worth_it", lambda n_lines, n: request.param)

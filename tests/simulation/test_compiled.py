@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from plants.two_links import FREE, arm, quiet, rough
 
+from elastid.base import compiled as module
 from elastid.linear.equilibrium import equilibrium
 from elastid.model.serial import serial
 from elastid.record import Configuration
-from elastid.simulation import compiled as module
 from elastid.simulation.closed_loop import Trajectory, closed_loop, simulate
 from elastid.simulation.compiled import MIN_CALLS, compiled
 from elastid.simulation.controller import tune

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.fit.problem.line_loops import is_compiled
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.problem.triangle import Full, Packed
 from elastid.fit.weights.full_covariance import Whitening
@@ -58,8 +59,8 @@ class NormalEquations:
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
         pulls, R = [], self._compressed.R
         for part in self.columns.at(theta):
-            cost, r, slope = self._residual(part.block, part.G)
-            weight = R.returned(part.block, r) * (1.0 if slope is None else slope)
+            cost, returned, slope = self._residual(part.block, part.G)
+            weight = returned if slope is None else returned * slope
             pulls.append(weight)
             omega = part.s.imag / omega_0
             V += cost
@@ -91,16 +92,17 @@ class NormalEquations:
         return self.columns.pull_images(theta, np.concatenate(weights))
 
     def _residual(self, block: slice, G: ComplexArray) -> tuple[float, ComplexArray, ComplexArray | None]:
-        """V of the lines, their residuals q - R g (F, n_e), and the slope of e to g where it is not one."""
+        """V of the lines, r^H R (F, n_e) of their residuals r = q - R g, and the slope of e to g where not one."""
         known = self._compressed
         if self.criterion == "complex":
-            r = known.R.residual(block, known.q[block], G)
-            return float(known.constant[block].sum() + np.vdot(r, r).real), r, None
+            r, returned = known.R.residual(block, known.q[block], G)
+            return float(known.constant[block].sum() + np.vdot(r, r).real), returned, None
         whitened = self._whitened(
             self._mixing, block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
         )
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
-        return float(np.vdot(whitened, whitened).real), self._projected(known.Q[block], whitened), slope
+        returned = known.R.returned(block, self._projected(known.Q[block], whitened))
+        return float(np.vdot(whitened, whitened).real), returned, slope
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""
@@ -146,7 +148,7 @@ class NormalEquations:
     def _compressed(self) -> Compressed:
         """R, and what of the data is left with it."""
         first, second = self._places
-        form = Packed.of if self.columns.kernel.takes_compiled else Full
+        form = Packed.of if self.columns.kernel.takes_compiled and is_compiled() else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
         if mixing is None:
             one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))

@@ -1,7 +1,7 @@
 r"""What the residuals of a line are divided by, as a triangle: R of the weighted residuals q - R g of its elements g.
 
-`Full` works with NumPy, `Packed` with compiled loops where numba is installed (the extra `fast`): whitening and sums
-over the lines in one pass, without the weighted columns of a block in memory. R (F, n_e, n_e), or its diagonal
+`Full` works with NumPy, `Packed` with loops in C where there is a compiler: whitening and sums over the lines in one
+pass, without the weighted columns of a block in memory. R (F, n_e, n_e), or its diagonal
 (F, n_e) where elements count one by one.
 """
 
@@ -14,14 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.fit.problem import line_loops
 from elastid.linear.response.derivatives import Sensitivity
-from elastid.linear.response.kernel import BLOCK
 
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 Precision: TypeAlias = type[np.floating[Any]]
-
-# Lines whose columns stay in the cache; half a block, so that no batch is short.
-LANES = BLOCK // 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,9 +27,10 @@ class Full:
 
     R: ComplexArray | FloatArray
 
-    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> ComplexArray:
-        """r = q - R g (F, n_e) of a block of lines."""
-        return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
+    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+        """r = q - R g (F, n_e) of a block of lines, and r^H R."""
+        r = np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
+        return r, self.returned(block, r)
 
     def returned(self, block: slice, r: ComplexArray) -> ComplexArray:
         """r^H R (F, n_e)."""
@@ -63,46 +61,32 @@ class Full:
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """R (n_r, F), its rows one below the other, lines side by side, for compiled loops."""
+    """R of the compiled loops (`line_loops.packed`)."""
 
-    R: ComplexArray
+    R: FloatArray
 
     @classmethod
     def of(cls, R: ComplexArray | FloatArray) -> Packed:
         """Of R (F, n_e, n_e) or its diagonal (F, n_e)."""
-        above = R if R.ndim == 2 else R[:, *np.triu_indices(R.shape[1])]
-        return cls(np.ascontiguousarray(above.T, np.complex128))
+        return cls(line_loops.packed(R))
 
-    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> ComplexArray:
+    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
         """As `Full.residual`."""
-        from elastid.fit.problem import line_loops
-
         return line_loops.residual(self.R, block.start, q, G)
 
     def returned(self, block: slice, r: ComplexArray) -> ComplexArray:
         """As `Full.returned`."""
-        from elastid.fit.problem import line_loops
-
         return line_loops.returned(self.R, block.start, r)
 
     def pull(self, part: Sensitivity, weight: ComplexArray) -> ComplexArray:
         """As `Full.pull`."""
-        from elastid.fit.problem import line_loops
-
-        pulled = line_loops.pulled(part.left, part.right, part.outputs, part.inputs, part.gain[:, None] * weight)
-        return part.with_whole(pulled, weight)
+        return part.with_whole(line_loops.pulled(part, part.gain[:, None] * weight), weight)
 
     def moments(
         self, part: Sensitivity, scale: FloatArray, slope: ComplexArray | None, omega: FloatArray, precision: Precision
     ) -> FloatArray:
         """As `Full.moments`."""
-        from elastid.fit.problem import line_loops
-
-        n_1 = len(part.sign)
-        V: FloatArray = np.empty((2, len(scale), len(part.outputs), min(LANES, omega.size)), precision)
-        whole, slope = part.whole * scale[n_1:], np.zeros((omega.size, 0), complex) if slope is None else slope
-        single = part.left, part.right, part.gain, part.sign * scale[:n_1]
-        return line_loops.moments(*single, part.outputs, part.inputs, whole, slope, self.R, part.block.start, omega, V)
+        return line_loops.moments(part, scale, slope, self.R, omega, precision)
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:

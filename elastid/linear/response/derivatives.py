@@ -73,6 +73,11 @@ class Sensitivity:
     outputs: IntArray
     inputs: IntArray
 
+    @property
+    def is_alike(self) -> bool:
+        """Whether left and right are the same numbers, in the same memory."""
+        return self.left.shape == self.right.shape and self.left.ctypes.data == self.right.ctypes.data
+
     def columns(
         self, scale: FloatArray, precision: type[np.floating[Any]]
     ) -> npt.NDArray[np.complexfloating[Any, Any]]:

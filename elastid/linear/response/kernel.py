@@ -28,8 +28,8 @@ from elastid.linear.response.ldl import Elimination, is_worth_it
 from elastid.linear.response.rank_one_terms import RankOneTerms, rank_one_terms
 from elastid.robot import gain_name
 
-# Lines worked on at a time: their matrices stay in the cache.
-BLOCK = 200
+# Lines worked on at a time: their matrices stay in the cache; whole batches of the compiled loops.
+BLOCK = 208
 
 
 class Products(NamedTuple):
@@ -241,7 +241,7 @@ class Kernel:
 
     @cached_property
     def takes_compiled(self) -> bool:
-        """Whether compiled loops win back the second that loading them takes."""
+        """Whether compiled loops win back the second that compiling them takes."""
         return is_worth_it(self.freq_hz.size, self.model.n)
 
     def _matrices(self, theta: FloatArray) -> FloatArray:

@@ -1,9 +1,10 @@
-r"""Z(omega) X = B by Z = L D L^T, all coordinates in an order that fills L least; compiled, where numba is installed.
+r"""Z(omega) X = B by Z = L D L^T, all coordinates in an order that fills L least; in C, where there is a compiler.
 
 .. math:: Z^{(k+1)}_{ij} = Z^{(k)}_{ij} - \frac{z^{(k)}_{ki} z^{(k)}_{kj}}{z^{(k)}_{kk}}, \qquad i, j > k
 
 Symmetric, so half of an LU; entries that are zero for every theta are skipped: six motors behind their gears cost next
-to nothing. Faster than `condensation` (scripts/benchmarks/fit.py), but a second to load: for fits that win it back.
+to nothing. Faster than `condensation` (scripts/benchmarks/fit.py), but a second to compile once: for fits that win it
+back.
 Nothing is exchanged for the sake of digits: a line whose pivot is small beside the terms that it is made of, as that of
 an undamped part on its own resonance, is solved by LAPACK instead.
 """
@@ -11,31 +12,30 @@ an undamped part on its own resonance, is solved by LAPACK instead.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
+from pathlib import Path
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.base.compiled import call, loops
 
 # |pivot| beside the sizes of its terms, below which the quotients would cost digits.
 MIN_PIVOT = 1e-3
 # Lines times coordinates squared, from which a fit of some hundred evaluations is faster with compiled loops.
 MIN_WORK = 20_000
+SOURCE = Path(__file__).with_name("ldl.c")
 
 
 def is_worth_it(n_lines: int, n: int) -> bool:
-    """Whether so many lines of n coordinates win back the second that loading the loops takes, and they are there."""
+    """Whether so many lines of n coordinates win back the second that compiling the loops takes, and they are there."""
     return n_lines * n**2 >= MIN_WORK and is_compiled()
 
 
 @cache
 def is_compiled() -> bool:
-    """Whether the loops can be compiled here: numba is installed (the extra `fast`), in a version that fits NumPy's."""
-    try:
-        import numba  # noqa: F401
-    except ImportError:
-        return False
-    return True
+    """Whether the loops can be compiled here."""
+    return loops(SOURCE) is not None
 
 
 @dataclass(frozen=True)
@@ -66,11 +66,31 @@ class Elimination:
 
         Raises LinAlgError where Z is singular.
         """
-        from elastid.linear.response.ldl_numba import eliminate
-
         order = np.ix_(self.order, self.order)
-        found, smallest = eliminate(M[order], D[order], K[order], B[self.order], omega, self.filled, Y[self.order])
+        later, many = self._later
+        found = np.empty((len(omega), B.shape[1], Y.shape[1]), complex)
+        smallest, sizes = np.empty(len(omega)), (len(omega), *B.shape, Y.shape[1])
+        call(
+            loops(SOURCE),
+            "eliminate",
+            *sizes,
+            M[order],
+            D[order],
+            K[order],
+            B[self.order],
+            omega,
+            later,
+            many,
+            Y[self.order],
+            found,
+            smallest,
+        )
         for line in np.flatnonzero(~(smallest > MIN_PIVOT**2)):  # not above: NaN too
             Z = K + 1j * omega[line] * D - omega[line] ** 2 * M
             found[line] = np.linalg.solve(Z, B.astype(complex)).T @ Y
         return found
+
+    @cached_property
+    def _later(self) -> tuple[IntArray, IntArray]:
+        """The columns of each row of L^T that are not zero, the first of each row of (n, n), and how many (n,)."""
+        return np.argsort(~self.filled, axis=1, kind="stable").astype(np.int64), self.filled.sum(axis=1)

@@ -1,0 +1,114 @@
+"""The loops in C of the normal equations: the numbers of NumPy to rounding, however many elements and lines."""
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.linkages import linkage
+from plants.three_mass import circular
+
+from elastid.base.arrays import ComplexArray
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.problem.least_squares import Evaluation
+from elastid.fit.problem.line_loops import BATCH, is_compiled
+from elastid.fit.problem.triangle import Full, Packed
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.setup.parameter_choice import choose
+from elastid.fit.spec import FitSpec, ParameterSpec
+from elastid.fit.weight_spec import MaskSpec, WeightSpec
+from elastid.linear.linearise import linearise
+from elastid.linear.response.derivatives import Sensitivity
+from elastid.linear.response.transfer import to_response
+from elastid.model.formulation import formulate
+from elastid.model.spec import ModelSpec
+from elastid.record import Configuration
+from elastid.response import Covariance
+
+pytestmark = pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")
+
+
+def random_part(rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int, n_1: int, n_2: int) -> Sensitivity:
+    """Random columns of the elements of a response, on and above the diagonal where it is square."""
+    rows, columns = np.triu_indices(n_u) if n_y == n_u else np.indices((n_y, n_u)).reshape(2, -1)
+    left = circular(rng, (F, n_y, n_1))
+    return Sensitivity(
+        block=slice(start, start + F),
+        s=1j * rng.uniform(0.1, 1.0, F),
+        gain=circular(rng, (F,)),
+        G=circular(rng, (F, len(rows))),
+        left=left,
+        right=left if n_y == n_u else circular(rng, (F, n_u, n_1)),
+        sign=rng.choice([-1.0, 1.0], n_1),
+        whole=circular(rng, (F, len(rows), n_2)),
+        outputs=rows.astype(np.int64),
+        inputs=columns.astype(np.int64),
+    )
+
+
+@pytest.mark.parametrize("precision", [np.float64, np.float32])
+@pytest.mark.parametrize("is_diagonal", [True, False])
+@pytest.mark.parametrize(
+    ("F", "n_y", "n_u", "n_1", "n_2"),
+    [(1, 1, 1, 1, 0), (BATCH, 2, 2, 3, 0), (BATCH + 1, 3, 3, 5, 2), (37, 3, 2, 7, 4), (7, 2, 1, 0, 2)],
+)
+def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, precision):
+    """One line, whole batches and more; one element, odd numbers of them; columns of rank one, others and none."""
+    rng = np.random.default_rng(F)
+    start, scale = 2 * BATCH, rng.uniform(0.5, 2.0, n_1 + n_2)
+    part = random_part(rng, start, F, n_y, n_u, n_1, n_2)
+    n_e = len(part.outputs)
+    R: ComplexArray = circular(rng, (start + F, n_e, n_e))
+    R = np.abs(R[:, 0]) if is_diagonal else np.triu(R)
+    R[-1] = 0.0  # a line that is masked
+    q, weight, omega = circular(rng, (F, n_e)), circular(rng, (F, n_e)), part.s.imag
+    full, packed = Full(R), Packed.of(R)
+    for found, expected in (
+        *zip(packed.residual(part.block, q, part.G), full.residual(part.block, q, part.G), strict=True),
+        (packed.returned(part.block, q), full.returned(part.block, q)),
+        (packed.pull(part, weight), full.pull(part, weight)),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max(initial=1.0))
+    tolerance = 1e-12 if precision is np.float64 else 1e-5
+    upper = np.triu(np.ones((n_1 + n_2,) * 2))
+    for slope in (None, weight):
+        found = packed.moments(part, scale, slope, omega, precision) * upper
+        expected = full.moments(part, scale, slope, omega, precision) * upper
+        np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("mode", ["minimal", "constrained"])
+@pytest.mark.parametrize("F", [1, 60])
+def test_a_linkage_has_the_same_normal_equations_in_c_and_numpy(F, mode, monkeypatch):
+    """Correlated weights, elements left out, a held spring; every byte again from the copy of another process."""
+    robot, rng, model = linkage(bends=True), np.random.default_rng(4), ModelSpec(mode)
+    built = formulate(robot, model)
+    linear = linearise(built, Configuration("c1", (0.3, 0.5)), built.theta, built.inputs, "acceleration")
+    exact = to_response(linear, linear.theta_ref, np.linspace(2, 60, F))
+    n_e = exact.G[0].size
+    root = circular(rng, (F, n_e, 3 * n_e)) * (0.02 * np.abs(exact.G)).transpose(0, 2, 1).reshape(F, -1, 1)
+    C = root @ root.conj().transpose(0, 2, 1) / root.shape[2]
+    variance = np.einsum("faa->fa", C).real.reshape(F, *exact.G.shape[:0:-1]).transpose(0, 2, 1)
+    noise = Covariance(variance, np.inf, matrix=C)
+    measured = replace(exact, G=exact.G * (1 + 0.02 * circular(rng, exact.G.shape)), noise=noise)
+    spec = FitSpec(
+        parameters={name: ParameterSpec() for name in ("k_2", "d_*", "k_b2", "m_upper", "fm_*")},
+        weights=WeightSpec(covariance="full"),
+        mask=(MaskSpec(output=exact.outputs[0], input=exact.inputs[1]), MaskSpec(band_hz=(15.0, 16.0))),
+    )
+    parameters = choose(spec, robot)
+    x = parameters.x + 0.05 * rng.standard_normal(len(parameters.x)) * (parameters.x > 0)
+
+    def evaluated(is_compiled: bool) -> tuple[ElasticFit, Evaluation]:
+        monkeypatch.setattr("elastid.linear.response.kernel.is_worth_it", lambda n_lines, n: is_compiled)
+        fit = Assembly.of([measured], robot, spec, parameters, model).at(parameters.x, "complex")
+        return fit, fit.evaluate(x)
+
+    (_, by_numpy), (fit, in_c) = evaluated(False), evaluated(True)
+    size = np.sqrt(np.diag(by_numpy.hessian))
+    assert in_c.cost == pytest.approx(by_numpy.cost, rel=1e-10)  # G is 50 times the residuals, cond Z 3e3
+    np.testing.assert_allclose(in_c.gradient / size, by_numpy.gradient / size, atol=1e-10 * np.sqrt(in_c.cost))
+    np.testing.assert_allclose(in_c.hessian / np.outer(size, size), by_numpy.hessian / np.outer(size, size), atol=1e-11)
+    part = pickle.loads(pickle.dumps(fit.parts[0]))
+    here, again = (one.normal.at(fit.theta(fit.parts[0], x)) for one in (fit.parts[0], part))
+    assert [np.asarray(one).tobytes() for one in here] == [np.asarray(one).tobytes() for one in again]
