@@ -14,6 +14,7 @@ from elastid.experiment.plan.plan import checked_configurations
 from elastid.experiment.specs.responses import ResponseFileSpec
 from elastid.frf.checks.exchanged_channels import channel_notes
 from elastid.record import Configuration
+from elastid.recorded.naming import naming
 from elastid.recorded.responses.reading import link_side_response, read_table
 from elastid.response import FrequencyResponse, in_quantity
 from elastid.store import kind_of, read_responses
@@ -43,8 +44,9 @@ def imported_responses(study: Study, base: Path) -> Iterator[FrequencyResponse]:
                 raise StudyError(
                     f"{path}: its inputs and outputs are unknown; give them under experiment.responses.channels"
                 )
-            table = read_table(path, spec, file.response)
-            response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
+            with naming(path, "its values are no frequency response; look at them with `elastid inspect`"):
+                table = read_table(path, spec, file.response)
+                response = link_side_response(table, spec, configuration, study.places, estimator.quantity)
         if estimator.band_hz is not None:
             low, high = estimator.band_hz
             inside = (response.freq_hz >= low) & (response.freq_hz <= high)

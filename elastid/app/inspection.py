@@ -19,6 +19,7 @@ from elastid.recorded.files.formats import is_log, opened_log
 from elastid.recorded.files.log import ArrayLog
 from elastid.recorded.files.signal_summary import SignalSummary, signal_summary, text_summaries
 from elastid.recorded.files.text import TextLog, described_format, guess_format
+from elastid.recorded.naming import naming
 from elastid.recorded.responses.arrays import HOW_TO_SAVE
 from elastid.recorded.responses.reading import contents_of
 from elastid.recorded.responses.uff import is_universal_file
@@ -41,22 +42,27 @@ def described(path: Path) -> str:
         raise StudyError(f"{path}: no such file")
     if not is_log(path):
         raise StudyError(f"{path}: a folder, but no ROS bag; name a file in it")
+    with naming(path, "damaged, or no file that elastid reads; copy or export it again"):
+        return "\n".join(_lines(path))
+
+
+def _lines(path: Path) -> list[str]:
     if path.is_dir():
-        return "\n".join(_log_lines(path))
+        return _log_lines(path)
     if kind_of(path) is not None:
         numbers = {"fit": _parameters, "frf": _friction, FRICTION: _friction_numbers}.get(
             kind_of(path) or "", lambda _: iter(())
         )
-        return "\n".join([described_artefact(path), *numbers(path)])
+        return [described_artefact(path), *numbers(path)]
     if path.suffix.lower() == ".json":
-        return "\n".join([f"{path}:", *_json_lines(path)])
+        return [f"{path}:", *_json_lines(path)]
     responses, lines = contents_of(path), []
     if responses:
         lines = [f"{path}: {len(responses)} frequency responses; list the file under experiment.responses.files"]
         lines += [f"  {response}" for response in responses]
     if not is_universal_file(path):
         lines += _log_lines(path)
-    return "\n".join(lines)
+    return lines
 
 
 def _log_lines(path: Path) -> list[str]:

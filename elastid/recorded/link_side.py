@@ -26,6 +26,8 @@ UNWRAPPED = "unwrapped-angle"
 _TURN_TOLERANCE = 1.0
 # Smaller elements of E or its inverse are rounding.
 _MIN_COUPLING = 1e-12
+# The fourth power of a larger value, which covariances are made of, nears the largest number that there is.
+MAX_COMPUTABLE = 1e60
 
 
 def link_side_factor(channel: ChannelSpec, robot: Places) -> float:
@@ -75,6 +77,11 @@ def check_values(channels: Sequence[ChannelSpec], columns: Sequence[FloatArray],
         if values.size == 0:
             raise DataError(
                 f"{path}: {channel.full_name}: none of its {len(column)} samples is a finite number; check its name"
+            )
+        if (largest := float(np.max(np.abs(values)))) > MAX_COMPUTABLE:
+            raise DataError(
+                f"{path}: {channel.full_name} reaches {largest:.3g}, which no sensor gives; check its name, and the "
+                "log's placeholder for missing values"
             )
         if np.ptp(values) > 0 or channel.role in ("t", "reference"):
             continue

@@ -20,6 +20,7 @@ from elastid.recorded.channels import GatheredChannels, gather_channels
 from elastid.recorded.drive_notes import drive_notes
 from elastid.recorded.files.formats import is_log, rows_of
 from elastid.recorded.link_side import link_side_factor, to_joints
+from elastid.recorded.naming import naming
 from elastid.recorded.period import advised_period, grid_samples
 from elastid.recorded.pieces import joined, may_be_large, pieces, with_end
 from elastid.recorded.repair.finding import Log, Repaired, counts
@@ -67,7 +68,8 @@ class RecordedRig:
         """One experiment from its logs: channels in SI on the link side, repaired, in whole periods."""
         recorded = self._recorded
         file = recorded.files[[e.name for e in self.experiments].index(experiment.name)]
-        return self._in_pieces(experiment, file) or self._as_a_whole(experiment, file)
+        with naming(self.base / file.path, "its values cannot be used as a log; look at them with `elastid inspect`"):
+            return self._in_pieces(experiment, file) or self._as_a_whole(experiment, file)
 
     def _in_pieces(self, experiment: Experiment, file: FileSpec) -> Record | None:
         """The record of a log that is too large for memory; None where it is not, or must be read as a whole."""

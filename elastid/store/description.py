@@ -37,9 +37,14 @@ def _lines(group: Any, depth: int) -> Iterator[str]:
 
 
 def _axes(dataset: Any) -> str:
-    if dataset.is_scale:
+    if dataset.attrs.get("CLASS") == b"DIMENSION_SCALE":
         return f"({dataset.size})"
-    return "(" + ", ".join(f"{d.label} {n}".strip() for d, n in zip(dataset.dims, dataset.shape, strict=True)) + ")"
+    # Not by `dataset.dims`: HDF5 takes the type of this attribute on trust, and a damaged one ends the process.
+    labels = np.asarray(dataset.attrs.get("DIMENSION_LABELS", []))
+    if labels.shape != (dataset.ndim,):
+        labels = np.full(dataset.ndim, "")
+    words = (each.decode(errors="replace") if isinstance(each, bytes) else str(each) for each in labels)
+    return "(" + ", ".join(f"{word} {n}".strip() for word, n in zip(words, dataset.shape, strict=True)) + ")"
 
 
 def _words(dataset: Any) -> str:

@@ -121,35 +121,37 @@ def remove_leftovers(folder: Path) -> None:
 
 @contextmanager
 def opened(path: Path | str, kind: str) -> Iterator[Any]:
-    """An artefact, read-only; DataError where it is missing, truncated or of another kind."""
+    """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
+    path = Path(path)
+    if not path.is_file():
+        raise DataError(f"{path}: no such file")
+    # Before HDF5 looks at it: some damages end the process there.
+    if not is_intact(path):
+        raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
     try:
-        file = h5py.File(path, "r")
-    except FileNotFoundError:
-        raise DataError(f"{path}: no such file") from None
-    except OSError as error:
-        raise DataError(f"{path}: not a readable HDF5 file ({_first_line(error)}); delete it and run again") from None
-    with file:
-        if not is_intact(Path(path)):
-            raise DataError(f"{path}: its content has changed since it was written; delete it and run again")
-        _require_own_data(Path(path))
-        found = file.attrs.get("elastid")
-        if found != kind:
-            holds = f"holds {found}" if found else "was not written by elastid"
-            raise DataError(f"{path}: {holds}, expected {kind}; delete it and run again")
-        if file.attrs.get("format", 0) > FORMAT:
-            raise DataError(
-                f"{path}: format {file.attrs['format']}, written by a newer elastid; this one reads up to {FORMAT}: "
-                "update it, or delete the file and run again"
-            )
-        try:
+        with h5py.File(path, "r") as file:
+            _require_kind(path, file, kind)
             yield file
-        except (ElastidError, MemoryError):
-            raise
-        except Exception as error:  # what a damaged file makes h5py and NumPy raise
-            raise DataError(
-                f"{path}: damaged, or of an older layout (format {file.attrs.get('format', 0)}: "
-                f"{_first_line(error)}); delete it and run again"
-            ) from error
+    except (ElastidError, MemoryError):
+        raise
+    except Exception as error:  # what a damaged file makes h5py and NumPy raise
+        raise DataError(
+            f"{path}: damaged, no HDF5 file, or of an older layout ({_first_line(error)}); delete it and run again"
+        ) from error
+
+
+def _require_kind(path: Path, file: Any, kind: str) -> None:
+    """DataError of an artefact of another kind, or of a later format than this."""
+    _require_own_data(path)
+    found, written = _plain(file.attrs.get("elastid")), _plain(file.attrs.get("format", 0))
+    if found != kind:
+        holds = f"holds {found}" if found else "was not written by elastid"
+        raise DataError(f"{path}: {holds}, expected {kind}; delete it and run again")
+    if written > FORMAT:
+        raise DataError(
+            f"{path}: format {written}, written by a newer elastid; this one reads up to {FORMAT}: update it, or "
+            "delete the file and run again"
+        )
 
 
 def _require_own_data(path: Path) -> None:
@@ -172,7 +174,7 @@ def read_stamp(path: Path | str) -> Stamp | None:
         with h5py.File(path, "r") as file:
             attributes = {name: _plain(value) for name, value in file["provenance"].attrs.items()}
             attributes["study"] = file["provenance/study"].asstr()[()]
-    except (OSError, KeyError):
+    except Exception:  # what a damaged file makes h5py raise
         return None
     known = {field.name for field in fields(Stamp)}
     return Stamp(**attributes) if {"inputs", "code"} <= set(attributes) <= known else None
@@ -280,6 +282,6 @@ def kind_of(path: Path | str) -> str | None:
     try:
         with h5py.File(path, "r") as file:
             kind = file.attrs.get("elastid")
-    except OSError:
+    except Exception:  # no HDF5, or so damaged that h5py raises anything
         return None
     return kind if isinstance(kind, str) else None

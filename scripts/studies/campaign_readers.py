@@ -5,10 +5,11 @@
 
 Logs (text, HDF5, MATLAB 5 and 7.3, Parquet), responses (text, HDF5, MATLAB, universal files) and results (plan.h5,
 records.h5, frf.h5, fit.h5, validation.h5), damaged by flipped bits, cuts, blocks exchanged or made of noise; HDF5 files
-also in their content, under a checksum that fits: datasets and attributes that are missing, empty, texts, of other
-shapes or lengths, full of NaN, links to "/". Each is inspected, and read by the stage that would read it, in processes
-that may die. A command ends with exit code 0 to 3, and names the file where it fails; anything else, and more than
-20 s, is a finding and fails the campaign. The last line is one JSON object.
+also in their content: datasets and attributes that are missing, empty, texts, of other shapes or lengths, full of NaN,
+links to "/". Each is inspected, and read by the stage that would read it; a result under a checksum that fits what was
+made of it, which no accident makes, is inspected and read alone. All in processes that may die. A command ends with
+exit code 0 to 3, and names the file where it fails; anything else, and more than 20 s, is a finding and fails the
+campaign. The last line is one JSON object.
 """
 
 from __future__ import annotations
@@ -33,10 +34,12 @@ import numpy as np
 from scipy.io import savemat
 
 from elastid.app.cli import run_command
+from elastid.base.errors import DataError
 from elastid.base.execution import surviving
 from elastid.export.uff import write_uff
 from elastid.record import Configuration
 from elastid.response import FrequencyResponse
+from elastid.store import read_fit, read_records, read_responses, read_validation
 from elastid.store.checksum import write_checksum
 
 MAX_S = 20.0
@@ -159,15 +162,30 @@ def _results(base: Path) -> list[Seed]:
     ]
 
 
-def damaged(path: Path, random: Random) -> None:
-    """A file is changed, as its bytes or, if it is HDF5, as its content."""
+READERS: dict[str, Callable[[Path], Any]] = {
+    "records.h5": lambda path: list(read_records(path)),
+    "frf.h5": read_responses,
+    "fit.h5": read_fit,
+    "validation.h5": read_validation,
+}
+
+
+def read(path: Path) -> tuple[int, str]:
+    """As a command that reads a result and does nothing with it."""
+    try:
+        READERS[path.name](path)
+    except DataError as error:
+        return 1, str(error)
+    return 0, ""
+
+
+def damaged(path: Path, random: Random) -> bool:
+    """A file is changed, as its bytes or, if it is HDF5, as its content; whether its checksum was made to fit."""
     if path.suffix in HDF5 and random.random() < 0.6:
         with suppress(Exception), h5py.File(path, "r+") as file:  # some damages h5py itself refuses
             for _ in range(random.randint(1, 3)):
                 _content(file, random)
-        if path.parent.name == "run" and random.random() < 0.9:
-            write_checksum(path)
-        return
+        return path.parent.name == "run" and random.random() < 0.9 and _forged(path)
     raw = bytearray(path.read_bytes())
     for _ in range(random.randint(1, 4)):
         i, j = sorted(random.randrange(len(raw) + 1) for _ in range(2))
@@ -184,9 +202,12 @@ def damaged(path: Path, random: Random) -> None:
             case _:
                 del raw[i : min(j, i + 100)]
     path.write_bytes(raw)
-    if path.parent.name == "run" and random.random() < 0.5:
-        with suppress(Exception):
-            write_checksum(path)
+    return path.parent.name == "run" and random.random() < 0.5 and _forged(path)
+
+
+def _forged(path: Path) -> bool:
+    write_checksum(path)
+    return True
 
 
 def _content(file: Any, random: Random) -> None:
@@ -235,13 +256,14 @@ def judged(number: int, seed: int, chosen: tuple[Seed, ...]) -> tuple[str, str]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "here"
         shutil.copytree(source.folder, folder)
-        damaged(folder / source.file, random)
+        forged = damaged(folder / source.file, random)
         ended = []
         for words in source.commands:
             whole = [str(folder / word) if "." in word or word == "run" else word for word in words]
             began = time.process_time()
             try:
-                code, said = quiet(*whole)
+                reads_alone = forged and words[0] != "inspect"
+                code, said = read(folder / source.file) if reads_alone else quiet(*whole)
             except Exception as error:
                 return "exception", f"{number} {source.folder.name}, {words[0]}: {type(error).__name__}: {error}"
             took = time.process_time() - began

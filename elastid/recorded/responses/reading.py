@@ -24,15 +24,15 @@ from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion
 from elastid.recorded.files.formats import opened_log
 from elastid.recorded.files.log import ArrayLog, Log, StoredArray
 from elastid.recorded.files.text import TextLog, guess_format
-from elastid.recorded.link_side import link_side_factor, to_joints
+from elastid.recorded.link_side import MAX_COMPUTABLE, link_side_factor, to_joints
 from elastid.recorded.responses.arrays import dataset_table, struct_table, structs_in
 from elastid.recorded.responses.table import ResponseTable
 from elastid.recorded.responses.text import text_table
 from elastid.recorded.responses.uff import is_universal_file, uff_contents, uff_table
 from elastid.response import Covariance, FrequencyResponse
 
-# Outside these limits squares and their products overflow or vanish.
-_MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
+# Squares of smaller values, and their products, vanish.
+_MIN_COMPUTABLE = 1e-60
 
 
 def read_table(path: Path, spec: ResponsesSpec, response: str) -> ResponseTable:
@@ -153,7 +153,7 @@ def _hold_response(path: Path, freq_hz: FloatArray, inputs: Sequence[ChannelSpec
 def _refuse_uncomputable(path: Path, G: ComplexArray, spec: ResponsesSpec) -> None:
     """DataError for numbers whose squares overflow or vanish; zeros are allowed."""
     size = np.abs(np.where(G == 0, 1.0, G))
-    worst = np.argwhere((size < _MIN_COMPUTABLE) | (size > _MAX_COMPUTABLE))
+    worst = np.argwhere((size < _MIN_COMPUTABLE) | (size > MAX_COMPUTABLE))
     if not worst.size:
         return
     line, i, j = worst[0]
