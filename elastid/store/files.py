@@ -134,9 +134,11 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
             yield file
     except (ElastidError, MemoryError):
         raise
+    except OSError as error:
+        raise DataError(f"{path}: not a readable HDF5 file ({_first_line(error)}); delete it and run again") from None
     except Exception as error:  # what a damaged file makes h5py and NumPy raise
         raise DataError(
-            f"{path}: damaged, no HDF5 file, or of an older layout ({_first_line(error)}); delete it and run again"
+            f"{path}: damaged, or of an older layout ({_first_line(error)}); delete it and run again"
         ) from error
 
 
