@@ -25,7 +25,6 @@ from elastid.recorded.files.log import ArrayLog, StoredArray
 
 # Version and byte order behind the free text of a header, little and big endian.
 _SIGNATURES = (b"\x00\x01IM", b"\x01\x00MI")
-_NAMES = "names"
 
 
 def recognises(path: Path, head: bytes) -> bool:
@@ -56,7 +55,7 @@ def _read_apart(path: Path, inode: int, size: int, written_ns: int) -> Mapping[s
         died = f"the process that read it died, exit code {ended.returncode}"
         raise ValueError(said[-1] if ended.returncode == 1 and said else died)
     with np.load(io.BytesIO(ended.stdout), allow_pickle=False) as kept:
-        return {str(name): kept[f"arr_{i}"] for i, name in enumerate(kept[_NAMES])}
+        return {str(name): kept[f"arr_{i}"] for i, name in enumerate(kept["names"])}
 
 
 def hand_over() -> None:
@@ -72,7 +71,7 @@ def hand_over() -> None:
             sys.exit(f"{type(error).__name__}: {error}")
     named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
     arrays = dict(leaf for name, value in named.items() for leaf in _leaves(name, value))
-    np.savez(sys.stdout.buffer, *arrays.values(), **{_NAMES: np.array(list(arrays), dtype=str)})
+    np.savez(sys.stdout.buffer, *arrays.values(), names=np.array(list(arrays), dtype=str))
 
 
 def _leaves(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
