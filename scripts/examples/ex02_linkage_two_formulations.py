@@ -13,7 +13,7 @@ import numpy as np
 
 import elastid as ei
 
-robot = ei.load_robot(Path(__file__).parents[2] / "configs" / "robots" / "linkage_arm.yml")
+robot = ei.load_robot(Path(ei.__file__).parents[1] / "configs" / "robots" / "linkage_arm.yml")
 posture = ei.Configuration("bent", np.radians([10.0] * len(robot.driven)))
 freq_hz = np.geomspace(4.0, 120.0, 50)
 responses = []

@@ -1,7 +1,6 @@
 """Every script runs: examples give their number, benches and studies end with one line of JSON."""
 
 import json
-import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -22,10 +21,13 @@ RUNNABLE = sorted(
 
 
 def example(name: str) -> dict[str, Any]:
-    """The variables of an example, without its figures."""
+    """The variables of an example, without its figures; the gallery and a notebook know no __file__."""
+    path = EXAMPLES / f"{name}.py"
+    variables: dict[str, Any] = {"__name__": name}
     sys.path.insert(0, str(EXAMPLES))
     try:
-        return runpy.run_path(str(EXAMPLES / f"{name}.py"))
+        exec(compile(path.read_text(encoding="utf-8"), path, "exec"), variables)
+        return variables
     finally:
         sys.path.remove(str(EXAMPLES))
 

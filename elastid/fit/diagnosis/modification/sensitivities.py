@@ -47,8 +47,9 @@ class Evaluated:
     def whitened(self, slopes: ComplexArray) -> FloatArray:
         """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
         part = self.part
-        gain = part.gain * RESIDUALS[part.criterion](part.measured, self.G)[1]
-        return _flat(self.mixing, np.where(part.gain > 0, gain, 0.0) * slopes)
+        # A logarithm of an element that is left out because it is zero has no slope.
+        slope = np.where(part.gain > 0, RESIDUALS[part.criterion](part.measured, self.G)[1], 0.0)
+        return _flat(self.mixing, part.gain * slope * slopes)
 
     @property
     def residual(self) -> FloatArray:
