@@ -54,17 +54,19 @@ class Body:
     inertia: InertiaTensor = 0.0
     mounting: Placement = field(default_factory=Placement)
 
+    # Messages begin with the key at fault, at whose line a study shows them.
     def __post_init__(self) -> None:
         """Refuse an inertia that no body can have: principal moments obey I1 <= I2 + I3."""
         if self.mass < 0:
-            raise ValueError(f"body {self.name}: the mass is {self.mass:g} kg; it must not be negative")
+            raise ValueError(f"mass of body {self.name}: {self.mass:g} kg; it must not be negative")
         principal = np.linalg.eigvalsh(self.inertia_matrix)
         slack = 1e-9 * max(abs(principal).max(), 1e-300)
         if principal[0] < -slack or principal[2] > principal[0] + principal[1] + slack:
             moments = ", ".join(f"{p:.4g}" for p in principal)
             raise ValueError(
-                f"body {self.name}: no body has the principal inertias {moments} kg*m^2; each must be positive and at "
-                "most the sum of the other two (where it is known about one axis only, give that one number)"
+                f"inertia of body {self.name}: no body has the principal inertias {moments} kg*m^2; each must be "
+                "positive and at most the sum of the other two (where it is known about one axis only, give that one "
+                "number)"
             )
 
     @property

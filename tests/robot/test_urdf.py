@@ -127,7 +127,7 @@ def test_limits_damping_and_frames_are_taken_over_and_the_side_file_adds_elastic
         ("<axis", '<mimic joint="x"/><axis', r"robot.urdf:5: joint a1: a joint that mimics another"),
         ('<mass value="3"/>', '<mass value="0"/>', r"robot.urdf:5: joint a1 moves links without mass"),
         ('<mass value="3"/>', "", r"robot.urdf:3: <inertial> of link upper needs <mass>|moves links without mass"),
-        ('izz="1"', 'izz="9"', r"robot.urdf:3: body upper: no body has the principal inertias"),
+        ('izz="1"', 'izz="9"', r"robot.urdf:3: inertia of body upper: no body has the principal inertias"),
         ('ixx="1"', 'ixx="one"', r"robot.urdf:3: ixx of <inertia> must be 1 finite numbers \(got 'one'\)"),
         ('lower="-1"', 'lower="3"', r"robot.urdf:8: joint a1: limits leave no motion.*lower 3, upper 2"),
         (

@@ -189,7 +189,9 @@ def test_each_mistake_has_one_sentence_at_its_place(tiny: Path, old: str, new: s
 WRONG_ROBOT = [
     ("ratio: 1", "ratio: 0", "bodies[0].joints[0].motor.ratio", "the gear ratio is 0"),
     ("viscous: 1e-3", "viscous: 1e-3, coulomb: -1", "bodies[0].joints[0].motor.coulomb", "coulomb friction is -1"),
-    ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0]", "no body has the principal inertias"),
+    ("    inertia: 1e-3\n", "    inertia: [1, 1, 9]\n", "bodies[0].inertia", "no body has the principal inertias"),
+    ("    inertia: 1e-3\n", "    inertia: -1e-3\n", "bodies[0].inertia", "no body has the principal inertias"),
+    ("    inertia: 1e-3\n", "    mass: -1\n", "bodies[0].mass", "mass of body load: -1 kg; it must not be negative"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2]\n", "bodies[0].inertia", "or a list of 3"),
     ("    inertia: 1e-3\n", "    inertia: [1, 2 kg, 3]\n", "bodies[0].inertia[1]", "unit 'kg' measures kg"),
     ("stiffness: 50", "stifness: 50", "bodies[0].joints[0].spring.stifness", "did you mean 'stiffness'?"),
@@ -205,9 +207,21 @@ def test_a_mistake_in_the_robot_names_the_robots_file(tiny: Path, old: str, new:
     """Line and column count in robot.yml, the key path starts there."""
     found = [line for line in errors(edited(tiny, old, new, "robot.yml")) if message in line]
     assert len(found) == 1
-    assert found[0].startswith("robot.yml:")
-    assert keys in found[0]
+    first = (tiny.parent / "robot.yml").read_text().split(new)[0].count("\n") + 1
+    line = int(found[0].removeprefix("robot.yml:").partition(":")[0])
+    assert first <= line <= first + new.count("\n")
+    assert f": {keys}" in found[0]
     assert "robot.bodies" not in found[0]
+
+
+def test_a_start_that_no_inertia_can_have_is_told_before_anything_is_measured(tiny: Path) -> None:
+    """At the parameter's line; beside the two others of the robot's file it is the one at fault."""
+    edited(tiny, "inertia: 1e-3\n", "inertia: [1e-3, 1e-3, 1e-3]\n", "robot.yml")
+    (error,) = errors(edited(tiny, "d_1: {}", "I_load_zz: {start: 5}"))
+    assert "fit.parameters.I_load_zz: the start gives body load an inertia that no body can have" in error
+    line = int(error.partition(":")[2].partition(":")[0])
+    assert "I_load_zz" in tiny.read_text().splitlines()[line - 1]
+    load(edited(tiny, "start: 5", "start: 1.9e-3"))
 
 
 def test_all_errors_come_at_once_in_the_order_of_the_file(tiny: Path) -> None:

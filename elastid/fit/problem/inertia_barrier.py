@@ -43,6 +43,14 @@ class BodyInertia:
     entries: tuple[tuple[int, int], ...]
     configuration: str = ""
 
+    @property
+    def refusal(self) -> str:
+        """What to say where the start is none that a body can have."""
+        return (
+            f"the start gives body {self.name} an inertia that no body can have (a principal moment above the sum of "
+            "the other two); correct the start of its inertias, those in the robot's file included"
+        )
+
     def theta(self, parameters: ParameterSet, x: FloatArray) -> FloatArray:
         """theta (n_theta,) where the body has this inertia."""
         return parameters.expand(x, self.configuration)
@@ -81,6 +89,11 @@ def moved_inertias(parameters: ParameterSet, robot: Robot) -> tuple[BodyInertia,
                 places = tuple(parameters.index(name) for name in names)
                 found.append(BodyInertia(body.name, places, tuple(names.values()), where))
     return tuple(found)
+
+
+def impossible_inertias(inertias: Sequence[BodyInertia], parameters: ParameterSet, x: FloatArray) -> list[BodyInertia]:
+    """Those that no body can have at x (n_x,), beyond rounding."""
+    return [body for body in inertias if body.roundness(body.theta(parameters, x)) < -ROUNDING]
 
 
 def barrier(
@@ -135,14 +148,11 @@ def _drawn_in(
 
 def _moved_off(x: FloatArray, inertias: Sequence[BodyInertia], parameters: ParameterSet) -> FloatArray:
     """x (n_x,) with its free inertias a little rounder where a body is at the border."""
+    for body in impossible_inertias(inertias, parameters, x):
+        raise StudyError(f"fit.parameters: {body.refusal}")
     flat = [body for body in inertias if body.roundness(body.theta(parameters, x)) < MIN_ROUNDNESS]
     if not flat:
         return x
-    if _roundness(x, flat, parameters) < -ROUNDING:
-        raise StudyError(
-            f"fit.parameters: the start gives body {', '.join(body.name for body in flat)} an inertia that no body "
-            "can have (a principal moment above the sum of the other two); correct the start of its inertias"
-        )
     from scipy.optimize import minimize  # seldom needed, and slow to load
 
     lower, upper = parameters.x_bounds

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from fnmatch import fnmatchcase
 
 from elastid.base.errors import StudyError
+from elastid.fit.problem.inertia_barrier import impossible_inertias, moved_inertias
 from elastid.fit.setup.groups import SEPARATOR
 from elastid.fit.setup.parameter_choice import choose, named_geometry
 from elastid.fit.weight_spec import FactorSpec, MaskSpec, misnamed
@@ -30,6 +31,7 @@ def check_fit(study: Study) -> Iterator[Problem]:
     yield from _check_masks(study)
     yield from _check_profile(study)
     yield from _check_geometry(study)
+    yield from _check_inertias(study)
 
 
 def _check_groups(study: Study) -> Iterator[Problem]:
@@ -101,3 +103,17 @@ def _check_geometry(study: Study) -> Iterator[Problem]:
         keys = [key for key in study.fit.parameters if fnmatchcase(name.partition("@")[0], key)]
         yield Problem((*_PARAMETERS, *keys[-1:]), message)
         return
+
+
+def _check_inertias(study: Study) -> Iterator[Problem]:
+    """The start of a body's inertias is one that a body can have."""
+    try:
+        parameters = choose(study.fit, study.as_robot(), tuple(study.experiment.configurations))
+    except StudyError:
+        return  # reported where the parameters are checked
+    for body in impossible_inertias(moved_inertias(parameters, study.as_robot()), parameters, parameters.x):
+        entries = {parameters.names[place] for place in body.places}
+        keys = [
+            key for key in study.fit.parameters if any(fnmatchcase(e, key.partition(SEPARATOR)[0]) for e in entries)
+        ]
+        yield Problem((*_PARAMETERS, *keys[-1:]), body.refusal)
