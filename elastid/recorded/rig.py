@@ -27,6 +27,7 @@ from elastid.recorded.repair.finding import Log, Repaired, counts
 from elastid.recorded.repair.stops import STOPPED
 from elastid.recorded.repair_order import repair, repair_without_period
 from elastid.recorded.repeat_check import check_repeat
+from elastid.recorded.same_signals import same_signal_notes
 from elastid.recorded.torque_hold import check_holds, hold_samples
 
 
@@ -122,6 +123,7 @@ def _record(
     notes = [replace(note, place=where) for note in gathered.notes]
     notes += [finding.note(where) for finding in findings]
     notes += drive_notes(channels, signals, N, where)
+    notes += same_signal_notes(channels, signals, where)
     if N is not None:
         notes += _end_notes(gathered, repaired, N // 2 if recorded.half_wave else N, N, where)
     elif "none" not in (file.period, recorded.period):

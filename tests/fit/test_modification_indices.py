@@ -12,7 +12,9 @@ from plants.faults import FAULTS, SPEC, drawn, true_case
 from plants.notes import said
 
 from elastid.fit.diagnosis.modification.score_test import Candidate, HeldNumber, ScoreTest
+from elastid.fit.diagnosis.modification.sentences import phrase
 from elastid.fit.identify import identify
+from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult
 
 
@@ -102,3 +104,11 @@ def test_the_drop_is_that_of_least_squares_with_the_number_free() -> None:
     further = test.freed(alone).step(Candidate("a", "", np.array([0]), np.eye(1)))
     whole = r + J @ np.linalg.lstsq(J, -r, rcond=None)[0]
     assert further.drop == pytest.approx(left @ left - whole @ whole, rel=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "words"), [("1", "(6 to 5.94)"), ("kg", "(6 to 5.94 kg)")])
+def test_a_number_without_a_unit_is_said_without_one(unit: str, words: str) -> None:
+    """A gear ratio is 5.94, not `5.94 1`."""
+    step = np.array([math.log(0.99)])
+    one = ModificationIndex("x", "ratio", ("x",), np.array([6.0]), (unit,), (True,), step, 0.1, 9.0, 0.9, np.zeros(1))
+    assert phrase(one) == f"x -1 % {words}"

@@ -138,6 +138,8 @@ def _seen(
     if refused:
         return _Seen(name, refused)
     data = gather_configuration(records, shapes, spec, planned)
+    if not data.is_invertible:
+        return _Seen(name, _dependent(records))
     return _Seen(name, "" if data.shows_friction else _one_response(records), limits_of(records), data)
 
 
@@ -163,6 +165,14 @@ def _chosen(
     """The choice of shapes, and the spectra of these alone."""
     choice, kept = choose(data, candidates, first.inputs, spec.friction == "auto")
     return choice, kept, [each.with_shapes(kept.candidates, kept.rates) for each in data]
+
+
+def _dependent(records: Sequence[Record]) -> str:
+    return (
+        f"the torques of {', '.join(records[0].inputs)}, or the angles of these motors, are not independent in all "
+        f"{len(records)} experiments of configuration {records[0].configuration.name}; check for a file listed twice "
+        "and for a channel that holds the signal of another motor"
+    )
 
 
 def _one_response(records: Sequence[Record]) -> str:

@@ -64,6 +64,12 @@ class ConfigurationSpectra:
         """Whether there are more experiments than inputs, or lines that are not excited."""
         return self.U.shape[2] > self.U.shape[1] or not self.excited.all()
 
+    @property
+    def is_invertible(self) -> bool:
+        """Whether the experiments separate the inputs and G has an inverse, at every line that is excited."""
+        both = self.U[self.excited], self.Y[self.excited]
+        return not self.excited.any() or all(_has_full_rank(spectra) for spectra in both)
+
     def with_shapes(self, chosen: IntArray, rates: FloatArray) -> ConfigurationSpectra:
         """The same with some of its shapes (n,), and then the rates of some of these: rates (n,) is their threshold D,
         0 without."""
@@ -168,6 +174,13 @@ def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -
     for f, motor in enumerate(motor_of):
         torque[:, motor] += levels[f] * Phi[:, f]
     return torque
+
+
+def _has_full_rank(spectra: ComplexArray) -> bool:
+    """Whether the signals of spectra (F, n_m, K), each beside its largest amplitude, are independent at every line."""
+    largest = np.maximum(np.abs(spectra).max(axis=(0, 2)), 1e-300)
+    values = np.linalg.svd(spectra / largest[:, None], compute_uv=False)
+    return bool(np.all(values[:, -1] > _MIN_SINGULAR * values[:, 0]))
 
 
 def _some(lines: IntArray) -> IntArray:

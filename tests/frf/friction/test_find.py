@@ -60,6 +60,24 @@ def test_friction_that_is_not_there_is_not_taken_out() -> None:
     assert net_record(record, result) is record
 
 
+@pytest.mark.parametrize("signal", ["u", "y"])
+def test_experiments_that_are_copies_and_motors_with_one_signal_are_refused(signal: str) -> None:
+    """Torques that do not separate the inputs, or angles that do not separate the motors, leave nothing to invert."""
+    configurations, lines = measured()
+    records = configurations[0]
+    if signal == "u":
+        of_realisation = {record.realisation: record for record in reversed(records)}
+        spoilt = [replace(of_realisation[each.realisation], experiment=each.experiment) for each in records]
+        spoilt = [replace(each, u=each.u[:, [0, 0]]) for each in spoilt]
+    else:
+        spoilt = [replace(each, y=each.y[:, [0, 0]]) for each in records]
+    result = find_friction([tuple(spoilt)], AUTO, lines)
+    assert result.shapes == ()
+    (note,) = result.notes
+    assert "are not independent in all" in note.text
+    assert "check for a file listed twice" in note.text
+
+
 def test_the_torque_of_friction_is_not_held(found: FrictionTakenOut) -> None:
     """At the lines the net torque is H U - sum f Phi, H being the hold of the torque alone."""
     configurations, lines = measured()

@@ -100,8 +100,9 @@ def phrase(one: ModificationIndex) -> str:
         return f"a position loop of {math.sqrt(max(changed, 0.0)) / (2 * math.pi):.2g} Hz around {whose}"
     if one.name.endswith("*"):
         return f"{one.name} {_change(math.exp(step)) if one.log[0] else f'{step:+.3g}'}"
-    by = _change(math.exp(step)) if one.log[0] else f"{step:+.3g} {one.units[0]}"
-    return f"{one.name} {by} ({value:.4g} to {changed:.4g} {one.units[0]})"
+    unit = "" if one.units[0] == "1" else f" {one.units[0]}"
+    by = _change(math.exp(step)) if one.log[0] else f"{step:+.3g}{unit}"
+    return f"{one.name} {by} ({value:.4g} to {changed:.4g}{unit})"
 
 
 def _payload(one: ModificationIndex, body: str) -> str:
