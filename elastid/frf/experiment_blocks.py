@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
-from elastid.frf.matrices import added, adjoint
+from elastid.frf.matrices import added, adjoint, squared_magnitude
 from elastid.frf.negligible_transient import TotalError
 from elastid.frf.period_selection import trusted
 from elastid.frf.spec import EstimatorSpec
@@ -53,7 +53,7 @@ class Block:
             return np.asarray(np.linalg.inv(self.U), dtype=np.complex128)
         return adjoint(self.U) @ np.linalg.inv(self.UU)
 
-    @cached_property
+    @property
     def UU(self) -> ComplexArray:
         """U U^H (F, n_u, n_u)."""
         return self.U @ adjoint(self.U)
@@ -61,7 +61,7 @@ class Block:
     @cached_property
     def input_rms(self) -> FloatArray:
         """RMS (n_u,) of each input over lines and experiments; 1 for one that is zero."""
-        rms = np.sqrt(np.mean(np.abs(self.U) ** 2, axis=(0, 2)))
+        rms = np.sqrt(np.mean(squared_magnitude(self.U), axis=(0, 2)))
         return np.where(rms > 0, rms, 1.0)
 
     def on(self, lines: BoolArray) -> Block:
@@ -138,10 +138,9 @@ class _ScatterSum:
             # In parts that stay in the processor's cache.
             for first in range(0, len(mean), _LINES_AT_ONCE):
                 part = slice(first, first + _LINES_AT_ONCE)
-                V = np.concatenate([spectra.y[:, part], spectra.u[:, part]], axis=2)
-                of_group = V.mean(axis=0)
-                V -= of_group
-                V = np.moveaxis(V, 0, 2)
+                z = spectra.z[:, part]
+                of_group = z.sum(axis=0) / p
+                V = np.moveaxis(z - of_group, 0, 2)
                 self.S[part] += V @ adjoint(V)
                 if n:
                     apart = of_group - mean[part]

@@ -20,6 +20,11 @@ def adjoint(A: ComplexArray) -> ComplexArray:
     return np.asarray(np.swapaxes(A, -1, -2).conj())
 
 
+def squared_magnitude(A: ComplexArray) -> FloatArray:
+    """|A|^2 of each element, without the root that its magnitude costs."""
+    return np.asarray(A.real**2 + A.imag**2)
+
+
 def power(A: ComplexArray) -> FloatArray:
     """Diagonal (F, n) of each positive semidefinite matrix: real, and no less than zero but for rounding."""
     return np.asarray(np.maximum(np.einsum("fii->fi", A).real, 0.0))

@@ -50,8 +50,8 @@ Estimator: TypeAlias = Callable[[Sequence[Block], ComplexArray], Estimate]
 
 def arithmetic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
-    G, W = _each(blocks)
-    return Estimate(arithmetic_mean(G), W)
+    G = added(each.Y @ each.W for each in blocks) / len(blocks)
+    return Estimate(G, _mean_weights(blocks))
 
 
 def harmonic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
@@ -178,7 +178,12 @@ def log_is_safe(G: ComplexArray) -> BoolArray:
 def _each(blocks: Sequence[Block]) -> tuple[ComplexArray, tuple[ComplexArray, ...]]:
     """G_m (M, F, n_y, n_u) of every realisation, and the weights of their mean."""
     G = np.stack([each.Y @ each.W for each in blocks])
-    return G, tuple(each.W / len(blocks) for each in blocks)
+    return G, _mean_weights(blocks)
+
+
+def _mean_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
+    """W_m of the mean over realisations."""
+    return tuple(each.W / len(blocks) for each in blocks)
 
 
 def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:

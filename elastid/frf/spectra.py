@@ -26,8 +26,6 @@ Role: TypeAlias = Literal["r", "u", "y"]
 # The drift at the ends of a period is averaged over this part of it: long enough to suppress encoder noise, short
 # enough that the drift is straight.
 _END_WINDOW = 1 / 50
-# Of the lines of a spectrum, fewer than this part are kept one period at a time.
-_FEW = 0.5
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
@@ -54,6 +52,10 @@ class RecordSpectra:
         return self if self.is_large else replace(self, driver=self.dft(self.driver_role))
 
     @property
+    def _n_periods(self) -> int:
+        return self.record.n_samples // self.record.repeat_samples
+
+    @property
     def is_large(self) -> bool:
         """Whether the record is worked on in groups of periods."""
         return self.record.u.size + self.record.y.size >= MIN_LARGE_VALUES
@@ -62,11 +64,11 @@ class RecordSpectra:
         """The DFT of a signal as it was logged."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
-        return self._dft(role, 0, self.record.n_samples // self.record.repeat_samples)
+        return self._dft(role, 0, self._n_periods)
 
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
         """The same, some periods (p, N // 2 + 1, c) at a time."""
-        L, P = self.record.repeat_samples, self.record.n_samples // self.record.repeat_samples
+        L, P = self.record.repeat_samples, self._n_periods
         at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
             yield self._dft(role, first, min(P, first + at_once))
@@ -87,26 +89,38 @@ class RecordSpectra:
 
     def dft_at(self, role: Role, lines: IntArray) -> Iterator[ComplexArray]:
         """The DFT (p, F, c) of a signal at lines (F,), of all periods; of some at a time of a large record."""
-        if not self.is_large and self._are_few(lines) and (role != self.driver_role or self.driver is None):
-            return iter([self._dft_at_few(role, lines)])
-        wanted = slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines
-        groups = self.dft_groups(role) if self.is_large else iter([self.dft(role)])
-        return (group[:, wanted] for group in groups)
+        if self.is_large:
+            return (group[:, _wanted(lines)] for group in self.dft_groups(role))
+        found = np.empty((self._n_periods, len(lines), getattr(self.record, role).shape[1]), dtype=np.complex128)
+        self._put_dft_at(role, lines, found)
+        return iter([found])
 
-    def _are_few(self, lines: IntArray) -> bool:
-        """Whether it is faster to keep these lines alone of each period; never of halves, which share their mean."""
-        return not self.record.half_wave and len(lines) < _FEW * (self.record.repeat_samples // 2 + 1)
+    def responses_at(self, lines: IntArray) -> Iterator[ComplexArray]:
+        """The DFT (p, F, n_y + n_u) of [y, u] likewise."""
+        if self.is_large:
+            pairs = zip(self.dft_at("y", lines), self.dft_at("u", lines), strict=True)
+            return (np.concatenate(pair, axis=2) for pair in pairs)
+        n_y = len(self.record.outputs)
+        found = np.empty((self._n_periods, len(lines), n_y + len(self.record.inputs)), dtype=np.complex128)
+        self._put_dft_at("y", lines, found[:, :, :n_y])
+        self._put_dft_at("u", lines, found[:, :, n_y:])
+        return iter([found])
 
-    def _dft_at_few(self, role: Role, lines: IntArray) -> ComplexArray:
-        """The DFT (P, F, c) at a few lines (F,), by one array for the whole spectrum of a period after the other."""
-        L, signals = self.record.repeat_samples, getattr(self.record, role)
-        P, c = len(signals) // L, signals.shape[1]
-        spectrum = np.empty((L // 2 + 1, c), dtype=np.complex128)
-        found = np.empty((P, len(lines), c), dtype=np.complex128)
-        for p in range(P):
+    def _put_dft_at(self, role: Role, lines: IntArray, found: ComplexArray) -> None:
+        """Puts the DFT of all periods into found (P, F, c).
+
+        One array holds the whole spectrum of one period after the other and stays in the processor's cache; half
+        periods share their mean.
+        """
+        record, wanted = self.record, _wanted(lines)
+        if record.half_wave or (role == self.driver_role and self.driver is not None):
+            found[:] = self.dft(role)[:, wanted]
+            return
+        L, signals = record.repeat_samples, getattr(record, role)
+        spectrum = np.empty((signals.shape[1], L // 2 + 1), dtype=np.complex128).T  # each channel on its own
+        for p, of_period in enumerate(found):
             rfft(signals[p * L : (p + 1) * L], axis=0, out=spectrum)
-            np.take(spectrum, lines, axis=0, out=found[p])
-        return found
+            of_period[:] = spectrum[wanted]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
@@ -116,41 +130,42 @@ class RecordSpectra:
 
 @dataclass(frozen=True, eq=False)
 class PeriodSpectra:
-    """Z = [Y, U] = scale [y, u] of the periods of one record that are used, by their index (P,) in it.
+    """Z = [Y, U] = scale z of the periods of one record that are used, by their index (P,) in it.
 
-    y (P, F, n_y), u (P, F, n_u): DFT of the samples as they were logged.  scale (F, n_y + n_u): to amplitudes, torques
-    in Nm as they act between the samples and outputs all in one quantity; means and scatters take it once, instead of
-    every period.
+    z (P, F, n_y + n_u): DFT of the samples of y and u as they were logged.  scale (F, n_y + n_u): to amplitudes,
+    torques in Nm as they act between the samples and outputs all in one quantity; means and scatters take it once,
+    instead of every period.
     """
 
     record: Record
     periods: IntArray
-    y: ComplexArray
-    u: ComplexArray
+    z: ComplexArray
     scale: ComplexArray
     notes: tuple[Note, ...] = ()
 
     @property
     def Y(self) -> ComplexArray:
         """Outputs (P, F, n_y)."""
-        return self.y * self.scale[:, : self.y.shape[2]]
+        n_y = len(self.record.outputs)
+        return self.z[:, :, :n_y] * self.scale[:, :n_y]
 
     @property
     def U(self) -> ComplexArray:
         """Inputs (P, F, n_u)."""
-        return self.u * self.scale[:, self.y.shape[2] :]
+        n_y = len(self.record.outputs)
+        return self.z[:, :, n_y:] * self.scale[:, n_y:]
 
     def on(self, lines: BoolArray | slice) -> PeriodSpectra:
         """The same on some of its lines (F,)."""
         if not isinstance(lines, slice) and lines.all():
             return self
-        return replace(self, y=self.y[:, lines], u=self.u[:, lines], scale=self.scale[lines])
+        return replace(self, z=self.z[:, lines], scale=self.scale[lines])
 
     def only(self, keep: IntArray) -> PeriodSpectra:
         """The same of some of its periods."""
         if len(keep) == len(self.periods):
             return self
-        return replace(self, periods=self.periods[keep], y=self.y[keep], u=self.u[keep])
+        return replace(self, periods=self.periods[keep], z=self.z[keep])
 
 
 def period_spectra(
@@ -165,8 +180,8 @@ def period_spectra(
     groups = list(period_groups(spectra, lines, quantity, scale))
     if len(groups) == 1:
         return groups[0]
-    periods, y, u = (np.concatenate([getattr(group, name) for group in groups]) for name in ("periods", "y", "u"))
-    return replace(groups[0], periods=periods, y=y, u=u)
+    periods, z = (np.concatenate([getattr(group, name) for group in groups]) for name in ("periods", "z"))
+    return replace(groups[0], periods=periods, z=z)
 
 
 def period_groups(
@@ -178,16 +193,16 @@ def period_groups(
     drifts = np.array([each != "acceleration" for each in record.quantities])
     drift = _drift(record, lines, drifts) if drifts.any() else None
     first = 0
-    for y, u in zip(spectra.dft_at("y", lines), spectra.dft_at("u", lines), strict=True):
+    for z in spectra.responses_at(lines):
         # The samples themselves are searched only where a line shows that something is wrong.
-        if not all(_computable(np.abs(x[:, 0])).all() for x in (y, u)):
+        if not _computable(np.abs(z[:, 0])).all():
             refuse_uncomputable(record)
-        periods = np.arange(first, first + len(y))
+        periods = np.arange(first, first + len(z))
         if drift is not None:
             gain, ramp = drift
-            y[:, :, np.flatnonzero(drifts)] -= gain[periods][:, None, :] * ramp[:, None]
-        yield PeriodSpectra(record, periods, y, u, scale)
-        first += len(y)
+            z[:, :, np.flatnonzero(drifts)] -= gain[periods][:, None, :] * ramp[:, None]
+        yield PeriodSpectra(record, periods, z, scale)
+        first += len(z)
 
 
 def amplitude_scale(record: Record, lines: IntArray, quantity: Motion) -> ComplexArray:
@@ -259,6 +274,11 @@ def refuse_uncomputable(record: Record) -> None:
                 f"record {record.name}: {role} at {names[column]} reaches {largest[column]:.3g} in SI units, which "
                 "no sensor can; check unit and scale of its channel, and the log's placeholder for missing values"
             )
+
+
+def _wanted(lines: IntArray) -> slice | IntArray:
+    """Lines (F,) in order as an index, which copies nothing where none lies between them."""
+    return slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines
 
 
 def _computable(size: FloatArray) -> BoolArray:

@@ -15,11 +15,11 @@ covariance, too.  The largest relative difference of G is rounding.
 The last line is one JSON object with the numbers of the table; that of the last full run is in last_run.json.
 
 Measured (CPU time, medians in turn, a machine of two cores with much else to do): the odd lines take
-2.3 (B_over_floor) and all lines 7.3 (A_over_floor) times the floor and
-0.24 (A_gb_above_data) GB above the data. The same by scipy.signal.csd at once takes
-8.7 (B_faster_than_csd_at_once) and 2.0
-(A_faster_than_csd_at_once) times as long, pair by pair 28.8 (B_faster_than_csd) and
-8.4 (A_faster_than_csd) times; of white noise 2.6
+1.28 (B_over_floor) and all lines 5.9 (A_over_floor) times the floor and
+0.21 (A_gb_above_data) GB above the data. The same by scipy.signal.csd at once takes
+10.6 (B_faster_than_csd_at_once) and 2.2
+(A_faster_than_csd_at_once) times as long, pair by pair 49.6 (B_faster_than_csd) and
+9.4 (A_faster_than_csd) times; of white noise 2.8
 (welch_faster_than_csd_at_once) times.
 """
 

@@ -10,7 +10,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import added
+from elastid.frf.matrices import added, adjoint, squared_magnitude
 from elastid.response import Levels, Quality
 
 # Power of an input over the noise of its mean (20 dB) below which it costs accuracy.
@@ -26,14 +26,16 @@ def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) ->
     blocks, S_Z, n_y = data.blocks, data.scatter.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.scatter.dof
-    power = [np.abs(each.Y) ** 2 for each in blocks]
-    U_H = [(each.U.conj() * each.periods).swapaxes(1, 2) for each in blocks]
+    # Of the outputs, weighted by periods and not, in one product.
+    weights = [np.stack([each.periods, np.ones(len(each.periods))], axis=1) for each in blocks]
+    products = [squared_magnitude(each.Y) @ weight for each, weight in zip(blocks, weights, strict=True)]
+    powers: FloatArray = np.sum(products, axis=0)
     coherence, multiple = coherences(
-        np.sum([p @ each.periods for each, p in zip(blocks, power, strict=True)], axis=0) + spread[:, :n_y],
-        added(each.Y @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, :n_y, n_y:],
-        added(each.U @ H for each, H in zip(blocks, U_H, strict=True)) + S_Z[:, n_y:, n_y:],
+        powers[:, :, 0] + spread[:, :n_y],
+        added(each.Y @ adjoint(each.U * each.periods) for each in blocks) + S_Z[:, :n_y, n_y:],
+        added(each.U @ adjoint(each.U * each.periods) for each in blocks) + S_Z[:, n_y:, n_y:],
     )
-    amplitude = np.sqrt(np.sum([p.sum(axis=2) for p in power], axis=0) / len(data.periods))
+    amplitude = np.sqrt(powers[:, :, 1] / len(data.periods))
     return Quality(
         coherence=coherence,
         multiple_coherence=multiple,
@@ -65,7 +67,7 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
               \gamma_i^2 = \frac{S_{y_i u} S_{uu}^{-1} S_{u y_i}}{S_{y_i y_i}}
     """
     both = yy[:, :, None] * np.einsum("fii->fi", uu).real[:, None, :]
-    ordinary = np.divide(np.abs(yu) ** 2, both, out=np.zeros(both.shape), where=both > 0)
+    ordinary = np.divide(squared_magnitude(yu), both, out=np.zeros(both.shape), where=both > 0)
     explained = np.sum((yu @ np.linalg.inv(uu)) * yu.conj(), axis=2).real
     multiple = np.divide(explained, yy, out=np.zeros(explained.shape), where=yy > 0)
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)

@@ -18,6 +18,7 @@ from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, pooled
 from elastid.frf.lines import MIN_SNR, described_lines, smoothed_noise
+from elastid.frf.matrices import squared_magnitude
 from elastid.frf.methods import AVERAGED
 from elastid.record import Record
 
@@ -42,7 +43,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
     rms, (_, n_u, E) = block.input_rms, block.U.shape
     of_mean = block.input_noise * np.mean(1 / block.periods)
     noise = MIN_SNR * smoothed_noise((of_mean / rms**2).max(axis=1), block.dof)
-    total = np.sum(np.abs(block.U) ** 2, axis=2) @ (1 / (E * rms**2))
+    total = squared_magnitude(block.U).sum(axis=2) @ (1 / (E * rms**2))
     least = np.maximum(noise, _MIN_POWER_RATIO * total)
     # Most lines pass by the bound 1 / tr(S_U^-1) <= lambda_min, which costs no eigenvalue.
     separated = _weakest_at_least(block, least)
@@ -64,7 +65,7 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
 def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
     """Flags (F,) of the lines where 1 / tr(S_U^-1) exceeds the least power; none where some matrix has no inverse."""
     try:
-        trace = block.U.shape[2] * (np.sum(np.abs(block.W) ** 2, axis=1) @ block.input_rms**2)
+        trace = block.U.shape[2] * (squared_magnitude(block.W).sum(axis=1) @ block.input_rms**2)
     except np.linalg.LinAlgError:
         return np.zeros(len(least), dtype=np.bool_)
     return np.asarray(least * trace < 1)
