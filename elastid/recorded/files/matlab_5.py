@@ -10,7 +10,6 @@ import io
 import os
 import subprocess
 import sys
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from elastid.experiment.specs.recorded import TextFormatSpec
+from elastid.recorded.files import matlab_5_process
 from elastid.recorded.files.log import ArrayLog, StoredArray
 
 # Version and byte order behind the free text of a header, little and big endian.
@@ -47,7 +47,7 @@ def opened(path: Path, text: TextFormatSpec) -> Iterator[ArrayLog]:
 def _read_apart(path: Path, inode: int, size: int, written_ns: int) -> Mapping[str, NDArray[Any]]:
     """The arrays of this version of a file, from a process of its own."""
     # -P: nothing is imported from the folder that the user happens to be in.
-    reader = [sys.executable, "-P", "-c", f"from {__name__} import hand_over; hand_over()", str(path)]
+    reader = [sys.executable, "-P", "-c", f"from {matlab_5_process.__name__} import hand_over; hand_over()", str(path)]
     where = os.pathsep.join(place or os.getcwd() for place in sys.path)
     ended = subprocess.run(reader, capture_output=True, check=False, env=os.environ | {"PYTHONPATH": where})
     if ended.returncode != 0:
@@ -56,40 +56,6 @@ def _read_apart(path: Path, inode: int, size: int, written_ns: int) -> Mapping[s
         raise ValueError(said[-1] if ended.returncode == 1 and said else died)
     with np.load(io.BytesIO(ended.stdout), allow_pickle=False) as kept:
         return {str(name): kept[f"arr_{i}"] for i, name in enumerate(kept["names"])}
-
-
-def hand_over() -> None:
-    """In the process that reads: the arrays of the file that it was started with, as an npz on standard output."""
-    from scipy.io import loadmat
-
-    with warnings.catch_warnings():
-        # Files with several objects of classes make SciPy warn of "duplicate variable None"; objects are skipped.
-        warnings.simplefilter("ignore")
-        try:
-            variables = loadmat(sys.argv[1])
-        except Exception as error:
-            sys.exit(f"{type(error).__name__}: {error}")
-    named = {name: value for name, value in variables.items() if isinstance(name, str) and not name.startswith("__")}
-    arrays = dict(leaf for name, value in named.items() for leaf in _leaves(name, value))
-    np.savez(sys.stdout.buffer, *arrays.values(), names=np.array(list(arrays), dtype=str))
-
-
-def _leaves(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
-    from scipy.io.matlab import MatlabOpaque
-
-    if isinstance(value, MatlabOpaque) or not isinstance(value, np.ndarray):
-        return
-    if value.dtype == object:
-        for index, cell in enumerate(value.ravel(order="F"), start=1):
-            yield from _leaves(f"{name}{{{index}}}", cell)
-        return
-    if value.dtype.names is None:
-        yield name, value
-        return
-    for index, element in enumerate(value.ravel(order="F"), start=1):
-        prefix = name if value.size == 1 else f"{name}({index})"
-        for member in value.dtype.names:
-            yield from _leaves(f"{prefix}.{member}", element[member])
 
 
 def _stored(value: NDArray[Any]) -> StoredArray:
