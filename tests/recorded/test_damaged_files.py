@@ -47,7 +47,7 @@ def test_what_matlab_files_hold_comes_whole_from_the_process_that_reads(tmp_path
 
 
 def test_no_module_of_the_users_folder_is_loaded_to_read_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """A folder of logs may hold a numpy.py of anybody."""
+    """A folder of logs may hold a module of anybody, under the name of NumPy."""
     (tmp_path / "numpy.py").write_text("open('loaded', 'w')\n")
     savemat(tmp_path / "log.mat", {"a": np.arange(5.0)})
     monkeypatch.chdir(tmp_path)
