@@ -28,10 +28,12 @@ The names below are those that a notebook needs, in the order of the work; they 
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+# Nothing is imported here: the program's first lines (`elastid.__main__`) come after this file.
+TYPE_CHECKING = False
 
 if TYPE_CHECKING:
+    from typing import Any
+
     from elastid import plot as plot
     from elastid.design.friction import design_friction as design_friction
     from elastid.excitation.spec import MultisineSpec as MultisineSpec
@@ -156,6 +158,8 @@ __all__ = ["plot", *_HOME]
 
 def __getattr__(name: str) -> Any:
     """Load a public name from its module when it is first used; CasADi and SciPy wait until then."""
+    from importlib import import_module
+
     if name == "plot":
         return import_module("elastid.plot")
     if name not in _HOME:

@@ -2,15 +2,30 @@
 
 import sys
 
+INTERRUPTED = 130  # as elastid.app.endings has it, which is not loaded yet
+
 
 def main() -> None:
-    """The command line, ended without a traceback however early it is interrupted."""
+    """The command line, ended without a traceback however early, or late, it is interrupted."""
     try:
+        _end_at_a_signal()
         from elastid.app.cli import main as command_line
 
         command_line()
     except KeyboardInterrupt:
-        sys.exit(130)  # as elastid.app.endings has it
+        sys.exit(INTERRUPTED)
+
+
+def _end_at_a_signal() -> None:
+    """End at once on Ctrl-C or SIGTERM, but while `elastid.app.process` sees to it: nothing has begun, or all is done.
+
+    Packages that load are left at once too; some of them make an error of their own of a KeyboardInterrupt.
+    """
+    import os
+    import signal
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, frame: os._exit(INTERRUPTED))
 
 
 if __name__ == "__main__":

@@ -401,14 +401,19 @@ def test_a_run_stopped_in_every_stage_in_turn_ends_as_if_it_had_not_been(
     assert [name for name in whole if whole[name] != stopped[name]] == ["run.log"]
 
 
-def test_ctrl_c_before_anything_is_loaded_has_no_traceback() -> None:
-    """As long as the command line itself is being imported."""
-    code = """
-import runpy, sys
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("module", ["elastid.app.cli", "elastid.app.process", "click"])
+def test_a_signal_before_anything_is_loaded_has_no_traceback(module: str, number: signal.Signals) -> None:
+    """As long as the command line itself is being imported, even where an import makes another error of Ctrl-C."""
+    code = f"""
+import runpy, signal, sys
 class Interrupted:
     def find_spec(self, name, *rest):
-        if name == "elastid.app.cli":
-            raise KeyboardInterrupt
+        if name == {module!r}:
+            try:
+                signal.raise_signal({int(number)})
+            except BaseException:
+                raise ImportError("something was interrupted") from None
 sys.meta_path.insert(0, Interrupted())
 sys.argv = ["elastid", "--help"]
 runpy.run_module("elastid", run_name="__main__")

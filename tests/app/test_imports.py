@@ -32,6 +32,11 @@ def loaded_after(code: str) -> set[str]:
     return set(done.stdout.splitlines()[-1].split())
 
 
+def test_the_package_itself_loads_nothing() -> None:
+    """Ctrl-C has its answer in the program's first lines, which Python runs after the package's own."""
+    assert loaded_after("import elastid") - loaded_after("pass") == {"elastid", "__future__"}
+
+
 def test_help_loads_neither_numpy_nor_pydantic() -> None:
     """Nothing but click."""
     loaded = loaded_after("from elastid.app.cli import run_command; run_command(['--help'])")
