@@ -60,11 +60,14 @@ def sources(folder: Path) -> Path:
     return source
 
 
-def dead_links(html: Path) -> tuple[int, list[str]]:
+def pages_of(html: Path) -> dict[Path, Page]:
+    """The pages by their paths, without the files of the theme."""
+    paths = (path for path in html.rglob("*.html") if "_static" not in path.parts)
+    return {path: Page(path.read_text(encoding="utf-8")) for path in paths}
+
+
+def dead_links(html: Path, pages: dict[Path, Page]) -> tuple[int, list[str]]:
     """How many links lead from page to page or to an anchor, and those that lead nowhere."""
-    pages = {
-        path: Page(path.read_text(encoding="utf-8")) for path in html.rglob("*.html") if "_static" not in path.parts
-    }
     count, dead = 0, []
     for path, page in pages.items():
         for link in page.links:
@@ -89,10 +92,11 @@ def build(html: Path, quick: bool) -> dict[str, int]:
         done = build_main(["-W", "--keep-going", "-q", "-E", "-b", "html", "-c", str(HERE), str(source), str(html)])
     if done:
         raise RuntimeError("Sphinx reports the warnings above; correct the page or the docstring that each names")
-    count, dead = dead_links(html.resolve())
+    pages = pages_of(html.resolve())
+    count, dead = dead_links(html.resolve(), pages)
     if dead:
         raise RuntimeError("links that lead nowhere:\n" + "\n".join(dead))
-    return {"pages": len(list(html.rglob("*.html"))), "links": count}
+    return {"pages": len(pages), "links": count}
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,14 @@ import elastid
 
 project, author, version = "elastid", "the elastid authors", elastid.__version__
 release, copyright = version, "the elastid authors, MIT licence"
-extensions = ["sphinx.ext.autodoc", "sphinx_gallery.gen_gallery", "mathml"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.mathjax", "sphinx_gallery.gen_gallery"]
 html_theme = "pydata_sphinx_theme"
 html_title = f"elastid {version}"
-html_static_path = ["_static"]
+# MathJax is one file beside the pages, so that equations look alike in every browser and need no other host.
+MATHJAX = "sphinx-mathjax-offline/static/mathjax/tex-svg.js"
+mathjax_path = Path(MATHJAX).name
+html_static_path = ["_static", str(distribution("sphinx-mathjax-offline").locate_file(MATHJAX))]
 html_css_files = ["style.css"]
-html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_theme_options = {
     "header_links_before_dropdown": 6,
@@ -30,10 +33,12 @@ html_theme_options = {
 }
 exclude_patterns = ["scripts"]  # the gallery has its own pages of them
 highlight_language = "none"
+html_sidebars = {"index": [], "tutorial": []}  # they have no pages below them
 nitpicky = True  # of links that are written; types in signatures are no links
 nitpick_ignore_regex = [("py:.*", ".*")]
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
+autodoc_preserve_defaults = True  # `EstimatorSpec()` and not all of its fields
 sphinx_gallery_conf = {
     "examples_dirs": "scripts/examples",
     "gallery_dirs": "gallery",

@@ -15,7 +15,7 @@ from elastid.study.reference import list_keys
 
 ROOT = Path(__file__).parents[2]
 PICTURES = ROOT / "scripts" / "docs" / "pictures"
-HAS_SPHINX = all(importlib.util.find_spec(name) for name in ("sphinx", "sphinx_gallery", "latex2mathml"))
+HAS_SPHINX = all(importlib.util.find_spec(name) for name in ("sphinx", "sphinx_gallery", "pydata_sphinx_theme"))
 
 
 @pytest.mark.slow
