@@ -45,7 +45,7 @@ if TYPE_CHECKING:
         write_responses,
     )
     from elastid.store.results import read_fit, read_validation, write_fit, write_validation
-    from elastid.store.text_checksums import changed_texts, keep_checksums
+    from elastid.store.text_checksums import changed_texts, is_as_written, keep_checksums
     from elastid.store.unfinished import Checkpoint
 
 _HOME = {
@@ -54,6 +54,7 @@ _HOME = {
     "changed_texts": "elastid.store.text_checksums",
     "described": "elastid.store.description",
     "has_checksum": "elastid.store.checksum",
+    "is_as_written": "elastid.store.text_checksums",
     "is_intact": "elastid.store.checksum",
     "keep_checksums": "elastid.store.text_checksums",
     "kind_of": "elastid.store.files",
@@ -87,6 +88,7 @@ __all__ = [
     "changed_texts",
     "described",
     "has_checksum",
+    "is_as_written",
     "is_intact",
     "keep_checksums",
     "kind_of",

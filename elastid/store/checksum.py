@@ -21,7 +21,7 @@ def write_checksum(path: Path) -> None:
     """Put the checksum of a finished file into its user block."""
     digest = _digest(path)
     with path.open("r+b") as file:
-        file.write((_MARK + digest + b"\n").ljust(USER_BLOCK, b"\0"))
+        file.write(_user_block(digest))
 
 
 def is_intact(path: Path | str) -> bool:
@@ -40,7 +40,11 @@ def has_checksum(path: Path | str) -> bool:
 def _is_intact(path: Path, inode: int, size: int, written_ns: int) -> bool:
     with path.open("rb") as file:
         head = file.read(USER_BLOCK)
-    return not head.startswith(_MARK) or head.removeprefix(_MARK)[:64] == _digest(path)
+    return not head.startswith(_MARK) or head == _user_block(_digest(path))
+
+
+def _user_block(digest: bytes) -> bytes:
+    return (_MARK + digest + b"\n").ljust(USER_BLOCK, b"\0")
 
 
 def _digest(path: Path) -> bytes:

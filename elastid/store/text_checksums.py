@@ -13,6 +13,8 @@ from pathlib import Path
 from elastid.store.files import text_file
 
 CHECKSUMS = "checksums.sha256"
+# A run folder and those in it: figures, references.
+FOLDERS_DEEP = 2
 
 
 def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
@@ -22,6 +24,15 @@ def changed_texts(folder: Path, names: Iterable[str]) -> tuple[str, ...]:
     """
     known = _known(folder)
     return tuple(name for name in _files(folder, names) if name in known and known[name] != _hash(folder / name))
+
+
+def is_as_written(path: Path) -> bool | None:
+    """Whether a file of a run folder is as it was when `keep_checksums` saw it; None for one that it never saw."""
+    path = path.resolve()
+    for folder in path.parents[:FOLDERS_DEEP]:
+        if (expected := _known(folder).get(path.relative_to(folder).as_posix())) is not None:
+            return expected == _hash(path)
+    return None
 
 
 def keep_checksums(folder: Path, names: Iterable[str]) -> None:

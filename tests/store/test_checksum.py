@@ -7,15 +7,16 @@ import numpy as np
 import pytest
 from plants.artefacts import STAMP, some_fit
 
+from elastid.app.inspection import described
 from elastid.base.errors import DataError
-from elastid.store import is_intact, read_fit, read_stamp, write_fit
+from elastid.store import has_checksum, is_intact, read_fit, read_stamp, write_fit
 from elastid.store.checksum import USER_BLOCK
 
 FLIPS = 60
 
 
 def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path: Path) -> None:
-    """Behind the user block every bit counts; in it a bit either spoils the checksum or belongs to nothing."""
+    """Behind the user block every bit counts; in it a bit spoils the checksum, or the mark that one is there."""
     path, spoilt = tmp_path / "fit.h5", tmp_path / "spoilt.h5"
     write_fit(path, some_fit(), STAMP)
     content, values = path.read_bytes(), read_fit(path).values
@@ -27,10 +28,13 @@ def test_a_flipped_bit_is_refused_or_changes_nothing(tmp_path: Path) -> None:
         spoilt = tmp_path / f"spoilt{number}.h5"
         spoilt.write_bytes(flipped)
         if place >= USER_BLOCK:
+            with pytest.raises(DataError, match=r"spoilt\d+\.h5: its content has changed"):
+                described(spoilt)
             assert read_stamp(spoilt) is None
             with pytest.raises(DataError, match=r"spoilt\d+\.h5: "):
                 read_fit(spoilt)
         elif is_intact(spoilt):
+            assert not has_checksum(spoilt)
             assert read_fit(spoilt).values == values
 
 

@@ -25,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("name", ["summary.json", "figures/a.png", "references/a.csv"])
 def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None:
-    """In a figure and in a reference, too, and `inspect` refuses the text."""
+    """In a figure and in a reference, too, and `inspect` refuses it."""
     content = (folder / name).read_bytes()
     assert changed_texts(folder, NAMES) == ()
     for bit in range(8 * len(content)):
@@ -33,9 +33,17 @@ def test_every_flipped_bit_of_a_text_is_noticed(folder: Path, name: str) -> None
         spoilt[bit // 8] ^= 1 << bit % 8
         (folder / name).write_bytes(spoilt)
         assert changed_texts(folder, NAMES) == (name,)
-    if name.endswith(".json"):
-        with pytest.raises(DataError, match=r"summary\.json: its content has changed"):
-            described(folder / name)
+    with pytest.raises(DataError, match=rf"{name}: its content has changed since it was written"):
+        described(folder / name)
+
+
+def test_a_figure_that_is_as_it_was_written_is_said_to_be(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It holds no signals; one that no run left is no file of elastid."""
+    monkeypatch.chdir(folder / "figures")
+    assert described(Path("a.png")) == "a.png: written by elastid, and unchanged since"
+    (folder / "figures" / "b.png").write_text("another")
+    with pytest.raises(DataError, match=r"b\.png: no numbers"):
+        described(Path("b.png"))
 
 
 def test_a_damaged_list_never_vouches_for_a_damaged_text(folder: Path) -> None:
