@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from _thread import interrupt_main
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,14 +33,21 @@ def insisting() -> Iterator[Event]:
             Thread(target=insist, daemon=True).start()
         raise KeyboardInterrupt
 
+    def show(unraisable: sys.UnraisableHookArgs) -> None:
+        if not pressed.is_set():
+            shown(unraisable)
+
     if current_thread() is not main_thread():  # signals belong to the main thread
         yield pressed
         return
+    # Python prints the traceback of a KeyboardInterrupt that falls into a destructor, and goes on; it comes again.
+    shown, sys.unraisablehook = sys.unraisablehook, show
     before = {number: signal(number, interrupt) for number in (SIGINT, SIGTERM)}
     try:
         yield pressed
     finally:
         ended.set()
+        sys.unraisablehook = shown
         for number, handler in before.items():
             signal(number, handler)
 

@@ -439,6 +439,28 @@ def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_in_a_destructor_shows_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+    """Python would print it and go on; it is raised again."""
+
+    class Dropped:
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def dropping() -> None:
+        with insisting() as pressed:
+            Dropped()
+            assert pressed.is_set()
+            for _ in range(1000):
+                time.sleep(0.02)
+
+    shown = sys.unraisablehook
+    with pytest.raises(KeyboardInterrupt):
+        dropping()
+    assert capsys.readouterr().err == ""
+    assert sys.unraisablehook is shown
+
+
 def test_whatever_error_ctrl_c_turns_into_the_command_was_interrupted(
     tiny: Path, here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
