@@ -107,7 +107,7 @@ def _search(
     problems += [assembly.search_problem(fit, spec.criterion)] if first is not fit else []
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    return assembly.with_modelled_bias(fit, starts[0].x), starts, hits
+    return assembly, starts, hits
 
 
 def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:
@@ -127,7 +127,7 @@ def _estimate(
 ) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
     optimum = relinearise(assembly, starts[0], assembly.spec.criterion)
-    uncertainty = estimate_uncertainty(optimum.fit, assembly.responses, optimum.weights, optimum.end.x)
+    uncertainty = estimate_uncertainty(optimum.fit, optimum.responses, optimum.weights, optimum.end.x)
     return optimum, uncertainty, _result(optimum, uncertainty, starts, hits)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.frf.distortion import interpolated
 from elastid.frf.estimate import estimate
+from elastid.frf.friction.bias import SYSTEMATIC_ERRORS
 from elastid.frf.friction.net_torque import net_records
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.frf.friction.shafts import on_shafts
@@ -46,7 +47,8 @@ def estimate_without_friction(
     if friction is None or not friction.shapes:
         return response
     errors = _level_errors(records, friction, response, spec, planned_lines, E)
-    before = np.zeros((2, *errors.shape[1:]), complex) if response.bias is None else response.bias
+    none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
+    before = none if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
 
 

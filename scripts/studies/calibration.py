@@ -81,7 +81,7 @@ class DataSets:
         optimum = relinearise(assembly, LocalOptimum(x, x, 0.0, 0, True, "the truth"), "complex")
         if not optimum.end.converged:
             return np.full((3, len(x)), np.nan)
-        sure = estimate_uncertainty(optimum.fit, data, optimum.weights, optimum.end.x)
+        sure = estimate_uncertainty(optimum.fit, optimum.responses, optimum.weights, optimum.end.x)
         return np.array([optimum.end.x - x, np.sqrt(np.diag(sure.covariance)), _holds(optimum, sure, x)])
 
     def bound(self) -> FloatArray:

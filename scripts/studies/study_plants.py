@@ -172,10 +172,9 @@ def fit_from_truth(
     weights = tuple(weigh(response, spec) for response in responses)
     linearisation = _differentiated(robot, tuple(parameters.names))
     assembly = Assembly(tuple(responses), weights, linearisation, parameters, spec)
-    assembly = assembly.with_modelled_bias(assembly.at(parameters.x, spec.criterion), parameters.x)
     start = LocalOptimum(parameters.x, parameters.x, 0.0, 0, True, "the truth")
     optimum = relinearise(assembly, start, spec.criterion)
-    uncertainty = estimate_uncertainty(optimum.fit, assembly.responses, optimum.weights, optimum.end.x)
+    uncertainty = estimate_uncertainty(optimum.fit, optimum.responses, optimum.weights, optimum.end.x)
     order = [parameters.free_names.index(name) for name in judged]
     return (optimum.end.x - parameters.x)[order], np.sqrt(np.diag(uncertainty.covariance))[order]
 

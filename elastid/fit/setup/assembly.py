@@ -122,7 +122,7 @@ class Assembly:
         return replace(self, weights=tuple(weights))
 
     def with_modelled_bias(self, fit: ElasticFit, x: FloatArray) -> Assembly:
-        """The same with the systematic errors of its responses as the model has them at x (n_x,)."""
+        """The same, of measured systematic errors, with these as the model of a fit has them at x (n_x,)."""
         modelled = (part.kernel.response(fit.theta(part, x)) for part in fit.parts)
         return replace(self, responses=tuple(map(with_modelled_bias, self.responses, modelled)))
 
@@ -146,39 +146,41 @@ def widening_bands(fit: ElasticFit, bands: int) -> list[ElasticFit]:
 class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
-    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.
+    fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: as
+    measured, their systematic errors as the model has them at the end.
     """
 
     end: LocalOptimum
     fit: ElasticFit
+    responses: tuple[FrequencyResponse, ...]
     weights: tuple[Weights, ...]
     notes: tuple[Note, ...] = ()
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
-    """Linearise at the result, weigh by the robust loss there, and solve again until x stays."""
+    """Linearise at the result, with systematic errors and the robust loss of there, and solve again until x stays."""
     rounds = MAX_ROUNDS if assembly.spec.weights.loss == "square" else MAX_ROUNDS_OF_LOSS
     end, c = start, np.zeros(len(find_factors(assembly.responses)))
     for _ in range(rounds):
         try:
             there = assembly.reweighted(end.x)
-            fit = there.unbiased(c).at(end.x, criterion)
             if len(c):
-                c = next_factors(fit, assembly.responses, end.x, c)
-                fit = there.unbiased(c).at(end.x, criterion)
+                there = there.with_modelled_bias(there.at(end.x, criterion), end.x)
+                c = next_factors(there.unbiased(c).at(end.x, criterion), there.responses, end.x, c)
+            fit = there.unbiased(c).at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
         if moved < MAX_MOVE:
-            return RelinearisedOptimum(end, fit, there.weights, (), c)
+            return RelinearisedOptimum(end, fit, there.responses, there.weights, (), c)
     note = Note(
         "still-moving",
         "the operating point under gravity, or the weights of fit.weights.loss, still move: "
         f"round {rounds} of {rounds} changed the estimate by {moved:.2g} standard deviations",
     )
-    return RelinearisedOptimum(end, fit, there.weights, (note,), c)
+    return RelinearisedOptimum(end, fit, there.responses, there.weights, (note,), c)
 
 
 def robust_factors(

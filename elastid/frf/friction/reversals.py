@@ -27,12 +27,12 @@ from elastid.record import Record
 
 # Cells in a sample: with 8 of them k and d are off by up to 2.5 standard deviations of a good measurement.
 SHARP_CELLS = 32
-# Of what the part above half the rate was off at first, on the CELLS of samples; the step from there to finer cells
-# leaves friction 2e-5 of itself off where it is 0.16 of the torque, 9e-5 where it is 0.3. Repeating on the finer cells
-# until a quarter is left costs twice as much and leaves three times as much.
+# Of what the part above half the rate was off at first, on the CELLS of samples.
 _TOLERANCE = 0.1
 # Most motions need 5.
 _MOST_REPETITIONS = 12
+# Steps on the finer cells from there: one leaves friction several times as far from where repetition ends.
+_SHARP_STEPS = 2
 
 
 def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Motion:
@@ -56,7 +56,10 @@ def sharp_motion(record: Record, place: str, friction: FrictionTakenOut) -> Moti
         _TOLERANCE,
         _MOST_REPETITIONS,
     )
-    return motion_of(record, place, part_above(motion_of(record, place, high), SHARP_CELLS))
+    coarse = np.zeros(n * SHARP_CELLS // 2 + 1, complex)
+    coarse[: len(high)] = high
+    high = fixed_point(lambda high: part_above(motion_of(record, place, high), SHARP_CELLS), coarse, 0.0, _SHARP_STEPS)
+    return motion_of(record, place, high)
 
 
 def shows_images(record: Record, place: str) -> bool:
