@@ -208,11 +208,14 @@ class ParameterSet:
 
     def _chain(self, configuration: str) -> _Chain:
         """How theta follows from the free parameters in a configuration."""
-        local = configuration if configuration in self._with_their_own else ""
-        if local not in self._chains:
+        if (local := self.configuration_of_its_own(configuration)) not in self._chains:
             standing = {p.stands_for: p for p in self.parameters if local in p.only}
             self._chains[local] = _chain([standing.get(name, self[name]) for name in self.names], self)
         return self._chains[local]
+
+    def configuration_of_its_own(self, configuration: str) -> str:
+        """The name of a configuration for which a parameter has a stand-in; empty for all others, which are alike."""
+        return configuration if configuration in self._with_their_own else ""
 
     @cached_property
     def _with_their_own(self) -> frozenset[str]:

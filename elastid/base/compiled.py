@@ -66,16 +66,16 @@ def library(name: str, source: str, command: tuple[str, ...], flags: Sequence[st
 
 
 @cache
-def loops(path: Path, *flags: str) -> ctypes.CDLL | None:
-    """The functions of a C file for the processor at hand; None where they cannot be compiled or loaded."""
+def loops(paths: tuple[Path, ...], *flags: str) -> ctypes.CDLL | None:
+    """The functions of C files, read one behind the other, for the processor at hand; None where that fails."""
     command = compiler()
     if not command:
         return None
     try:
-        source = path.read_text(encoding="utf-8")
-        return ctypes.CDLL(str(library(path.stem, source, command, (*LOOP_FLAGS, *flags), _processor())))
+        source = "\n".join(path.read_text(encoding="utf-8") for path in paths)
+        return ctypes.CDLL(str(library(paths[-1].stem, source, command, (*LOOP_FLAGS, *flags), _processor())))
     except (OSError, RuntimeError, subprocess.SubprocessError) as error:
-        _log.debug("%s is not compiled: %s", path.name, error)
+        _log.debug("%s is not compiled: %s", paths[-1].name, error)
         return None
 
 
@@ -91,7 +91,7 @@ def call(library: ctypes.CDLL | None, name: str, *arguments: int | npt.NDArray[A
         ctypes.c_void_p(one.ctypes.data) if isinstance(one, np.ndarray) else one if one is None else ctypes.c_int64(one)
         for one in kept
     ]
-    if library[name](*given):
+    if getattr(library, name)(*given):
         raise MemoryError(f"no memory is left for the loops of {name}")
 
 

@@ -61,20 +61,17 @@ def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, precision):
     R: ComplexArray = circular(rng, (start + F, n_e, n_e))
     R = np.abs(R[:, 0]) if is_diagonal else np.triu(R)
     R[-1] = 0.0  # a line that is masked
-    q, weight, omega = circular(rng, (F, n_e)), circular(rng, (F, n_e)), part.s.imag
-    full, packed = Full(R), Packed.of(R)
-    for found, expected in (
-        *zip(packed.residual(part.block, q, part.G), full.residual(part.block, q, part.G), strict=True),
-        (packed.returned(part.block, q), full.returned(part.block, q)),
-        (packed.pull(part, weight), full.pull(part, weight)),
-    ):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-13 * np.abs(expected).max(initial=1.0))
-    tolerance = 1e-12 if precision is np.float64 else 1e-5
+    q, slope, omega = circular(rng, (F, n_e)), circular(rng, (F, n_e)), part.s.imag
     upper = np.triu(np.ones((n_1 + n_2,) * 2))
-    for slope in (None, weight):
-        found = packed.moments(part, scale, slope, omega, precision) * upper
-        expected = full.moments(part, scale, slope, omega, precision) * upper
-        np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * np.abs(expected).max())
+    for G, of_e in ((part.G, None), (None, slope)):
+        found = Packed.of(R).sums(part, q, G, of_e, scale, omega, precision)
+        expected = Full(R).sums(part, q, G, of_e, scale, omega, precision)
+        assert found.cost == pytest.approx(expected.cost, rel=1e-13)
+        for one, other in ((found.weight, expected.weight), (found.pulled, expected.pulled)):
+            np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(other).max(initial=1.0))
+        tolerance = 1e-12 if precision is np.float64 else 1e-5
+        moments = expected.moments * upper
+        np.testing.assert_allclose(found.moments * upper, moments, rtol=0, atol=tolerance * np.abs(moments).max())
 
 
 @pytest.mark.parametrize("mode", ["minimal", "constrained"])

@@ -128,10 +128,12 @@ class ElasticFit:
 
     def _evaluate(self, x: FloatArray, precision: type[np.floating[Any]]) -> Evaluation:
         V, g, A = 0.0, np.zeros(len(x)), np.zeros((len(x), len(x)))
-        for part in self.parts:
-            cost, gradient, normal = part.normal.at(self.theta(part, x), precision)
-            T = self._chain(part, x)
-            V, g, A = V + cost, g + T.T @ gradient, A + T.T @ normal @ T
+        for alike in self._alike:
+            theta, T = self.theta(alike[0], x), self._chain(alike[0], x)
+            found = [part.normal.at(theta, precision) for part in alike]
+            V += sum(cost for cost, _, _ in found)
+            g += T.T @ sum(gradient for _, gradient, _ in found)
+            A += T.T @ sum(normal for _, _, normal in found) @ T
         distance, slope = self._priors(x)
         b, b_slope, b_curvature = barrier(self.inertias, self.parameters, x)
         return Evaluation(
@@ -139,6 +141,15 @@ class ElasticFit:
             2 * (g + slope * distance) + b_slope,
             2 * (A + np.diag(slope**2)) + b_curvature,
         )
+
+    @cached_property
+    def _alike(self) -> tuple[tuple[Part, ...], ...]:
+        """The parts in groups with the same theta and the same wanted parameters at any x."""
+        groups: dict[tuple[str, tuple[str, ...]], list[Part]] = {}
+        for part in self.parts:
+            own = self.parameters.configuration_of_its_own(part.configuration)
+            groups.setdefault((own, part.kernel.wanted), []).append(part)
+        return tuple(map(tuple, groups.values()))
 
     def border(self, x: FloatArray) -> FloatArray:
         """D (n_x, n_x): bodies keep possible inertias over steps s with s^T D s < 1."""

@@ -1,4 +1,4 @@
-"""The loops of `triangle` in C (`line_loops.c`): to call only where `elastid.base.compiled` finds a compiler.
+"""The loops of `triangle` in C: to call only where `elastid.base.compiled` finds a compiler.
 
 Lines lie side by side in memory, BATCH at a time, real and imaginary parts apart, so that the processor takes several
 at once. Columns are formed, whitened and summed up while they are in the cache. R (batches, n_r, 2, BATCH) has its rows
@@ -19,11 +19,11 @@ from elastid.base.compiled import call, loops
 from elastid.linear.response.derivatives import Sensitivity
 
 BATCH = 16
-SOURCE = Path(__file__).with_name("line_loops.c")
+SOURCES = tuple(Path(__file__).with_name(name) for name in ("line_residuals.c", "line_loops.c"))
 
 
 def _loops(precision: type[np.floating[Any]]) -> ctypes.CDLL | None:
-    return loops(SOURCE, "-DREAL=" + ("float" if precision is np.float32 else "double"))
+    return loops(SOURCES, "-DREAL=" + ("float" if precision is np.float32 else "double"))
 
 
 def is_compiled() -> bool:
@@ -41,63 +41,25 @@ def packed(R: ComplexArray | FloatArray) -> FloatArray:
     return np.ascontiguousarray(parts.transpose(0, 2, 3, 1))
 
 
-def residual(R: FloatArray, start: int, q: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """r = q - R g (F, n_e) and r^H R of the lines from start on, q and G (F, n_e)."""
-    F, n_e = G.shape
-    r, found = np.empty((F, n_e), complex), np.empty((F, n_e), complex)
-    call(_loops(np.float64), "residuals", F, n_e, R.shape[1] == n_e, R[start // BATCH :], q, G, r, found)
-    return r, found
-
-
-def returned(R: FloatArray, start: int, r: ComplexArray) -> ComplexArray:
-    """r^H R (F, n_e) of the lines from start on, r (F, n_e)."""
-    F, n_e = r.shape
-    found = np.empty((F, n_e), complex)
-    call(_loops(np.float64), "residuals", F, n_e, R.shape[1] == n_e, R[start // BATCH :], None, None, r.copy(), found)
-    return found
-
-
-def pulled(part: Sensitivity, weight: ComplexArray) -> ComplexArray:
-    """sum_e weight_e left_e right_e (F, n_1) of a block of lines, weight (F, n_e)."""
-    (F, n_y, n_1), n_u = part.left.shape, part.right.shape[1]
-    row, found = np.empty(n_1, complex), np.empty((F, n_1), complex)
-    call(
-        _loops(np.float64),
-        "pulled",
-        F,
-        n_y,
-        n_u,
-        n_1,
-        len(part.outputs),
-        part.left,
-        part.right,
-        part.outputs,
-        part.inputs,
-        weight,
-        row,
-        found,
-    )
-    return found
-
-
-def moments(
+def sums(
     part: Sensitivity,
-    scale: FloatArray,
-    slope: ComplexArray | None,
     R: FloatArray,
+    q: ComplexArray,
+    G: ComplexArray | None,
+    slope: ComplexArray | None,
+    scale: FloatArray,
     omega: FloatArray,
     precision: type[np.floating[Any]],
-) -> FloatArray:
-    """As `Full.moments`."""
-    (F, n_y, n_1), n_u = part.left.shape, part.right.shape[1]
-    n_b, n_e = len(scale), len(part.outputs)
-    found, factor = np.zeros((5, n_b, n_b)), scale.copy()
-    factor[:n_1] *= part.sign
-    left = np.ascontiguousarray(part.left)
-    right = left if part.is_alike else part.right
+) -> tuple[float, ComplexArray, ComplexArray, FloatArray]:
+    """As `Full.sums`, R packed; moments on and above the diagonal."""
+    (F, n_y, n_1), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
+    sign = np.ones(n_b)
+    sign[:n_1] = part.sign
+    cost, weight = np.zeros(1), np.empty((n_e, F), complex)
+    pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
     call(
         _loops(precision),
-        "moments",
+        "sums",
         F,
         n_y,
         n_u,
@@ -105,16 +67,22 @@ def moments(
         n_b - n_1,
         n_e,
         R.shape[1] == n_e,
-        left,
-        right,
+        part.left.T,
+        None if part.is_alike else part.right.T,
         part.gain,
-        factor,
-        part.whole,
+        part.whole.T,
         part.outputs,
         part.inputs,
-        slope,
+        q.T,
+        None if G is None else G.T,
+        None if slope is None else slope.T,
         R[part.block.start // BATCH :],
         omega,
-        found,
+        sign,
+        sign * scale,
+        cost,
+        weight,
+        pulled,
+        moments,
     )
-    return found
+    return float(cost[0]), weight.T, pulled, moments

@@ -57,21 +57,20 @@ class NormalEquations:
         scale = np.zeros(pieces.base.max(initial=-1) + 1)
         np.maximum.at(scale, pieces.base, size)
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
-        pulls, R = [], self._compressed.R
+        weights, R = [], self._compressed.R
         for part in self.columns.at(theta):
-            cost, returned, slope = self._residual(part.block, part.G)
-            weight = returned if slope is None else returned * slope
-            pulls.append(weight)
-            omega = part.s.imag / omega_0
-            V += cost
-            pull += np.stack([np.ones_like(omega), 1j * omega, -(omega**2)]) @ R.pull(part, weight)
-            moments += R.moments(part, scale, slope, omega, precision)
+            constant, q, G, slope = self._residual(part.block, part.G)
+            found = R.sums(part, q, G, slope, scale, part.s.imag / omega_0, precision)
+            V += constant + found.cost
+            pull += found.pulled
+            moments += found.moments
+            weights.append(found.weight)
         g = size * pull[pieces.power, pieces.base].real
         ratio = size / scale[pieces.base]
         (order, first, second), sign = self._pairs
         A = np.outer(ratio, ratio) * sign * moments[order, first, second]
         sigma = pieces.sigma * (omega_0**pieces.power / size)[:, None]
-        return V, sigma.T @ g - self._of_images(theta, pulls), sigma.T @ A @ sigma
+        return V, sigma.T @ g - self._of_images(theta, weights), sigma.T @ A @ sigma
 
     @cached_property
     def _pairs(self) -> tuple[tuple[IntArray, IntArray, IntArray], FloatArray]:
@@ -91,18 +90,19 @@ class NormalEquations:
             return np.zeros(len(self.columns.kernel.wanted))
         return self.columns.pull_images(theta, np.concatenate(weights))
 
-    def _residual(self, block: slice, G: ComplexArray) -> tuple[float, ComplexArray, ComplexArray | None]:
-        """V of the lines, r^H R (F, n_e) of their residuals r = q - R g, and the slope of e to g where not one."""
+    def _residual(
+        self, block: slice, G: ComplexArray
+    ) -> tuple[float, ComplexArray, ComplexArray | None, ComplexArray | None]:
+        """What `sums` needs for the residuals of some lines: a constant that V has beside |r|^2, q, G and slope."""
         known = self._compressed
         if self.criterion == "complex":
-            r, returned = known.R.residual(block, known.q[block], G)
-            return float(known.constant[block].sum() + np.vdot(r, r).real), returned, None
+            return float(known.constant[block].sum()), known.q[block], G, None
         whitened = self._whitened(
             self._mixing, block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
         )
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
-        returned = known.R.returned(block, self._projected(known.Q[block], whitened))
-        return float(np.vdot(whitened, whitened).real), returned, slope
+        r = self._projected(known.Q[block], whitened)
+        return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), r, None, slope
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""

@@ -8,7 +8,7 @@ pass, without the weighted columns of a block in memory. R (F, n_e, n_e), or its
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -21,42 +21,60 @@ Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 Precision: TypeAlias = type[np.floating[Any]]
 
 
+class LineSums(NamedTuple):
+    """Of a block of lines, with columns U (F, n_e, n_b), s = j omega and the residuals r = q - R g of its elements.
+
+    cost: sum |r|^2.  weight (F, n_e): r^H R diag(slope).
+    pulled (3, n_b): sum over lines of s^p weight U, p = 0, 1, 2.
+    moments (5, n_b, n_b): Re, for odd p Im, of sum omega^p V^H V, V = R diag(slope) U diag(scale), p = 0 ... 4, on and
+    above the diagonal.
+    """
+
+    cost: float
+    weight: ComplexArray
+    pulled: ComplexArray
+    moments: FloatArray
+
+
 @dataclass(frozen=True, eq=False)
 class Full:
     """R as it is."""
 
     R: ComplexArray | FloatArray
 
-    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """r = q - R g (F, n_e) of a block of lines, and r^H R."""
-        r = np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
-        return r, self.returned(block, r)
+    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> ComplexArray:
+        """r = q - R g (F, n_e) of a block of lines."""
+        return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
 
-    def returned(self, block: slice, r: ComplexArray) -> ComplexArray:
-        """r^H R (F, n_e)."""
-        R = self.R[block]
-        return np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
+    def sums(
+        self,
+        part: Sensitivity,
+        q: ComplexArray,
+        G: ComplexArray | None,
+        slope: ComplexArray | None,
+        scale: FloatArray,
+        omega: FloatArray,
+        precision: Precision,
+    ) -> LineSums:
+        """The sums of a block of lines; q, G and slope of its elements (F, n_e).
 
-    def pull(self, part: Sensitivity, weight: ComplexArray) -> ComplexArray:
-        """As `Sensitivity.pull`."""
-        return part.pull(weight)
-
-    def moments(
-        self, part: Sensitivity, scale: FloatArray, slope: ComplexArray | None, omega: FloatArray, precision: Precision
-    ) -> FloatArray:
-        """Re, for odd p Im, of sum_f omega^p V_f^H V_f (5, n_b, n_b), V = R diag(slope) U, on and above the diagonal.
-
-        U: the columns of the block times their scale (n_b,).
+        Without G q is r, without slope it is 1.  precision: of the moments.
         """
+        R = self.R[part.block]
+        r = q if G is None else self.residual(part.block, q, G)
+        weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
+        if slope is not None:
+            weight = weight * slope
+        pulled = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)]) @ part.pull(weight)
         U = part.columns(scale, precision)
         if slope is not None:
             U *= slope[:, :, None]
-        R = self.R[part.block]
         V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
         gram = np.swapaxes(V.conj(), 1, 2) @ V
         powers = (omega ** np.arange(5)[:, None]).astype(V.real.dtype)
         found = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
-        return np.stack([one.imag if p % 2 else one.real for p, one in enumerate(found)]).astype(np.float64)
+        moments = np.stack([one.imag if p % 2 else one.real for p, one in enumerate(found)]).astype(np.float64)
+        return LineSums(float(np.vdot(r, r).real), weight, pulled, moments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,23 +88,18 @@ class Packed:
         """Of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         return cls(line_loops.packed(R))
 
-    def residual(self, block: slice, q: ComplexArray, G: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-        """As `Full.residual`."""
-        return line_loops.residual(self.R, block.start, q, G)
-
-    def returned(self, block: slice, r: ComplexArray) -> ComplexArray:
-        """As `Full.returned`."""
-        return line_loops.returned(self.R, block.start, r)
-
-    def pull(self, part: Sensitivity, weight: ComplexArray) -> ComplexArray:
-        """As `Full.pull`."""
-        return part.with_whole(line_loops.pulled(part, part.gain[:, None] * weight), weight)
-
-    def moments(
-        self, part: Sensitivity, scale: FloatArray, slope: ComplexArray | None, omega: FloatArray, precision: Precision
-    ) -> FloatArray:
-        """As `Full.moments`."""
-        return line_loops.moments(part, scale, slope, self.R, omega, precision)
+    def sums(
+        self,
+        part: Sensitivity,
+        q: ComplexArray,
+        G: ComplexArray | None,
+        slope: ComplexArray | None,
+        scale: FloatArray,
+        omega: FloatArray,
+        precision: Precision,
+    ) -> LineSums:
+        """As `Full.sums`."""
+        return LineSums(*line_loops.sums(part, self.R, q, G, slope, scale, omega, precision))
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:

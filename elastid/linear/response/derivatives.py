@@ -94,11 +94,8 @@ class Sensitivity:
         """sum_e weight_e U_eb (F, n_b) of the columns U, weight (F, n_e)."""
         spread = np.zeros((len(weight), self.left.shape[1], self.right.shape[1]), complex)
         spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
-        return self.with_whole(np.sum(self.left * (spread @ self.right), axis=1), weight)
-
-    def with_whole(self, pulled: ComplexArray, weight: ComplexArray) -> ComplexArray:
-        """`pull` from its part (F, n_1) of the bases of rank one, their signs left out."""
-        return np.concatenate([pulled * self.sign, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
+        pulled = np.sum(self.left * (spread @ self.right), axis=1) * self.sign
+        return np.concatenate([pulled, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,30 +168,38 @@ class Columns:
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
-        of, n_u, places = self._directions, self.kernel.model.B.shape[1], self.kernel.output_columns
-        n_1, is_own = of.y.shape[1], np.array_equal(places, np.arange(n_u))
-        of_y, of_u = self.kernel.model.channel_gains(theta)
-        images, of_images = self._of_factors.evaluate_images(theta)
-        for block, s, gain, response, YX, moved in self.kernel.products(theta, np.hstack([of.y, of.V])):
+        of, n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
+        n_1 = of.y.shape[1]
+        images, of_images = self._of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
+        for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             G = response[:, rows, columns]
-            left, right = YX if is_own else YX[:, places], YX[:, :n_u]
-            if self.kernel.model.gains:
+            left, right = YX if self._is_own else YX[:, kernel.output_columns], YX[:, :n_u]
+            if kernel.model.gains:
+                of_y, of_u = kernel.model.channel_gains(theta)
                 left, right = of_y[:, None] * left, of_u[:, None] * right
             factors = [
-                np.broadcast_to(slope, response.shape)[:, rows, columns] * G + of_images[i][block][:, rows, columns]
-                for i, (_, slope) in enumerate(self.kernel.factor_slopes(theta, s))
+                np.broadcast_to(slope, response.shape)[:, rows, columns] * G
+                for _, slope in kernel.factor_slopes(theta, s)
             ]
-            whole = np.concatenate(
-                [
-                    self._of_others(left[:, :, n_1:], gain[:, None, None] * right[:, :, n_1:]),
-                    -np.reshape(factors, (-1, *G.shape)).transpose(1, 2, 0),
-                    -moved[:, :, rows, columns].transpose(1, 2, 0),
-                ],
-                axis=2,
-            )
-            everything = G + images[block][:, rows, columns]
+            if images is not None and of_images is not None:
+                G = G + images[block][:, rows, columns]
+                factors = [one + more[block][:, rows, columns] for one, more in zip(factors, of_images, strict=True)]
+            whole = self._of_others(left[:, :, n_1:], gain[:, None, None] * right[:, :, n_1:])
+            if factors or len(moved):
+                others = [*factors, *moved[:, :, rows, columns]]
+                whole = np.concatenate([whole, -np.stack(others, axis=2)], axis=2)
             left, right = left[:, :, :n_1], right[:, :, :n_1]
-            yield Sensitivity(block, s, gain, everything, left, right, of.sign, whole, rows, columns)
+            yield Sensitivity(block, s, gain, G, left, right, of.sign, whole, rows, columns)
+
+    @cached_property
+    def _asked(self) -> FloatArray:
+        """The directions of all bases (n, n_1 + r)."""
+        return np.hstack([self._directions.y, self._directions.V])
+
+    @cached_property
+    def _is_own(self) -> bool:
+        """Whether the right sides are the outputs' directions, in their order."""
+        return np.array_equal(self.kernel.output_columns, np.arange(self.kernel.model.B.shape[1]))
 
     def _of_others(self, left: ComplexArray, right: ComplexArray) -> ComplexArray:
         """Columns (F, n_e, n_2) of the bases of a higher rank from W^T V (F, n_y, r) and c X^T V (F, n_u, r)."""

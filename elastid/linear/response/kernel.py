@@ -146,6 +146,11 @@ class Kernel:
             pulled[places] += images.folding(theta).pull(weight, slopes)
         return pulled
 
+    @property
+    def is_held(self) -> bool:
+        """Whether G has images of held torques."""
+        return bool(self._above)
+
     @cached_property
     def _above(self) -> tuple[tuple[HoldImages, Kernel], ...]:
         """The images of held torques, and the kernel of what they are made of."""
@@ -200,7 +205,7 @@ class Kernel:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
-        right = self._right(C, T) if self.model.moved_outputs else self._right_sides
+        right = self._right_sides(C, T)
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
         gains = np.outer(*self.model.channel_gains(theta)) if self.model.gains else None
         asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
@@ -235,8 +240,7 @@ class Kernel:
         n = self.model.n
         moved = np.zeros(3 * n * n, dtype=np.bool_)
         moved[self._slopes[1]] = True
-        still = np.stack([self.model.M, self.model.D, self.model.K]) != 0
-        coupled = np.any(still | moved.reshape(3, n, n), axis=0)
+        coupled = np.any((self._known != 0) | moved.reshape(3, n, n), axis=0)
         return Elimination.of(coupled) if self.takes_compiled else Leaves.of(coupled)
 
     @cached_property
@@ -247,9 +251,14 @@ class Kernel:
     def _matrices(self, theta: FloatArray) -> FloatArray:
         """M, D, K (3, n, n) at theta, as LinearModel.matrices does, all parameters at once."""
         places, moved, slopes = self._slopes
-        found = np.stack([self.model.M, self.model.D, self.model.K])
+        found = self._known.copy()
         found.reshape(-1)[moved] += (theta - self.model.theta_ref)[places] @ slopes
         return found
+
+    @cached_property
+    def _known(self) -> FloatArray:
+        """M, D, K (3, n, n) at the model's own theta."""
+        return np.stack([self.model.M, self.model.D, self.model.K])
 
     @cached_property
     def _slopes(self) -> tuple[IntArray, IntArray, FloatArray]:
@@ -262,12 +271,8 @@ class Kernel:
         moved = np.flatnonzero(slope_of.any(axis=0))
         return np.array(places, np.int64), moved, slope_of[:, moved]
 
-    @cached_property
-    def _right_sides(self) -> FloatArray:
-        """[B, extra rows of C, tilted rows of T] where no parameter moves C and T."""
-        return self._right(self.model.C, self.model.tilt)
-
-    def _right(self, C: FloatArray, T: FloatArray) -> FloatArray:
+    def _right_sides(self, C: FloatArray, T: FloatArray) -> FloatArray:
+        """[B, extra rows of C, tilted rows of T]."""
         return np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[self._sides.tilted]])
 
     @cached_property

@@ -2,6 +2,7 @@
 
 #include <stdint.h>
 #include <stdlib.h>
+#include <string.h>
 
 #if defined(__AVX512F__)
 #define WIDTH 64
@@ -72,20 +73,33 @@ static void substitute(int64_t n, int64_t m, const int64_t *later, const int64_t
         }
 }
 
-/* X^T Y of `used` lines to found (used, m, n_d). */
-static void gather(int64_t n, int64_t m, int64_t n_d, const number *X, const double *Y, int64_t used, double *found) {
-    for (int64_t j = 0; j < m; j++)
-        for (int64_t d = 0; d < n_d; d++) {
+/* Which rows of Y (n, n_d) are not zero in each column (n_d, n), and how many. */
+static void sparse(int64_t n, int64_t n_d, const double *Y, int64_t *rows, int64_t *how_many) {
+    for (int64_t d = 0; d < n_d; d++) {
+        how_many[d] = 0;
+        for (int64_t i = 0; i < n; i++)
+            if (Y[i * n_d + d] != 0.0)
+                rows[d * n + how_many[d]++] = i;
+    }
+}
+
+/* Y^T X of `used` lines to found (n_d, m, F), from a line on. */
+static void gather(int64_t n, int64_t m, int64_t n_d, const number *X, const double *Y, const int64_t *rows,
+                   const int64_t *how_many, int64_t F, int64_t used, double *found) {
+    for (int64_t d = 0; d < n_d; d++)
+        for (int64_t j = 0; j < m; j++, found += 2 * F) {
             number sum = {{0}, {0}};
-            for (int64_t i = 0; i < n; i++)
-                if (Y[i * n_d + d] != 0.0) {
-                    sum.re += Y[i * n_d + d] * X[i * m + j].re;
-                    sum.im += Y[i * n_d + d] * X[i * m + j].im;
-                }
-            for (int64_t q = 0; q < used; q++) {
-                found[2 * ((q * m + j) * n_d + d)] = sum.re[q];
-                found[2 * ((q * m + j) * n_d + d) + 1] = sum.im[q];
+            for (int64_t a = 0; a < how_many[d]; a++) {
+                int64_t i = rows[d * n + a];
+                sum.re += Y[i * n_d + d] * X[i * m + j].re;
+                sum.im += Y[i * n_d + d] * X[i * m + j].im;
             }
+            double pairs[2 * LANES], *re = (double *)&sum.re, *im = (double *)&sum.im;
+            for (int64_t q = 0; q < LANES; q++) {
+                pairs[2 * q] = re[q];
+                pairs[2 * q + 1] = im[q];
+            }
+            memcpy(found, pairs, 2 * (size_t)used * sizeof(double));
         }
 }
 
@@ -104,11 +118,13 @@ static void reach(int64_t n, int64_t m, const double *B, const int64_t *later, c
 int eliminate(int64_t F, int64_t n, int64_t m, int64_t n_d, const double *M, const double *D, const double *K,
               const double *B, const double *omega, const int64_t *later, const int64_t *many, const double *Y,
               double *found, double *smallest) {
-    number *Z = aligned_alloc(WIDTH, (size_t)(n * n + 2 * n * m + n) * sizeof(number));
+    number *Z = aligned_alloc(WIDTH, (size_t)(n * n + 2 * n * m + n + n_d * (n + 1)) * sizeof(number));
     if (!Z)
         return 1;
     number *X = Z + n * n, *P = X + n * m;
-    unsigned char *reached = (unsigned char *)(P + n);
+    int64_t *rows = (int64_t *)(P + n), *how_many = rows + n_d * n;
+    unsigned char *reached = (unsigned char *)(how_many + n_d);
+    sparse(n, n_d, Y, rows, how_many);
     reach(n, m, B, later, many, reached);
     for (int64_t start = 0; start < F; start += LANES) {
         int64_t used = F - start < LANES ? F - start : LANES;
@@ -131,7 +147,7 @@ int eliminate(int64_t F, int64_t n, int64_t m, int64_t n_d, const double *M, con
             eliminate_row(n, m, k, P[k], later, many, reached, Z, X);
         }
         substitute(n, m, later, many, Z, P, X);
-        gather(n, m, n_d, X, Y, used, found + 2 * start * m * n_d);
+        gather(n, m, n_d, X, Y, rows, how_many, F, used, found + 2 * start);
     }
     free(Z);
     return 0;

@@ -35,7 +35,7 @@ def is_worth_it(n_lines: int, n: int) -> bool:
 @cache
 def is_compiled() -> bool:
     """Whether the loops can be compiled here."""
-    return loops(SOURCE) is not None
+    return loops((SOURCE,)) is not None
 
 
 @dataclass(frozen=True)
@@ -68,10 +68,10 @@ class Elimination:
         """
         order = np.ix_(self.order, self.order)
         later, many = self._later
-        found = np.empty((len(omega), B.shape[1], Y.shape[1]), complex)
+        found = np.empty((Y.shape[1], B.shape[1], len(omega)), complex)
         smallest, sizes = np.empty(len(omega)), (len(omega), *B.shape, Y.shape[1])
         call(
-            loops(SOURCE),
+            loops((SOURCE,)),
             "eliminate",
             *sizes,
             M[order],
@@ -87,8 +87,8 @@ class Elimination:
         )
         for line in np.flatnonzero(~(smallest > MIN_PIVOT**2)):  # not above: NaN too
             Z = K + 1j * omega[line] * D - omega[line] ** 2 * M
-            found[line] = np.linalg.solve(Z, B.astype(complex)).T @ Y
-        return found
+            found[:, :, line] = Y.T @ np.linalg.solve(Z, B.astype(complex))
+        return np.asarray(found.T)
 
     @cached_property
     def _later(self) -> tuple[IntArray, IntArray]:

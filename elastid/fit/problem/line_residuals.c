@@ -1,0 +1,170 @@
+/* Numbers of LANES lines side by side, real and imaginary parts apart; residuals, and columns pulled by them. */
+
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#ifndef REAL
+#define REAL double
+#endif
+/* As many columns and rows at once as the registers hold. */
+#if defined(__AVX512F__)
+#define WIDTH 64
+#define TILE 3
+#elif defined(__AVX__)
+#define WIDTH 32
+#define TILE 2
+#else
+#define WIDTH 16
+#define TILE 2
+#endif
+#define BATCH 16
+#define LANES ((int64_t)(WIDTH / sizeof(REAL)))
+#define WIDE ((int64_t)(WIDTH / sizeof(double)))
+#define PARTS (LANES / WIDE)
+#define POWERS 5
+
+typedef REAL lanes __attribute__((vector_size(WIDTH)));
+typedef double wide __attribute__((vector_size(WIDTH)));
+typedef struct {
+    lanes re, im;
+} number;
+typedef struct {
+    wide re, im;
+} precise; /* what cost and gradient are made of, whatever REAL is */
+
+#define ADD_PRODUCT(x, a, b)                                                                                           \
+    do {                                                                                                               \
+        (x).re = (x).re + (a).re * (b).re - (a).im * (b).im;                                                           \
+        (x).im = (x).im + (a).re * (b).im + (a).im * (b).re;                                                           \
+    } while (0)
+/* conj(a) b */
+#define ADD_INNER(x, a, b)                                                                                             \
+    do {                                                                                                               \
+        (x).re = (x).re + (a).re * (b).re + (a).im * (b).im;                                                           \
+        (x).im = (x).im + (a).re * (b).im - (a).im * (b).re;                                                           \
+    } while (0)
+
+typedef struct {
+    int64_t F, n_y, n_u, n_1, n_2, n_e, is_diagonal;
+    const int64_t *outputs, *inputs;
+} sizes;
+
+static int64_t first_of_row(int64_t e, const sizes *of) {
+    return of->is_diagonal ? e : e * of->n_e - e * (e - 1) / 2;
+}
+
+/* `many` complex numbers of `used` lines from line f on; the lanes left over are zero. */
+static void load(const double *from, int64_t many, int64_t F, int64_t f, int64_t used, precise *to) {
+    for (int64_t t = 0; t < many; t++) {
+        const double *line = from + 2 * (t * F + f);
+        double re[WIDE] = {0}, im[WIDE] = {0};
+        __builtin_prefetch(line + 2 * WIDE); /* the next lines of this number */
+        __builtin_prefetch(line + 3 * WIDE);
+        if (used == WIDE)
+            for (int64_t q = 0; q < WIDE; q++) {
+                re[q] = line[2 * q];
+                im[q] = line[2 * q + 1];
+            }
+        else
+            for (int64_t q = 0; q < used; q++) {
+                re[q] = line[2 * q];
+                im[q] = line[2 * q + 1];
+            }
+        memcpy(&to[t].re, re, sizeof re);
+        memcpy(&to[t].im, im, sizeof im);
+    }
+}
+
+static void store(const precise *from, int64_t many, int64_t F, int64_t f, int64_t used, double *to) {
+    for (int64_t t = 0; t < many; t++)
+        for (int64_t q = 0; q < used; q++) {
+            to[2 * (t * F + f + q)] = from[t].re[q];
+            to[2 * (t * F + f + q) + 1] = from[t].im[q];
+        }
+}
+
+/* PARTS times `many` numbers side by side in as many lanes. */
+static void join(const precise *from, int64_t many, number *to) {
+    for (int64_t t = 0; t < many; t++) {
+        REAL *re = (REAL *)&to[t].re, *im = (REAL *)&to[t].im;
+        for (int64_t p = 0; p < PARTS; p++) {
+            const double *one = (const double *)&from[p * many + t].re, *two = (const double *)&from[p * many + t].im;
+            for (int64_t q = 0; q < WIDE; q++) {
+                re[p * WIDE + q] = (REAL)one[q];
+                im[p * WIDE + q] = (REAL)two[q];
+            }
+        }
+    }
+}
+
+/* The lanes from `lane` on of R (n_r, 2, BATCH). */
+static void take(const double *R, int64_t n_r, int64_t lane, number *T) {
+    for (int64_t t = 0; t < n_r; t++) {
+        REAL *re = (REAL *)&T[t].re, *im = (REAL *)&T[t].im;
+        for (int64_t q = 0; q < LANES; q++) {
+            re[q] = (REAL)R[2 * BATCH * t + lane + q];
+            im[q] = (REAL)R[2 * BATCH * t + BATCH + lane + q];
+        }
+    }
+}
+
+static inline precise element(const double *R, int64_t t, int64_t lane) {
+    precise found;
+    memcpy(&found.re, R + 2 * BATCH * t + lane, sizeof found.re);
+    memcpy(&found.im, R + 2 * BATCH * t + BATCH + lane, sizeof found.im);
+    return found;
+}
+
+/* q becomes r = q - R g, and back r^H R; without g: q is r.  Returns |r|^2 of each line. */
+static wide residual(const sizes *of, const double *R, int64_t lane, const precise *g, precise *q, precise *back) {
+    wide cost = {0};
+    memset(back, 0, (size_t)of->n_e * sizeof(precise));
+    for (int64_t e = 0; e < of->n_e; e++) {
+        int64_t end = of->is_diagonal ? e + 1 : of->n_e, row = first_of_row(e, of) - e;
+        wide sums[4] = {0}; /* apart, so that none waits for another */
+        for (int64_t k = e; g && k < end; k++) {
+            precise one = element(R, row + k, lane);
+            sums[0] += one.re * g[k].re;
+            sums[1] += one.im * g[k].im;
+            sums[2] += one.re * g[k].im;
+            sums[3] += one.im * g[k].re;
+        }
+        q[e].re -= sums[0] - sums[1];
+        q[e].im -= sums[2] + sums[3];
+        cost += q[e].re * q[e].re + q[e].im * q[e].im;
+        for (int64_t k = e; k < end; k++) {
+            precise one = element(R, row + k, lane);
+            ADD_INNER(back[k], q[e], one);
+        }
+    }
+    return cost;
+}
+
+/* Adds s^p times the sum of weight and column, elements of equal output together, to sums (3, n_b). */
+static void pull(const sizes *of, const precise *left, const precise *right, const precise *gain, const precise *whole,
+                 const precise *weight, wide omega, precise *sums) {
+    int64_t n_1 = of->n_1, n_b = n_1 + of->n_2, n_e = of->n_e;
+    precise none = {{0}, {0}};
+    for (int64_t b = 0; b < n_b; b++) {
+        precise total = none, sum = none;
+        if (b < n_1) {
+            for (int64_t e = 0; e < n_e;) {
+                int64_t i = of->outputs[e];
+                precise row = none;
+                for (; e < n_e && of->outputs[e] == i; e++)
+                    ADD_PRODUCT(row, weight[e], right[b * of->n_u + of->inputs[e]]);
+                ADD_PRODUCT(sum, row, left[b * of->n_y + i]);
+            }
+            ADD_PRODUCT(total, sum, *gain);
+        } else
+            for (int64_t e = 0; e < n_e; e++)
+                ADD_PRODUCT(total, weight[e], whole[(b - n_1) * n_e + e]);
+        sums[b].re += total.re;
+        sums[b].im += total.im;
+        sums[n_b + b].re -= omega * total.im;
+        sums[n_b + b].im += omega * total.re;
+        sums[2 * n_b + b].re -= omega * omega * total.re;
+        sums[2 * n_b + b].im -= omega * omega * total.im;
+    }
+}
