@@ -153,9 +153,9 @@ def parts_held(plateaus: Sequence[Plateau], slides: bool) -> tuple[Held, ...]:
     )
     if len(speeds) >= MIN_SPEEDS:
         return held
-    dwelt = ", ".join(f"{speed:.3g}" for speed in speeds) or "none"
+    dwelt = ", ".join(f"{speed:.3g}" for speed in speeds)
     text = (
-        f"the motion dwells at {len(speeds)} speeds ({dwelt} {unit}); it takes "
+        f"the motion dwells at {f'{len(speeds)} speeds ({dwelt} {unit})' if len(speeds) else 'no speed'}; it takes "
         f"{MIN_SPEEDS}, the lowest below a third of the Stribeck velocity; measure passes at more speeds"
     )
     return (Held("stribeck", text), *held)

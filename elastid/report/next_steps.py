@@ -16,7 +16,7 @@ import numpy as np
 from elastid.base.numbers import percent
 from elastid.fit.result import FitResult
 from elastid.report.content import ReportContent
-from elastid.report.overview import excess_sentence, half_width, widest
+from elastid.report.overview import excess_sentence, half_width, is_wrong, widest
 from elastid.report.parameter_rows import ParameterRow
 
 MAX_ACTIONS = 3
@@ -36,11 +36,14 @@ class Action:
 
 
 def next_steps(content: ReportContent, rows: tuple[ParameterRow, ...]) -> tuple[Action, ...]:
-    """The most useful first: what the status asks for, what explains the residuals, what narrows the widest number."""
+    """The most useful first: what the status asks for, what explains the residuals, what narrows the widest number.
+
+    More experiments do not narrow an interval that holds an error of the model.
+    """
     result, poor = content.result, widest(rows)
     found = [_of_status(result), _of_residuals(result)]
-    if poor is not None and half_width(poor) > SMALL_ENOUGH:
-        found += [_of_prior(result, poor), _of_experiments(content, poor)]
+    if poor is not None and half_width(poor) > SMALL_ENOUGH and not is_wrong(result):
+        found += [_of_prior(result, poor), None if result.exceeds_noise else _of_experiments(content, poor)]
     actions = [action for action in found if action is not None]
     if not actions:
         actions = [Action("Use the numbers.", "No interval or residual asks for another measurement.")]
@@ -64,12 +67,20 @@ def _of_status(result: FitResult) -> Action | None:
 
 def _of_residuals(result: FitResult) -> Action | None:
     first = next((one for one in result.indices if one.place == 1), None)
-    if first is None:
-        return None
+    if first is None or not excess_sentence(result):
+        return _of_structure(result)
     if not first.members:
         return Action(f"Check the reading “{first.name}”.", excess_sentence(result))
     text = f"fit.parameters.{first.members[0]}: {{prior: {{std: {PRIOR_STD}}}}}"
     return Action(f"Free {first.name}, with a prior of {percent(PRIOR_STD)}.", excess_sentence(result), text)
+
+
+def _of_structure(result: FitResult) -> Action | None:
+    """Where the residuals exceed the noise and no number explains them: another model."""
+    if not result.exceeds_noise:
+        return None
+    what = "Declare further joints as elastic, and let the search find those that the data show."
+    return Action(what, "No number that was held explains the residuals.", "elastid compare --search study.yml")
 
 
 def _of_prior(result: FitResult, poor: ParameterRow) -> Action | None:

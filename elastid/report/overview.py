@@ -12,11 +12,14 @@ from elastid.base.numbers import number, percent
 from elastid.fit.result import FitResult
 from elastid.report.content import ReportContent
 from elastid.report.parameter_rows import ParameterRow
-from elastid.validation.results import Agreement
+from elastid.validation.noise_tests import FALSE_ALARM
+from elastid.validation.results import Agreement, noise_p
 
 # Half-width of a 95 % interval over the estimate, of a number that is known well, fairly, poorly.
 WIDTH_CLASSES = (0.02, 0.1, 0.5)
 WIDTH_WORDS = ("to 2 %", "to 10 %", "to 50 %", "wider")
+# Share of the excess over the noise from which on a number that was held is named as its cause.
+MIN_EXPLAINED_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -64,19 +67,54 @@ def widest(rows: Sequence[ParameterRow]) -> ParameterRow | None:
     return max(springs_and_dampers(rows), key=half_width, default=None)
 
 
-def verdict_sentence(result: FitResult, rows: Sequence[ParameterRow]) -> str:
+def verdict_sentence(result: FitResult, rows: Sequence[ParameterRow], agreements: Sequence[Agreement] = ()) -> str:
     """What the fit says of the numbers; the cause first where it did not converge, noise unknown said in it."""
-    return "; ".join(filter(None, (_of_status(result), _of_widths(rows), _of_truth(rows))))
+    widths = "" if is_wrong(result) else _of_widths(rows)
+    return "; ".join(filter(None, (_of_status(result, agreements), widths, _of_truth(rows))))
 
 
-def _of_status(result: FitResult) -> str:
+def is_wrong(result: FitResult) -> bool:
+    """Whether the model is wrong by more than the intervals hold: their widths then say nothing."""
+    return result.status in ("misfit", "model_error")
+
+
+def numbers_answer(result: FitResult, rows: Sequence[ParameterRow]) -> str:
+    """Whether the numbers are good, in a sentence that agrees with the status and the intervals."""
+    most = widest(rows)
+    if result.status != "converged":
+        return f"Not yet: {result.meaning}."
+    if most is None:
+        return "No number was identified."
+    if result.exceeds_noise:
+        return "With reserve: residuals beyond the noise widen the intervals."
+    return "Yes." if half_width(most) <= WIDTH_CLASSES[-1] else "Not all of them."
+
+
+def needs_floor(agreements: Sequence[Agreement]) -> bool:
+    """Whether the residuals of the fitted configurations exceed the noise alone, without the floor of the fit."""
+    return noise_p([one for one in agreements if not one.left_out]) < FALSE_ALARM
+
+
+def residual_sentence(result: FitResult, agreements: Sequence[Agreement]) -> str:
+    """Where the residuals are beyond what the fit allows them, and the number that would explain it."""
+    if not result.noise_is_known:
+        return "The noise is unknown: the residuals cannot be judged."
+    if result.exceeds_noise:
+        cause = excess_sentence(result) or "No number that was held explains a tenth of the excess."
+        return f"The residuals exceed the noise {number(result.model_error, 2)}-fold. {cause}"
+    if needs_floor(agreements):
+        return "Nowhere beyond the floor that the fit declares; the noise alone does not explain the residuals."
+    return "Nowhere: no residual beyond what the noise explains."
+
+
+def _of_status(result: FitResult, agreements: Sequence[Agreement]) -> str:
     if result.status != "converged":
         return result.message.rstrip(".")
     if not result.noise_is_known:
         return "the noise is unknown, so that nothing says whether the model describes the data"
     if result.exceeds_noise:
         return f"residuals {number(result.model_error, 2)} times the noise, which the intervals include"
-    return "the model describes the data"
+    return f"the model describes the data{' to its declared floor' if needs_floor(agreements) else ''}"
 
 
 def _of_widths(rows: Sequence[ParameterRow]) -> str:
@@ -119,9 +157,9 @@ def _cells(q: int, one: Agreement, known: bool) -> tuple[Cell, ...]:
 
 
 def excess_sentence(result: FitResult) -> str:
-    """What would explain the residuals beyond the noise, the first of the sequence; empty where nothing is named."""
+    """What would explain the residuals beyond the noise, the first of the sequence; empty without a large share."""
     first = next((one for one in result.indices if one.place == 1), None)
-    if first is None:
+    if first is None or first.share < MIN_EXPLAINED_SHARE:
         return ""
     change = ""
     if len(first.values) and first.values[0]:

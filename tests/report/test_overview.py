@@ -9,9 +9,10 @@ import pytest
 from plants.report_values import TRUTH, fit_result, report_content
 
 from elastid.base.numbers import percent
+from elastid.fit.modification_index import ModificationIndex
 from elastid.report.model_lines import model_lines
 from elastid.report.next_steps import PRIOR_STD, next_steps
-from elastid.report.overview import half_width, strip, verdict_sentence, widest
+from elastid.report.overview import half_width, numbers_answer, residual_sentence, strip, verdict_sentence, widest
 from elastid.report.parameter_rows import parameter_rows
 
 
@@ -64,6 +65,35 @@ def test_a_prior_is_advised_with_the_interval_that_conditioning_gives():
     expected = half_width(rows_of(result)[1]) * np.sqrt(posterior[1, 1] / covariance[1, 1])
     assert f"to ±{percent(expected)}." in prior.gain
     assert prior.text == "fit.parameters.k_1: {prior: {std: 0.05}}"
+
+
+def test_answers_do_not_contradict_the_status():
+    """A misfit has no widths and no advice to measure longer; residuals that only a floor holds are said to be so."""
+    result = replace(fit_result(), status="misfit", cost_dof=200.0, cost=4000.0, cost_expected=100.0)
+    content, rows = report_content(result=result), rows_of(result)
+    assert "known to" not in verdict_sentence(result, rows)
+    assert numbers_answer(result, rows).startswith("Not yet: ")
+    actions = next_steps(content, rows)
+    assert [action.text for action in actions] == ["elastid compare --search study.yml"]
+    assert residual_sentence(result, content.validation.configurations).startswith("The residuals exceed the noise")
+    held = replace(result, status="converged", cost=100.0)
+    beyond = [
+        replace(one, power_ratio=4.0, power_dof=400.0, left_out=False) for one in content.validation.configurations
+    ]
+    within = [replace(one, power_ratio=1.0) for one in beyond]
+    assert "beyond the floor" in residual_sentence(held, beyond)
+    assert "to its declared floor" in verdict_sentence(held, rows, beyond)
+    assert residual_sentence(held, within) == "Nowhere: no residual beyond what the noise explains."
+    assert verdict_sentence(held, rows, within).startswith("the model describes the data; ")
+
+
+def test_a_number_that_explains_a_thousandth_of_the_residuals_is_no_cause():
+    result = fit_result()
+    none, effects = np.zeros(0), [0.0] * len(result.x)
+    small = ModificationIndex("y turned", "sign", (), none, (), (), none, 0.1, 1.0, 0.001, effects, (), 1)
+    result = replace(result, cost=4000.0, cost_expected=100.0, cost_dof=200.0)
+    assert "y turned" not in residual_sentence(replace(result, indices=(small,)), [])
+    assert "y turned" in residual_sentence(replace(result, indices=(replace(small, share=0.5),)), [])
 
 
 def test_lines_of_the_model_hold_the_measured_ones_and_resolve_a_resonance():

@@ -73,7 +73,8 @@ def drawings(content: ReportContent) -> Iterator[Drawing]:
         yield Drawing("comparison", "comparison", caption, partial(left_out_errors, content.comparison))
     if content.result.starts:
         caption = "Cost at which every start of the fit ended."
-        yield Drawing("multistart", "fit", caption, partial(multistart_costs, content.result))
+        differ = content.result.hits < len(content.result.starts)  # else a sentence of the page says it
+        yield Drawing("multistart", "fit", caption, partial(multistart_costs, content.result), on_page=differ)
     if len(rows) > 1:
         caption = "Correlations near 1 or −1: the data determine only a combination of the two parameters."
         yield Drawing("identifiability", "fit", caption, partial(identifiability, content.result))
@@ -191,7 +192,7 @@ def _plan(content: ReportContent) -> Iterator[Drawing]:
         counts = [f"{angle}; {M} realisations" for angle, M in zip(angles, content.plan.realisations, strict=True)]
         caption = "The robot in each configuration; driven joints' angles."
         draw = partial(configuration_sketches, content.robot, configurations, counts)
-        yield Drawing("configurations", "plan", caption, draw)
+        yield Drawing("configurations", "plan", caption, draw, on_page=False)
 
 
 def _limits(content: ReportContent) -> Iterator[Drawing]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Iterable
 from importlib.resources import files
 from typing import Any
@@ -16,8 +17,12 @@ def embedded(content: Any) -> str:
 
 
 def asset(*path: str) -> str:
-    """A file of this package as text."""
-    return (files("elastid.report") / "page").joinpath(*path).read_text(encoding="utf-8").strip()
+    """A file of this package as text, without indentation and lines that are comments, CSS without spaces."""
+    text = (files("elastid.report") / "page").joinpath(*path).read_text(encoding="utf-8")
+    if path[-1].endswith(".css"):
+        return re.sub(r"\s*([{};,])\s*|(?<=:) ", r"\1", text).strip()
+    lines = (line.strip() for line in text.splitlines())
+    return "\n".join(line for line in lines if line and not line.startswith("//"))
 
 
 def script_policy(scripts: Iterable[str]) -> str:

@@ -20,7 +20,7 @@
     const n = n_u * response.outputs.length;
     const one = n === 1;
     const width = Math.max(150, Math.min(one ? 900 : 420, Math.floor((grid.clientWidth - 8) / n_u) - 6));
-    const height = one ? 420 : Math.max(130, Math.min(230, Math.round(0.7 * width)));
+    const height = one ? 420 : Math.max(120, Math.min(205, Math.round(0.6 * width)));
     const shown = frf.curves(response, quantity.value).filter((curve) => curve.ranged && !off.has(curve.label));
     const all = Array.from({ length: n }, (_, e) => shown.map((curve) => frf.values(response, curve.key, e))).flat();
     const y = frf.range(response, quantity.value, all);
@@ -30,7 +30,7 @@
       const open = cell.appendChild(document.createElement("button"));
       open.type = "button";
       open.className = "open";
-      open.textContent = "enlarge";
+      open.textContent = frf.name(response, e);
       open.setAttribute("aria-label", `Enlarge ${frf.name(response, e)}`);
       open.hidden = one;
       open.addEventListener("click", () => {
@@ -39,7 +39,7 @@
         element.focus();
       });
       const within = cell.appendChild(document.createElement("div"));
-      panels.push(frf.panel({ place: within, response, quantity: quantity.value, e, width, height, y, off, linear, read, compact: !one }));
+      panels.push(frf.panel({ place: within, response, quantity: quantity.value, e, width, height, y, off, linear, read, titled: one, compact: !one }));
     }
   };
 

@@ -6,12 +6,16 @@
     const title = plotted.querySelector(".title");
     const place = plotted.querySelector(".plot");
     const readout = plotted.querySelector("output");
-    const cells = [...document.querySelectorAll(".strip button")];
+    const rows = [...document.querySelectorAll(".strip div")].map((row) => [...row.children]);
+    const cells = rows.flat();
+    cells.forEach((cell) => (cell.title = cell.getAttribute("aria-label")));
     const off = new Set(["std of the model", "std of noise"]);
     let plot = null;
-    let shown = cells.find((cell) => cell.getAttribute("aria-pressed") === "true") ?? null;
+    let shown = cells.find((cell) => "worst" in cell.dataset) ?? null;
     const draw = () => {
-      const [q, e] = shown ? [Number(shown.dataset.q), Number(shown.dataset.e)] : [0, 0];
+      const q = Math.max(0, rows.findIndex((row) => row.includes(shown)));
+      const e = shown ? rows[q].indexOf(shown) : 0;
+      cells.forEach((cell) => cell.setAttribute("aria-pressed", String(cell === shown)));
       const response = frf.data.responses[q];
       plot?.destroy();
       title.textContent = `${response.name ?? response.title}: ${frf.name(response, e)}`;
@@ -24,7 +28,6 @@
     };
     cells.forEach((cell) =>
       cell.addEventListener("click", () => {
-        cells.forEach((other) => other.setAttribute("aria-pressed", String(other === cell)));
         shown = cell;
         draw();
       }),
@@ -96,7 +99,8 @@
       [...table.tHead.rows[0].cells].forEach((other) => other.removeAttribute("aria-sort"));
       head.setAttribute("aria-sort", up ? "ascending" : "descending");
       const key = (row) => row.cells[column].dataset.value ?? row.cells[column].innerText;
-      const order = (a, b) => (head.dataset.sort === "number" ? Number(key(a)) - Number(key(b)) : key(a).localeCompare(key(b)));
+      const value = (row) => (Number.isFinite(Number(key(row))) ? Number(key(row)) : Number.MAX_VALUE); // unknown: last
+      const order = (a, b) => (head.dataset.sort === "number" ? value(a) - value(b) : key(a).localeCompare(key(b)));
       body.append(...[...body.rows].sort((a, b) => (up ? 1 : -1) * order(a, b)));
     });
   });

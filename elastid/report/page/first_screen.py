@@ -14,8 +14,10 @@ from elastid.report.modes.mode_row import spring_names
 from elastid.report.next_steps import commands, next_steps
 from elastid.report.overview import (
     WIDTH_WORDS,
-    excess_sentence,
     half_width,
+    is_wrong,
+    numbers_answer,
+    residual_sentence,
     strip,
     summary_line,
     verdict_sentence,
@@ -30,7 +32,7 @@ MIN_REACH, MAX_REACH = 1.02, 100.0
 # A correlation that the table names.
 MIN_CORRELATION = 0.5
 # Pixels of the drawing of an interval.
-BAR_WIDTH = 140.0
+BAR_WIDTH = 120.0
 
 
 def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapping[str, Any]:
@@ -38,15 +40,16 @@ def first_screen(content: ReportContent, rows: tuple[ParameterRow, ...]) -> Mapp
     drawing = next((row.drawing for row in content.modes if row.drawing is not None), None)
     classes = [width_class(row) for row in rows]
     return {
-        "sentence": verdict_sentence(content.result, rows),
+        "sentence": verdict_sentence(content.result, rows, content.validation.configurations),
+        "numbers_answer": numbers_answer(content.result, rows),
         "summary": summary_line(content),
         "sketch": robot_sketch(content.robot, drawing, rows) if content.robot is not None and drawing else "",
-        "widest": widest(rows),
+        "widest": None if is_wrong(content.result) else widest(rows),
         "half_width": half_width,
         "width_class": width_class,
         "width_counts": [(words, i, classes.count(i)) for i, words in enumerate(WIDTH_WORDS)],
         "strip": strip(content.validation.configurations),
-        "excess": excess_sentence(content.result),
+        "residuals": residual_sentence(content.result, content.validation.configurations),
         "actions": next_steps(content, rows),
         "commands": commands(content),
         "meanings": meanings(content),

@@ -3,7 +3,7 @@
 (() => {
   const PERIOD = 1600; // ms of a swing, whatever the frequency
   const MAX_WIDTH = 330; // px of a view
-  const MAX_HEIGHT = 340;
+  const MAX_HEIGHT = 230;
   const MIN_ASPECT = 0.3; // shorter over longer span of a view
   const WIDTHS = { arm: 4, strut: 2.2, mass: 1.3 };
   const data = JSON.parse(document.getElementById("mode-data").textContent);

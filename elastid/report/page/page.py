@@ -154,6 +154,7 @@ def template(name: str) -> Template:
         lstrip_blocks=True,
     )
     environment.filters |= {"number": number, "digits": digits, "percent": percent, "interval_of": interval_of}
+    environment.globals["asset"] = asset
     environment.filters |= {"grouped": grouped, "friction_rows": friction_rows}
     return environment.get_template(name)
 
@@ -170,7 +171,7 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
     image = Image.frombytes("RGBA", (width, height), buffer.getvalue())
     few = image.convert("RGB").quantize(MAX_COLORS, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
     file = io.BytesIO()
-    few.save(file, "png", dpi=(DPI, DPI))
+    few.save(file, "png", dpi=(DPI, DPI), optimize=True)
     return file.getvalue()
 
 
