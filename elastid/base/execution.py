@@ -124,11 +124,12 @@ def load_for_workers(modules: Sequence[str]) -> None:
     """
     if start_method() != "forkserver":
         return
-    from multiprocessing import forkserver  # not on every system
+    from multiprocessing import forkserver, resource_tracker  # not on every system
     from signal import SIG_BLOCK, SIG_SETMASK, pthread_sigmask
 
     forkserver.set_forkserver_preload(["__main__", *modules])
-    # Ctrl-C while it loads is for the parent alone; workers ignore it later.
+    # Ctrl-C while it loads is for the parent alone; workers ignore it later. Tracker first: its start unblocks Ctrl-C.
+    resource_tracker.ensure_running()
     before = pthread_sigmask(SIG_BLOCK, {SIGINT})
     try:
         forkserver.ensure_running()

@@ -48,6 +48,26 @@ def test_a_script_that_would_begin_anew_in_every_worker_is_told_what_it_lacks(tm
     assert subprocess.run([sys.executable, str(script)], capture_output=True, text=True).stdout == "[1, 2]\n"
 
 
+LOADING = """
+import os, signal, sys
+from elastid.base.execution import load_for_workers, ordered
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, lambda *_: None)
+    load_for_workers(["elastid.app.stages.fit"])
+    os.killpg(0, signal.SIGINT)
+    print(ordered(abs, [-1, -2], 2))
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="there are no groups of processes")
+def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path: Path):
+    """The process that they are copies of shows no traceback of its own, and works on."""
+    (tmp_path / "script.py").write_text(LOADING)
+    command = [sys.executable, str(tmp_path / "script.py")]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=120, start_new_session=True)
+    assert (run.stdout, run.stderr) == ("[1, 2]\n", "")
+
+
 def killed_at_two(item: int) -> int:
     """As if the system had killed the worker for lack of memory."""
     if item == 2:
