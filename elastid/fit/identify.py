@@ -17,7 +17,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.fit.diagnosis.diagnosis import diagnose, judge
+from elastid.fit.diagnosis.diagnosis import diagnose, judge, score_held
 from elastid.fit.diagnosis.findings import at_bound
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
@@ -68,8 +68,9 @@ def identify(
     assembly, starts, hits = _search(responses, robot, spec, model, execution)
     try:
         optimum, uncertainty, result = _estimate(assembly, starts, hits)
-        judged = judge(result, assembly, optimum, uncertainty)
-        result = diagnose(judged, assembly, optimum, uncertainty, _notes(assembly, optimum))
+        scores = score_held(assembly, optimum, result)
+        judged = judge(result, assembly, optimum, uncertainty, scores)
+        result = diagnose(judged, assembly, optimum, uncertainty, scores, _notes(assembly, optimum))
         return add_intervals(result, optimum, spec, execution)
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
@@ -84,7 +85,7 @@ def fit_parameters(
     """
     assembly, starts, hits = _search(responses, robot, spec, model, Execution())
     optimum, uncertainty, result = _estimate(assembly, starts, hits)
-    return judge(result, assembly, optimum, uncertainty)
+    return judge(result, assembly, optimum, uncertainty, score_held(assembly, optimum, result))
 
 
 def _search(

@@ -12,9 +12,11 @@ from elastid.fit.diagnosis.findings import findings, status_and_message
 from elastid.fit.diagnosis.frequency_unit import find_wrong_frequency_unit
 from elastid.fit.diagnosis.misfit import describe_misfit, telling_index
 from elastid.fit.diagnosis.modification.indices import held_indices, modification_indices
+from elastid.fit.diagnosis.modification.scores import Scores, score
 from elastid.fit.diagnosis.modification.sentences import MISREAD, explanations
 from elastid.fit.diagnosis.two_robots import find_two_groups
 from elastid.fit.diagnosis.unlike_configurations import find_foreign_configurations, find_unlike_configurations
+from elastid.fit.diagnosis.unseen_errors import find_unseen_errors
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import find_border_inertias
@@ -43,10 +45,25 @@ def explained_share(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
 
 
-def judge(result: FitResult, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty) -> FitResult:
+def score_held(assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult) -> Scores | None:
+    """The test of everything that the fit held; None where no noise is known and the responses are not suspect."""
+    noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
+    if noise_cost == 0 and not result.exceeds_noise and not _is_suspect(result, optimum):
+        return None
+    return score(assembly, optimum, result, noise_cost)
+
+
+def judge(
+    result: FitResult,
+    assembly: Assembly,
+    optimum: RelinearisedOptimum,
+    uncertainty: Uncertainty,
+    scores: Scores | None,
+) -> FitResult:
     """The result with how it ended, and with modification indices where they bear on it."""
     known, share = _noise_is_known(optimum), _share(result, optimum)
-    result = replace(result, indices=_indices(result, assembly, optimum, uncertainty))
+    if scores is not None:
+        result = replace(result, indices=_indices(result, assembly, optimum, uncertainty, scores))
     misread = _is_suspect(result, optimum) and any(one.place and one.group in MISREAD for one in result.indices)
     misfit = describe_misfit(result, uncertainty)
     status, message = status_and_message(result, optimum.end, uncertainty.unreached, share, known, misread, misfit)
@@ -54,15 +71,16 @@ def judge(result: FitResult, assembly: Assembly, optimum: RelinearisedOptimum, u
 
 
 def _indices(
-    result: FitResult, assembly: Assembly, optimum: RelinearisedOptimum, uncertainty: Uncertainty
+    result: FitResult,
+    assembly: Assembly,
+    optimum: RelinearisedOptimum,
+    uncertainty: Uncertainty,
+    scores: Scores,
 ) -> tuple[ModificationIndex, ...]:
     """What the fit held or read wrongly; where V is that of the noise, only what shows the model to be wrong."""
-    noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
     if result.exceeds_noise or _is_suspect(result, optimum):
-        return modification_indices(assembly, optimum, result, noise_cost)
-    if noise_cost == 0:
-        return ()
-    found = held_indices(assembly, optimum, result, noise_cost)
+        return modification_indices(assembly, optimum, result, scores)
+    found = held_indices(assembly, optimum, result, scores)
     return found if telling_index(result, uncertainty, found) is not None else ()
 
 
@@ -71,9 +89,10 @@ def diagnose(
     assembly: Assembly,
     optimum: RelinearisedOptimum,
     uncertainty: Uncertainty,
+    scores: Scores | None,
     notes: tuple[Note, ...],
 ) -> FitResult:
-    """A judged result with notes: why it ended so, and foreign configurations.
+    """A judged result with notes: why it ended so, foreign configurations, and errors that nothing would show.
 
     notes: of the data and the search.
     """
@@ -87,7 +106,8 @@ def diagnose(
         apart = find_foreign_configurations(fit, end.x)
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
     why = explanations(result) if explained > MAX_EXPLAINED_SHARE or not apart else ()
-    return replace(result, notes=(*find_wrong_frequency_unit(result), *why, *apart, *notes, *found))
+    unseen = find_unseen_errors(result, scores)
+    return replace(result, notes=(*find_wrong_frequency_unit(result), *why, *apart, *notes, *found, *unseen))
 
 
 def _is_suspect(result: FitResult, optimum: RelinearisedOptimum) -> bool:

@@ -17,7 +17,7 @@ from elastid.fit.diagnosis.modification.misreadings import misreadings
 from elastid.fit.diagnosis.modification.missing_springs import missing_springs
 from elastid.fit.diagnosis.modification.reading import evaluated_at, thinned
 from elastid.fit.diagnosis.modification.score_test import ScoreTest
-from elastid.fit.diagnosis.modification.scores import Scores, score
+from elastid.fit.diagnosis.modification.scores import Scores
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import FitResult
@@ -49,26 +49,24 @@ MAX_EXPLAINED_SHARE = 0.9
 
 
 def modification_indices(
-    assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, noise_cost: float
+    assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, scores: Scores
 ) -> tuple[ModificationIndex, ...]:
     """What lowers V by more than chance when it is freed or read otherwise: in sequence, then each alone.
 
     Largest share first, each further number of a candidate counting against it.
     """
-    scores = score(assembly, optimum, result, noise_cost)
     numbers = _with_forms(_ranked(scores.test, scores), optimum, result, scores)
-    found = [*numbers, *misreadings(optimum, result, noise_cost)]
+    found = [*numbers, *misreadings(optimum, result, scores.noise)]
     return _in_sequence(_with_springs(found, assembly, optimum, result, scores), scores)
 
 
 def held_indices(
-    assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, noise_cost: float
+    assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, scores: Scores
 ) -> tuple[ModificationIndex, ...]:
     """The same of numbers and springs, for fits whose V is that of the noise.
 
     A share may then be of hardly any excess.
     """
-    scores = score(assembly, optimum, result, noise_cost)
     numbers = _ranked(scores.test, scores)
     return _in_sequence(_with_springs(numbers, assembly, optimum, result, scores), scores)
 
