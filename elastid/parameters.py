@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray
-from elastid.base.errors import index_of
+from elastid.base.errors import Named, UnknownNameError, index_of
 
 
 @dataclass(frozen=True)
@@ -146,10 +146,10 @@ class ParameterSet:
         for parameter in self.parameters:
             if parameter.name == name:
                 return parameter
-        raise KeyError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters)}")
+        raise UnknownNameError(f"no parameter {name}; there are {', '.join(p.name for p in self.parameters)}")
 
     def index(self, name: str) -> int:
-        """The place of a name in theta; KeyError lists the names there are."""
+        """The place of a name in theta; UnknownNameError lists the names there are."""
         return index_of(name, self.names, "parameter")
 
     @cached_property
@@ -255,7 +255,7 @@ class ParameterSet:
         found = dict(zip(self.names, self.expand(x).tolist(), strict=True))
         free = dict(zip(self.free_names, self._natural(x).tolist(), strict=True))
         others = (p for p in self.parameters if not p.is_of_model)
-        return found | {p.name: free.get(p.name, p.value) for p in others}
+        return Named("parameter", found | {p.name: free.get(p.name, p.value) for p in others})
 
 
 @dataclass(frozen=True)

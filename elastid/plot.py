@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.figure import Figure
 
+from elastid.base.errors import check_kind, index_of
 from elastid.fit.result import FitResult
 from elastid.friction_fit.result import FrictionResult
 from elastid.linear.fitted_model import FittedModel
@@ -15,6 +16,8 @@ from elastid.report.figures.friction_curve import friction_curve as curve_figure
 from elastid.report.figures.parameters import forest
 from elastid.report.parameter_rows import parameter_rows
 from elastid.response import FrequencyResponse, in_quantity
+
+__all__ = ["bode", "friction_curve", "parameters"]
 
 # Lines on which a model is drawn, beside those that were measured.
 N_LINES = 1000
@@ -27,33 +30,53 @@ def bode(
 
     model: a fitted model is drawn on lines of its own, dense enough for its resonances, with a band of two standard
     deviations unless `band` is False; a response on the lines that it has.
-    Raises ValueError where inputs or outputs of the two differ.
+    Raises ValueError where inputs, outputs or postures of the two differ, TypeError for other values.
     """
+    check_kind(measured, FrequencyResponse, "measured", "read_responses gives one for each configuration")
     if model is None:
         return bode_figure.bode(measured, None, None)
+    check_kind(model, FittedModel | FrequencyResponse, "model", "result.model(configuration) makes one")
     modelled, std = (model, None) if isinstance(model, FrequencyResponse) else _on_dense_lines(model, measured, band)
     if (modelled.inputs, modelled.outputs) != (measured.inputs, measured.outputs):
         raise ValueError(
             f"the model has inputs {', '.join(modelled.inputs)} and outputs {', '.join(modelled.outputs)}, the "
             f"measured response {', '.join(measured.inputs)} and {', '.join(measured.outputs)}"
         )
+    one, other = measured.configuration, modelled.configuration
+    if isinstance(model, FittedModel) and not np.array_equal(one.angles, other.angles):
+        raise ValueError(
+            f"the model is of configuration {other.name}, the measured response of {one.name}, at other angles; take "
+            f"result.model('{one.name}')"
+        )
     return bode_figure.bode(measured, in_quantity(modelled, measured.quantity), std)
 
 
 def parameters(result: FitResult, truth: Mapping[str, float] | None = None) -> Figure:
-    """Start, estimate and 95 % interval of each free parameter; truth: numbers in SI by name, where they are known."""
+    """Start, estimate and 95 % interval of each free parameter; truth: numbers in SI by name, where they are known.
+
+    UnknownNameError for the truth of a parameter that is not there.
+    """
+    check_kind(result, FitResult, "result", "identify and read_fit make one")
+    for name in truth or ():
+        index_of(name, list(result.values), "parameter")
     return forest(parameter_rows(result, truth))
 
 
 def friction_curve(result: FrictionResult, joint: str) -> Figure:
     """Levels and law of friction of one joint over speed, with the 95 % band.
 
-    KeyError for a joint that was not identified; ValueError where its data tell no law.
+    UnknownNameError for a joint that was not identified; ValueError where its data tell no law.
     """
+    check_kind(result, FrictionResult, "result", "identify_friction and read_friction_result make one")
     law = result.at(joint).static
     if law is None:
         raise ValueError(f"the data tell no law of friction over speed of joint {joint}: {result.message}")
     return curve_figure(law)
+
+
+def __dir__() -> list[str]:
+    """The functions alone."""
+    return __all__
 
 
 def _on_dense_lines(

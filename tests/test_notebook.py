@@ -181,3 +181,100 @@ def test_a_mistake_is_answered_with_the_names_there_are(measured, result) -> Non
     ):
         with pytest.raises(error, match=says):
             wrong()
+
+
+def test_a_name_that_is_not_there_is_refused_with_those_there_are(measured, result) -> None:
+    """Configurations, parameters and quantities; a configuration itself serves as its name."""
+    assert result.model(measured[0].configuration).linear.configuration.name == "c1"
+    for asked, says in (
+        (lambda: result.model("c9"), "no fitted model of configuration c9; there are c1"),
+        (lambda: result.values["k_9"], "no parameter k_9; there are k_1, d_1"),
+        (lambda: result.std["k_9"], "no free parameter k_9; there are k_1, d_1"),
+        (lambda: result.interval("k_9"), "k_9 is no parameter of this fit; identified are k_1, d_1"),
+        (lambda: elastid.plot.parameters(result, {"k_9": 1.0}), "no parameter k_9; there are k_1"),
+        (lambda: replace(measured[0], quantity="speed"), "no quantity speed; there are position, velocity, accel"),
+    ):
+        with pytest.raises(KeyError) as refused:
+            asked()
+        assert str(refused.value).startswith(says)
+
+
+def test_an_argument_of_another_type_is_refused_with_what_gives_the_right_one(measured, result, tmp_path) -> None:
+    """No attribute of an inner value is missed, and no file is begun."""
+    system = result.model("c1").to_control()
+    for asked, says in (
+        (
+            lambda: elastid.identify(measured, arm(), {}),
+            "spec is of type dict, not FitSpec; FitSpec() has",
+        ),
+        (lambda: elastid.identify(measured[0], arm(), elastid.FitSpec()), "responses is of type FrequencyResponse"),
+        (
+            lambda: elastid.identify(measured, "arm.yml", elastid.FitSpec()),
+            "robot is of type str, not Robot; load",
+        ),
+        (lambda: elastid.FitSpec(parameters=["k_1"]), "parameters is of type list, not Mapping"),
+        (lambda: elastid.estimate(steady_record(), elastid.EstimatorSpec()), "give a sequence of them"),
+        (lambda: elastid.plot.bode(measured), "measured is of type tuple, not FrequencyResponse"),
+        (lambda: elastid.plot.bode(measured[0], result), "not FittedModel or FrequencyResponse; result.model(conf"),
+        (lambda: elastid.plot.friction_curve(result, "1"), "not FrictionResult; identify_friction and read_friction"),
+        (lambda: elastid.FrequencyResponse.from_control(system, measured[0].configuration), "control.frd(system"),
+        (lambda: replace(measured[0], configuration="c1"), "configuration is of type str, not Configuration"),
+        (lambda: elastid.write_fit(tmp_path / "no.h5", measured[0]), "not FitResult; identify and read_fit make one"),
+        (lambda: elastid.write_responses(tmp_path / "no.h5", measured[0]), "responses is of type FrequencyResponse"),
+    ):
+        with pytest.raises(TypeError) as refused:
+            asked()
+        assert says in str(refused.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_frequencies_are_numbers_in_a_row(result) -> None:
+    """One or several; what is no such thing is refused before anything is computed."""
+    model = result.model("c1")
+    assert model.response(10.0).G.shape == (1, 2, 2)
+    for given, says in (
+        ("10 Hz", "freq_hz is '10 Hz'; give numbers in Hz"),
+        (np.ones((2, 3)), r"freq_hz has shape \(2, 3\); give one number or a list"),
+        ([1j], "give numbers in Hz"),
+        ([1.0, np.inf], "freq_hz is infinite at index 1"),
+        ([1.0, np.nan], "freq_hz is nan Hz at index 1"),
+    ):
+        for answer in (model.response, model.response_std):
+            with pytest.raises(ValueError, match=says):
+                answer(given)
+    with pytest.raises(ValueError, match="pade is -1; give the order of the approximation"):
+        model.to_control(pade=-1)
+
+
+def test_sections_made_in_python_refuse_words_that_are_no_choice(measured) -> None:
+    """As a study does: no misspelt word is taken for a default, and no text for a number."""
+    for make, says in (
+        (lambda: elastid.FitSpec(criterion="complx"), "FitSpec: criterion is 'complx'; give one of complex, log"),
+        (
+            lambda: elastid.EstimatorSpec(method="arith"),
+            "EstimatorSpec: method is 'arith'; give one of auto, arith",
+        ),
+        (lambda: elastid.ModelSpec(formulation="minimul"), "give one of serial, constrained, minimal"),
+        (lambda: elastid.Joint("1", "w"), "Joint: axis is 'w'; give one of x, y, z, or a tuple"),
+        (lambda: elastid.Spring(stiffness="3 kN*m/rad"), "stiffness is '3 kN.m/rad'; give a number in SI"),
+        (lambda: elastid.MultisineSpec(500.0, "4 s", (2.0, 60.0), 50.0), "period is '4 s'; give a number in SI"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            make()
+    asked = elastid.FitSpec(parameters={"k_1": elastid.ParameterSpec(start="3 kg")})
+    with pytest.raises(ElastidError, match=r"fit\.parameters\.k_1: start is '3 kg'; give a number in N\*m/rad"):
+        elastid.identify(measured, arm(), asked)
+
+
+def test_records_of_two_configurations_make_no_response(tmp_path) -> None:
+    """They would be averaged into one of neither; records are read by their configuration."""
+    one = steady_record()
+    other = replace(one, name="other", configuration=elastid.Configuration("other", one.configuration.angles))
+    with pytest.raises(DataError, match=r"the records are of configurations .*, other; a response is of one"):
+        elastid.estimate([one, other], elastid.EstimatorSpec())
+    elastid.write_records(tmp_path / "records.h5", [one, other])
+    assert [record.name for record in elastid.read_records(tmp_path / "records.h5", "other")] == ["other"]
+    with pytest.raises(DataError, match=r"no records of configuration othr; there are .*, other"):
+        list(elastid.read_records(tmp_path / "records.h5", "othr"))
+    with pytest.raises(DataError, match="is a folder; name one of the files in it"):
+        elastid.read_fit(tmp_path)

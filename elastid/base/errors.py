@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence, Sized
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from difflib import get_close_matches
+from types import UnionType
+from typing import TypeVar, get_args
+
+T = TypeVar("T")
 
 
 class ElastidError(Exception):
@@ -32,17 +36,53 @@ class MisfitError(FitError):
     exit_code = 3
 
 
+class UnknownNameError(KeyError):
+    """A name that is none of those there are, which the message lists."""
+
+    def __str__(self) -> str:
+        """The message, without the quotes that KeyError puts around it."""
+        return str(self.args[0])
+
+
+class Named(dict[str, T]):
+    """Values by name; a name that is not there is refused with those there are.
+
+    >>> Named("parameter", {"k_1": 2.0})["k_2"]
+    Traceback (most recent call last):
+    elastid.base.errors.UnknownNameError: no parameter k_2; there are k_1
+    """
+
+    def __init__(self, noun: str, values: Mapping[str, T]) -> None:
+        super().__init__(values)
+        self._noun = noun
+
+    def __missing__(self, name: str) -> T:
+        """UnknownNameError."""
+        raise UnknownNameError(f"no {self._noun} {name}; there are {', '.join(self)}")
+
+    def __reduce__(self) -> tuple[type[Named[T]], tuple[str, dict[str, T]]]:
+        """So that workers get it whole."""
+        return type(self), (self._noun, dict(self))
+
+
+def check_kind(value: object, kind: type | UnionType, name: str, remedy: str) -> None:
+    """TypeError where an argument is of another kind, or of none of several; remedy: how to get one of that kind."""
+    if not isinstance(value, kind):
+        wanted = " or ".join(each.__name__ for each in get_args(kind) or (kind,))
+        raise TypeError(f"{name} is of type {type(value).__name__}, not {wanted}; {remedy}")
+
+
 def index_of(name: str, names: Sequence[str], noun: str) -> int:
-    """The place of a name; KeyError that lists those there are.
+    """The place of a name; UnknownNameError that lists those there are.
 
     >>> index_of("k_2", ("k_1", "k_2"), "parameter")
     1
     >>> index_of("k_3", ("k_1", "k_2"), "parameter")
     Traceback (most recent call last):
-    KeyError: 'no parameter k_3; there are k_1, k_2'
+    elastid.base.errors.UnknownNameError: no parameter k_3; there are k_1, k_2
     """
     if name not in names:
-        raise KeyError(f"no {noun} {name}; there are {', '.join(names)}")
+        raise UnknownNameError(f"no {noun} {name}; there are {', '.join(names)}")
     return names.index(name)
 
 

@@ -5,8 +5,11 @@ Each section of a study lives beside the code that uses it and knows no YAML; `s
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TypeVar, dataclass_transform
+from functools import cache
+from types import NoneType, UnionType
+from typing import Any, Literal, TypeVar, Union, dataclass_transform, get_args, get_origin, get_type_hints
 
 T = TypeVar("T")
 
@@ -16,6 +19,43 @@ _CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": Fa
 
 @dataclass_transform(frozen_default=True, field_specifiers=(field,))
 def section(cls: type[T]) -> type[T]:
-    """A frozen dataclass whose fields are the keys that a study may give."""
+    """A frozen dataclass whose fields are the keys that a study may give.
+
+    Made in Python, it refuses a word that is none of its choices and a text in the place of a number, by ValueError.
+    """
+    check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
+
+    def checked(self: T) -> None:
+        """Check the words, then what the class itself checks."""
+        kind: Any = type(self)
+        for name, (words, expected) in _plain_fields(kind).items():
+            value = getattr(self, name)
+            if isinstance(value, str) and value not in words:
+                raise ValueError(f"{kind.__name__}: {name} is '{value}'; give {expected}")
+        if check is not None:
+            check(self)
+
+    cls.__post_init__ = checked  # type: ignore[attr-defined]
     cls.__pydantic_config__ = _CONFIG  # type: ignore[attr-defined]
     return dataclass(frozen=True)(cls)
+
+
+@cache
+def _plain_fields(cls: Any) -> dict[str, tuple[tuple[Any, ...], str]]:
+    """The fields that are words of a choice, numbers or tuples: the words, and what may be given as a message says."""
+    plain = {}
+    for name, hint in get_type_hints(cls).items():
+        kinds = [kind for kind in _alternatives(hint) if kind is not NoneType]
+        words = tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+        others = [kind for kind in kinds if get_origin(kind) is not Literal]
+        numbers, tuples = ([k for k in others if k in (int, float)], [k for k in others if get_origin(k) is tuple])
+        if kinds and len(numbers) + len(tuples) == len(others):
+            expected = [f"one of {', '.join(map(str, words))}"] if words else []
+            expected += ["a number in SI (text with a unit is for the file of a study)"] if numbers else []
+            plain[name] = words, ", or ".join([*expected, *(["a tuple"] if tuples else [])])
+    return plain
+
+
+def _alternatives(hint: Any) -> tuple[Any, ...]:
+    """The members of a union, or the one that is no union."""
+    return get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)

@@ -84,7 +84,7 @@ class FittedRobot:
         return _theta(self.result, self.model, configuration)
 
     def at(self, configuration: str) -> LinearModel:
-        """The linear model of a configuration; KeyError where it was not measured."""
+        """The linear model of a configuration; UnknownNameError where it was not measured."""
         names = [linear.configuration.name for linear in self.linear]
         return self.linear[index_of(configuration, names, "configuration")]
 

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, FitError
+from elastid.base.errors import DataError, FitError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.diagnosis.diagnosis import diagnose, judge, score_held
@@ -92,6 +92,7 @@ def _search(
     responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, model: ModelSpec, execution: Execution
 ) -> tuple[Assembly, tuple[LocalOptimum, ...], int]:
     """The assembled fit, where all starts ended, best first, and how many of them reached the best."""
+    check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
     check_masks(responses, spec)

@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import index_of
+from elastid.base.errors import Named, UnknownNameError, index_of
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.base.numbers import digits, interval_of, number
@@ -19,6 +19,7 @@ from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.linear.fitted_model import FittedModel
 from elastid.linear.linear_model import LinearModel
 from elastid.parameters import ParameterSet
+from elastid.record import Configuration
 
 # misfit: the model explains most of the response, but is wrong by more than the intervals of its noise.
 # model_error: an optimum was found, but the model there explains less than half of the response that was measured.
@@ -153,21 +154,19 @@ class FitResult:
     def std(self) -> dict[str, float]:
         """Standard deviations of the free parameters in SI (first order for logarithmic ones)."""
         std_x = np.sqrt(np.diag(self.covariance))
-        return {
-            p.name: float(s * (np.exp(xi) if p.log else 1.0))
-            for p, xi, s in zip(self.parameters.free, self.x, std_x, strict=True)
-        }
+        free = zip(self.parameters.free, self.x, std_x, strict=True)
+        return Named("free parameter", {p.name: float(s * (np.exp(xi) if p.log else 1.0)) for p, xi, s in free})
 
     def interval(self, name: str) -> tuple[float, float]:
         """The 95 % interval of a free parameter in SI: by profile likelihood where that was found, else symmetric in x.
 
-        Symmetric in x is positive for a logarithmic one. KeyError for a name that was not identified, with those that
-        were.
+        Symmetric in x is positive for a logarithmic one.  UnknownNameError for a name that was not identified, with
+        those that were.
         """
         names = self.parameters.free_names
         if name not in names:
             why = "is held or tied" if name in self.values else "is no parameter of this fit"
-            raise KeyError(f"{name} {why}; identified are {', '.join(names)}")
+            raise UnknownNameError(f"{name} {why}; identified are {', '.join(names)}")
         i = names.index(name)
         if len(self.profile95) and not np.isnan(self.profile95[i]).any():
             return float(self.profile95[i, 0]), float(self.profile95[i, 1])
@@ -196,15 +195,16 @@ class FitResult:
         columns = ["value", "std", "low", "high", "unit", "free"]
         return notebook_package("pandas").DataFrame.from_dict(rows, orient="index", columns=columns)
 
-    def model(self, configuration: str) -> FittedModel:
-        """The fitted model in one configuration that was fitted: response, modes, state space.
+    def model(self, configuration: Configuration | str) -> FittedModel:
+        """The fitted model in one configuration that was fitted, by its name: response, modes, state space.
 
-        KeyError names the configurations there are; ValueError for a result without models.
+        UnknownNameError names the configurations there are; ValueError for a result without models.
         """
         if not self.linear:
             raise ValueError("this result holds no models: it only compares fits, or was written by an older elastid")
         names = [linear.configuration.name for linear in self.linear]
-        linear = self.linear[index_of(configuration, names, "fitted model of configuration")]
+        name = configuration.name if isinstance(configuration, Configuration) else str(configuration)
+        linear = self.linear[index_of(name, names, "fitted model of configuration")]
         return FittedModel(linear, self.parameters, self.x, self.covariance)
 
     @property

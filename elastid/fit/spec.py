@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import field
 from typing import Literal
 
+from elastid.base.errors import check_kind
 from elastid.base.section import section
 from elastid.base.units import Frequency, Quantity
 from elastid.fit.weight_spec import MaskSpec, WeightSpec, check_band
@@ -194,6 +196,7 @@ class FitSpec:
 
     def __post_init__(self) -> None:
         """Refuse a multistart without starts or without end, a band upside down, a configuration of two robots."""
+        check_kind(self.parameters, Mapping, "parameters", "give names, such as {'k_*': ParameterSpec()}")
         measured = [name for names in self.robots.values() for name in names]
         for name in measured:
             if measured.count(name) > 1:

@@ -118,7 +118,7 @@ class FrictionResult:
         return Display(f"Friction {self.status}: {self.message}", ("number", "meaning", "value", "95 % interval"), rows)
 
     def at(self, joint: str) -> JointFriction:
-        """The friction of a joint; KeyError names those there are."""
+        """The friction of a joint; UnknownNameError names those there are."""
         return self.joints[index_of(joint, [each.joint for each in self.joints], "friction of joint")]
 
     @property

@@ -51,13 +51,12 @@ class FittedModel:
         return self.parameters.expand(self.x, self.linear.configuration.name)
 
     def response(self, freq_hz: FloatArray) -> FrequencyResponse:
-        """The frequency response at freq_hz (F,), between the inputs and outputs that were measured."""
-        return to_response(self.linear, self.theta, np.atleast_1d(np.asarray(freq_hz, float)))
+        """The frequency response at freq_hz (F,), or at one, between the inputs and outputs that were measured."""
+        return to_response(self.linear, self.theta, freq_hz)
 
     def response_std(self, freq_hz: FloatArray) -> FloatArray:
         """Standard deviation (F, n_y, n_u) of `response` by that of the parameters, to first order."""
-        lines = np.atleast_1d(np.asarray(freq_hz, float))
-        return response_deviation(self.linear, lines, self.parameters, self.x, self.covariance)[1]
+        return response_deviation(self.linear, freq_hz, self.parameters, self.x, self.covariance)[1]
 
     def modes(self) -> Modes:
         """Natural frequencies, damping ratios and shapes with the motors free."""

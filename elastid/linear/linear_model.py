@@ -101,7 +101,7 @@ class LinearModel:
         return tuple(name for name, slope in self.slopes.items() if slope.C is not None or slope.T is not None)
 
     def number(self, theta: FloatArray, name: str) -> float:
-        """The value of one parameter in theta (n_theta,); KeyError names those there are."""
+        """The value of one parameter in theta (n_theta,); UnknownNameError names those there are."""
         return float(theta[index_of(name, self.parameters, "parameter")])
 
     def channel_gains(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:

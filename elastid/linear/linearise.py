@@ -142,8 +142,8 @@ def linearise(
 
     theta (n_theta,): model.parameters in SI, without the delay, which LinearModel adds at the end.
     outputs: places such as `motor 1`, `joint 1`, `body arm z`, `frame tool x`.  quantity: measured there.
-    ValueError where theta is not one number for each parameter, KeyError for an unknown quantity, StudyError where the
-    configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
+    ValueError where theta is not one number for each parameter, UnknownNameError for an unknown quantity,
+    StudyError where the configuration has no equilibrium, a place is unknown or a coordinate has no inertia.
     """
     return Linearisation.of(model).at(configuration, theta, outputs, quantity)
 

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.linalg
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import index_of
 from elastid.linear.linear_model import LinearModel
 
@@ -32,6 +33,18 @@ class Modes:
     shapes: ComplexArray
     real_poles: FloatArray
 
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Frequency and damping ratio of each mode."""
+        rows = [(f"{f:.5g}", f"{100 * zeta:.4g}") for f, zeta in zip(self.freq_hz, self.zeta, strict=True)]
+        return Display(
+            f"{len(rows)} modes in {len(self.shapes)} coordinates, {len(self.real_poles)} real poles",
+            ("natural frequency in Hz", "damping ratio in %"),
+            rows,
+        )
+
 
 def modes(model: LinearModel, theta: FloatArray) -> Modes:
     """Modes with the motors free, at theta (n_theta,): the poles of the frequency response."""
@@ -45,7 +58,7 @@ def shapes_of_all(model: LinearModel, shapes: ComplexArray) -> ComplexArray:
 
 
 def antiresonances(model: LinearModel, theta: FloatArray, output: str, input: str) -> Modes:
-    """Zeros of one element of the response, at theta (n_theta,); KeyError for a name that the model does not have.
+    """Zeros of one element of the response, at theta (n_theta,); UnknownNameError for a name that is none of the model.
 
     Motion q = N_c x that the output does not see, under forces that the input alone supplies:
     N_b^T (s^2 M + s D + K) N_c x = 0, N_c and N_b the null spaces of the output's row and the input's column. Where

@@ -17,7 +17,7 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.modes import modes
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.transfer import check_frequencies
+from elastid.linear.response.transfer import checked_frequencies
 from elastid.parameters import ParameterSet
 
 # Standard deviation of x, mostly logarithms, that stands for none at all.
@@ -79,7 +79,7 @@ def _response_slopes(
     model: LinearModel, freq_hz: FloatArray, parameters: ParameterSet, x: FloatArray
 ) -> tuple[ComplexArray, ComplexArray]:
     """G (F, n_y, n_u) and dG/dx (n_x, F, n_y, n_u); ValueError for a frequency that is not positive."""
-    check_frequencies(freq_hz)
+    freq_hz = checked_frequencies(freq_hz)
     where = model.configuration.name
     kernel = Kernel(model, freq_hz, parameters.moved(where))
     G, dG = kernel.evaluate(parameters.expand(x, where))

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text
 from elastid.base.errors import StudyError
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.measurement_chain import LagElement
@@ -37,6 +38,18 @@ class StateSpace:
     outputs: tuple[str, ...]
     quantity: Motion
 
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Sizes, and the places between which it acts."""
+        n_y, n_u = self.D.shape
+        title = f"StateSpace of {self.configuration.name}: {len(self.A)} states, {n_u} inputs, {n_y} outputs"
+        late = f", inputs delayed by {1e3 * self.delay:.4g} ms" if self.delay else ""
+        rows = [("input", place, "torque or force") for place in self.inputs]
+        rows += [("output", place, self.quantity) for place in self.outputs]
+        return Display(title + late, ("signal", "at", "quantity"), rows)
+
     def response(self, freq_hz: FloatArray) -> ComplexArray:
         """G (F, n_y, n_u) = [C (s I - A)^-1 B + D] exp(-s T_d) on the lines freq_hz (F,)."""
         s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
@@ -46,8 +59,11 @@ class StateSpace:
     def to_control(self, pade: int | None = None) -> Any:
         """The system as `control.StateSpace` with the names of its inputs and outputs.
 
-        The delay is not part of it, unless `pade` gives the order of an approximation by Pade in front of each input.
+        The delay is not part of it, unless `pade` gives the order of an approximation by Pade in front of each input;
+        ValueError for another than a positive integer.
         """
+        if pade is not None and not (isinstance(pade, int) and pade > 0):
+            raise ValueError(f"pade is {pade!r}; give the order of the approximation, commonly 2 to 6")
         import control  # takes a second or two
 
         labels = {"name": self.configuration.name, "inputs": list(self.inputs), "outputs": list(self.outputs)}

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.display import Display, as_html, as_text
 
 CovarianceForm: TypeAlias = Literal["diagonal", "kronecker", "full"]
 
@@ -33,6 +34,14 @@ class Covariance:
         """Refuse negative or non-finite variances."""
         if not np.all(np.isfinite(self.variance)) or np.any(self.variance < 0):
             raise ValueError("a variance is negative or not finite")
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """Form, size and degrees of freedom."""
+        lines, n_y, n_u = self.variance.shape
+        return Display(f"Covariance of {n_y} x {n_u} at {lines} lines: {self.form}, {self.dof:.4g} degrees of freedom")
 
     @property
     def form(self) -> CovarianceForm:

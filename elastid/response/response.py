@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import index_of
+from elastid.base.errors import check_kind, index_of
 from elastid.base.note import Note
 from elastid.base.notebook_package import notebook_package
 from elastid.record import MOTION_ORDER, Configuration, HeldTorque, Motion, drive_unit, motion_unit
@@ -61,7 +61,9 @@ class FrequencyResponse:
     hold: HeldTorque | None = None
 
     def __post_init__(self) -> None:
-        """Check the arrays."""
+        """Check names and arrays."""
+        check_kind(self.configuration, Configuration, "configuration", "Configuration(name, angles) makes one")
+        index_of(self.quantity, tuple(MOTION_ORDER), "quantity")
         shape = (len(self.freq_hz), len(self.outputs), len(self.inputs))
         where = f"response of {self.configuration.name}"
         if self.G.shape != shape:
@@ -161,8 +163,12 @@ class FrequencyResponse:
     ) -> FrequencyResponse:
         """The response of `control.FrequencyResponseData`, whose labels name the places; its noise is unknown.
 
-        Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`.
+        Link side and SI, as every response.  A system becomes such data by `control.frd(system, omega)`; TypeError
+        for the system itself.
         """
+        from control import FrequencyResponseData  # takes a second or two
+
+        check_kind(data, FrequencyResponseData, "data", "control.frd(system, omega) makes one, omega in rad/s")
         omega, G = np.asarray(data.omega), np.moveaxis(np.asarray(data.frdata), 2, 0)
         return cls(omega / (2 * np.pi), G, tuple(data.input_labels), tuple(data.output_labels), quantity, configuration)
 

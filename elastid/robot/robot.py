@@ -10,7 +10,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray, frozen
 from elastid.base.display import Display, as_html, as_text
-from elastid.base.errors import StudyError
+from elastid.base.errors import StudyError, UnknownNameError
 from elastid.base.section import section
 from elastid.robot.body import BASE, Body, Frame, Payload
 from elastid.robot.gears import Gearbox, GearCoupling, check_gears, check_series, gearboxes, mixing
@@ -167,11 +167,11 @@ class Robot:
         return frozen(np.array([[self.ratio(joint.name)] for joint in self.driven]) * self.mixing)
 
     def ratio(self, joint: str) -> float:
-        """Gear ratio of the motor of a joint; KeyError where it has none."""
+        """Gear ratio of the motor of a joint; UnknownNameError where it has none."""
         for candidate in self.driven:
             if candidate.name == joint and candidate.motor is not None:
                 return candidate.motor.ratio
-        raise KeyError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
+        raise UnknownNameError(f"joint {joint} has no motor; driven joints: {', '.join(j.name for j in self.driven)}")
 
     def count_refusal(self, count: int, noun: str = "angles") -> str:
         """Why so many numbers cannot be one for each driven joint; empty where they can."""

@@ -123,6 +123,8 @@ def remove_leftovers(folder: Path) -> None:
 def opened(path: Path | str, kind: str) -> Iterator[Any]:
     """An artefact, read-only; DataError where it is missing, changed, truncated, damaged or of another kind."""
     path = Path(path)
+    if path.is_dir():
+        raise DataError(f"{path}: is a folder; name one of the files in it")
     if not path.is_file():
         raise DataError(f"{path}: no such file")
     # Before HDF5 looks at it: some damages end the process there.
@@ -135,7 +137,10 @@ def opened(path: Path | str, kind: str) -> Iterator[Any]:
     except (ElastidError, MemoryError):
         raise
     except OSError as error:
-        raise DataError(f"{path}: not a readable HDF5 file ({_first_line(error)}); delete it and run again") from None
+        raise DataError(
+            f"{path}: not a readable HDF5 file ({_first_line(error)}); name one that elastid has written; if it "
+            "was one, it is damaged: delete it and run again"
+        ) from None
     except Exception as error:  # what a damaged file makes h5py and NumPy raise
         raise DataError(
             f"{path}: damaged, or of an older layout ({_first_line(error)}); delete it and run again"
@@ -148,7 +153,7 @@ def _require_kind(path: Path, file: Any, kind: str) -> None:
     found, written = _plain(file.attrs.get("elastid")), _plain(file.attrs.get("format", 0))
     if found != kind:
         holds = f"holds {found}" if found else "was not written by elastid"
-        raise DataError(f"{path}: {holds}, expected {kind}; delete it and run again")
+        raise DataError(f"{path}: {holds}, expected {kind}; name another; `elastid inspect` shows what a file holds")
     if written > FORMAT:
         raise DataError(
             f"{path}: format {written}, written by a newer elastid; this one reads up to {FORMAT}: update it, or "

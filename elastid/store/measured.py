@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.errors import DataError, check_kind
 from elastid.base.mapped import MIN_LARGE_VALUES, PIECE_VALUES, empty_in_file, mapped, release
 from elastid.frf.friction.result import FrictionTakenOut
 from elastid.record import Configuration, HeldTorque, Record
@@ -55,12 +56,18 @@ def write_records(path: Path | str, records: Iterable[Record], stamp: Stamp = NO
 
 
 def read_records(path: Path | str, configuration: str | None = None) -> Iterator[Record]:
-    """The records in records.h5, of one configuration or all, one at a time."""
+    """The records in records.h5, of one configuration or all, one at a time: `list(read_records(path))` holds all.
+
+    DataError names the configurations there are where it is none of them.
+    """
     with opened(path, "records") as file:
-        for name in texts(file, "record"):
-            group = file[key(name)]
-            if configuration is None or group.attrs["configuration"] == configuration:
-                yield _read_record(group, name)
+        names = {name: str(file[key(name)].attrs["configuration"]) for name in texts(file, "record")}
+        if configuration not in (None, *names.values()):
+            known = ", ".join(dict.fromkeys(names.values()))
+            raise DataError(f"{path}: no records of configuration {configuration}; there are {known}")
+        for name, of in names.items():
+            if configuration in (None, of):
+                yield _read_record(file[key(name)], name)
 
 
 def read_configurations(path: Path | str) -> tuple[str, ...]:
@@ -140,6 +147,7 @@ def write_responses(
     friction: FrictionTakenOut | None = None,
 ) -> None:
     """frf.h5: a group for each configuration with G (frequency, output, input) and its covariances, and friction."""
+    check_kind(responses, Sequence, "responses", "give a sequence of FrequencyResponse, such as [response]")
     with created(path, "frf", stamp) as file:
         if friction is not None:
             write_friction(file, friction)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from elastid.base.errors import check_kind
 from elastid.fit.result import FitResult
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.store.files import (
@@ -35,6 +36,7 @@ _FIT_ATTRIBUTES = ("cost", "dof", "cost_expected", "status", "message", "hits", 
 
 def write_fit(path: Path | str, result: FitResult, stamp: Stamp = NO_STAMP) -> None:
     """fit.h5: the parameters as a table, x with its covariance, every start."""
+    check_kind(result, FitResult, "result", "identify and read_fit make one")
     with created(path, "fit", stamp) as file:
         for name in _FIT_ATTRIBUTES:
             file.attrs[name] = getattr(result, name)

@@ -41,11 +41,12 @@ class LoadedStudy:
 
 
 def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
-    """The study of a YAML file, `overrides` as 'key.path=value' taking the place of its keys.
+    """The study of a YAML file, `overrides`, each as 'key.path=value', taking the place of its keys.
 
     Raises StudyError with a line `file:line:col: key.path: message (got value)` for each error.
     """
     path = Path(path)
+    overrides = (overrides,) if isinstance(overrides, str) else tuple(overrides)
     source, robot_errors = _read(path, overrides)
     study, found = validate(source.data, Study)
     if found or robot_errors:  # of a robot whose file cannot be read, the errors of that file alone count
@@ -56,7 +57,7 @@ def load(path: Path | str, overrides: Sequence[str] = ()) -> LoadedStudy:
     found = found or list(check_lines(study))
     if found:
         raise make_error(source, found)
-    return LoadedStudy(study, path, source.text, tuple(overrides))
+    return LoadedStudy(study, path, source.text, overrides)
 
 
 def _read(path: Path, overrides: Sequence[str]) -> tuple[YamlSource, str]:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import FloatArray, IntArray, frozen_value
+from elastid.base.display import Display, as_html, as_text
 from elastid.record import Motion
 from elastid.validation.noise_tests import FALSE_ALARM, exceeds_by_chance, together
 from elastid.validation.residual_tests import NORMALITY_95
@@ -199,6 +200,24 @@ class Validation:
     replayed: str = ""
     folds: tuple[Fold, ...] = ()
     folded: str = ""
+
+    __repr__, _repr_html_ = as_text, as_html
+
+    @property
+    def display(self) -> Display:
+        """The verdict, and the agreement of each configuration."""
+        rows = [
+            (
+                one.configuration,
+                "left out" if one.left_out else "fitted",
+                f"{one.overall_rms_log_db:.2g}",
+                f"{one.overall_phase_rms_deg:.2g}",
+                f"{100 * one.overall_inside_2sigma:.3g} %" if math.isfinite(one.overall_inside_2sigma) else "unknown",
+            )
+            for one in self.configurations
+        ]
+        headings = ("configuration", "in the fit", "magnitude, dB rms", "phase, degrees rms", "lines within 2 sigma")
+        return Display(f"Validation: {self.verdict}", headings, rows)
 
     @property
     def fitted(self) -> tuple[Agreement, ...]:

@@ -190,7 +190,9 @@ def _parameter(name: str, value: float, unit: str, asked: ParameterSpec, log: bo
     where = f"fit.parameters.{name}"
     if asked.tie is not None:
         return Parameter(name, value, unit, log=log, tie=asked.tie.tie())
-    start = value if asked.start is None else float(asked.start)
+    if isinstance(asked.start, str):  # a study's text has become a number when it was read
+        raise StudyError(f"{where}: start is '{asked.start}'; give a number in {unit}")
+    start = value if asked.start is None else asked.start
     if asked.fixed:
         return Parameter(name, start, unit, log=log, free=False)
     if log and not start > 0:

@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from elastid.base.errors import DataError, StudyError
+from elastid.base.errors import DataError, StudyError, check_kind
 from elastid.base.note import Note
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
@@ -26,8 +26,13 @@ def check_responses(responses: Sequence[FrequencyResponse], robot: Robot) -> Non
     """Refuse responses that cannot be of this robot, or not in one fit.
 
     Raises DataError for none at all, a configuration given twice or under two names, angles for another number of
-    joints, places that the robot does not have, and quantities or sampling rates that differ.
+    joints, places that the robot does not have, and quantities or sampling rates that differ.  TypeError for a single
+    response, or for a robot that is none.
     """
+    check_kind(responses, Sequence, "responses", "give a sequence of FrequencyResponse, such as [response]")
+    for response in responses:
+        check_kind(response, FrequencyResponse, "one of the responses", "read_responses and estimate make them")
+    check_kind(robot, Robot, "robot", "load_robot(path) reads one, and a study has one as study.robot")
     if not responses:
         raise DataError("there is no response to fit; measure at least one configuration")
     names = [response.configuration.name for response in responses]

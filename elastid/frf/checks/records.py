@@ -14,9 +14,17 @@ _MAX_CLOCK_DIFFERENCE = 1e-4
 
 def refuse_mismatch(records: Sequence[Record]) -> None:
     """DataError where the records of a configuration do not fit together, or there are none."""
+    if isinstance(records, Record):
+        raise TypeError("records is a single Record; give a sequence of them, such as [record]")
     if not records:
         raise DataError("there is no record to estimate a response from; measure at least one experiment")
     first = records[0]
+    names = list(dict.fromkeys(record.configuration.name for record in records))
+    if len(names) > 1:
+        raise DataError(
+            f"the records are of configurations {', '.join(names)}; a response is of one: "
+            f"read_records(path, '{names[0]}') reads its own"
+        )
     for record in records:
         names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "inputs", "outputs", "quantities"]
         # Without a period each record has its own length.

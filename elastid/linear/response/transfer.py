@@ -11,6 +11,7 @@ between its samples the images in the sampled motion are added (`hold_images`).
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.linear.linear_model import LinearModel
@@ -24,37 +25,45 @@ def frequency_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArra
 
     .. math:: G(j\omega) = (j\omega)^k e^{-j\omega T_d}\, C\, [K - \omega^2 M + j\omega D]^{-1} B
 
-    theta (n_theta,): model.parameters, SI.  freq_hz (F,): positive, ValueError otherwise.
+    theta (n_theta,): model.parameters, SI.  freq_hz (F,), or one: positive numbers, ValueError otherwise.
     Returns G (F, n_y, n_u), link side, model.quantity per Nm; with the images of torques that `model.hold` holds.
     """
-    check_frequencies(freq_hz)
+    freq_hz = checked_frequencies(freq_hz)
     M, D, K = model.matrices(theta)
-    s = (2j * np.pi * np.asarray(freq_hz)[:, None, None]).astype(complex)
+    s = (2j * np.pi * freq_hz[:, None, None]).astype(complex)
     X = np.linalg.solve(s**2 * M + s * D + K, model.B.astype(complex))
     C, T = model.readout(theta)
     G = np.outer(*model.channel_gains(theta)) * factor(model, theta, s) * (C @ X + T @ X / s**2)
-    for images in hold_images(model, np.asarray(freq_hz)):
+    for images in hold_images(model, freq_hz):
         above = frequency_response(images.plant, images.undelayed(theta), images.nodes_hz)
         G = G + images.folding(theta).images(above)
     return np.asarray(G)
 
 
-def check_frequencies(freq_hz: FloatArray) -> None:
-    """ValueError for a frequency (F,) that is not positive: at 0 Hz a constant torque turns a free motor for ever."""
-    lines = np.asarray(freq_hz)
+def checked_frequencies(freq_hz: ArrayLike) -> FloatArray:
+    """Frequencies (F,) as numbers, also of a single one; ValueError for others, and for those that are not positive."""
+    try:
+        lines = np.atleast_1d(np.asarray(freq_hz, float))
+    except (TypeError, ValueError):
+        raise ValueError(f"freq_hz is {freq_hz!r}; give numbers in Hz, such as [10.0, 20.0]") from None
+    if lines.ndim != 1:
+        raise ValueError(f"freq_hz has shape {lines.shape}; give one number or a list of them, shape (F,)")
+    if np.isinf(lines).any():
+        raise ValueError(f"freq_hz is infinite at index {int(np.argmax(np.isinf(lines)))}; leave the line out")
     bad = np.flatnonzero(~(lines > 0))
     if bad.size:
         raise ValueError(
             f"freq_hz is {lines[bad[0]]:g} Hz at index {bad[0]}: a response is computed above 0 Hz, since a constant "
             "torque turns a free motor for ever; leave the line out, or give a small frequency such as 0.01"
         )
+    return lines
 
 
 def to_response(model: LinearModel, theta: FloatArray, freq_hz: FloatArray) -> FrequencyResponse:
     """The response as a value like a measured one; arguments as `frequency_response`."""
     G = frequency_response(model, theta, freq_hz)
     return FrequencyResponse(
-        freq_hz,
+        np.atleast_1d(freq_hz),
         G,
         model.inputs,
         model.outputs,
