@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, as_completed
+from concurrent.futures import CancelledError, Future, as_completed
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
@@ -15,8 +15,9 @@ from elastid.base.errors import ElastidError
 Item = TypeVar("Item")
 Value = TypeVar("Value")
 
-# Seconds for a Dask scheduler to answer.
+# Seconds for a Dask scheduler to answer, and for the first worker to start, or to start again.
 ANSWER_S = 10.0
+WORKERS_S = 120.0
 # Address of the scheduler that work goes to; empty where it stays on this machine.
 SCHEDULER: ContextVar[str] = ContextVar("scheduler", default="")
 
@@ -38,9 +39,19 @@ def on_dask(address: str) -> Iterator[None]:
 
 @contextmanager
 def on_cluster(address: str, function: Callable[[Item], Value]) -> Iterator[Callable[[Item], Future[Value]]]:
-    """What submits an item to the workers of a Dask cluster, each of which has the function."""
+    """What submits an item to the workers of a Dask cluster, each of which has the function.
+
+    CancelledError where a worker dies while it is given the function, ElastidError where there is no worker.
+    """
+    from distributed.comm import CommClosedError
+
     with _client(address) as client:
-        there = client.scatter(function, broadcast=True, hash=False)
+        try:
+            there = client.scatter(function, broadcast=True, hash=False, timeout=WORKERS_S)
+        except CommClosedError as error:
+            raise CancelledError from error
+        except TimeoutError as error:
+            raise ElastidError(f"the cluster at {address} has no worker; start one") from error
         yield partial(client.get_executor(pure=False).submit, _applied, there)
 
 

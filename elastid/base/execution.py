@@ -146,20 +146,20 @@ def _by_cluster(address: str, function: Callable[[Item], Value], items: Sequence
     """By a cluster; where all workers that have the function die, it goes to their successors."""
     left, deaths = dict(enumerate(items)), 0
     while left:
-        with on_cluster(address, function) as submit:
-            futures = {submit(item): index for index, item in left.items()}
-            try:
+        try:
+            with on_cluster(address, function) as submit:
+                futures = {submit(item): index for index, item in left.items()}
                 for future in as_completed(futures):
                     value = future.result()
                     del left[futures[future]]
                     yield futures[future], value
-            except CancelledError as error:
-                deaths += 1
-                if deaths == _MOST_DEATHS:
-                    raise ElastidError(
-                        f"all workers of the cluster at {address} died {deaths} times, perhaps for lack of memory; "
-                        "give them more"
-                    ) from error
+        except CancelledError as error:
+            deaths += 1
+            if deaths == _MOST_DEATHS:
+                raise ElastidError(
+                    f"all workers of the cluster at {address} died {deaths} times, perhaps for lack of memory; "
+                    "give them more"
+                ) from error
 
 
 # So many times workers may die in one work; half as many go on each time, since most die for lack of memory.

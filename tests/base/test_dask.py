@@ -41,6 +41,32 @@ def test_work_on_a_cluster_gives_its_values_in_order_and_its_errors_as_they_are(
         assert dict(surviving(killed_at_two, [1, 2, 3], 1)) == {0: 1, 1: None, 2: 9}
 
 
+@pytest.mark.filterwarnings("default")
+def test_a_worker_that_dies_while_it_is_given_the_work_costs_nothing(monkeypatch):
+    """The scheduler does not know of it yet; and without any worker there is a sentence."""
+    scatter, calls = distributed.Client.scatter, []
+
+    def closed_once(*given, **options):
+        calls.append(1)
+        if len(calls) == 1:
+            raise distributed.comm.CommClosedError("Stream is closed")
+        return scatter(*given, **options)
+
+    monkeypatch.setattr(distributed.Client, "scatter", closed_once)
+    monkeypatch.setattr("elastid.base.cluster.WORKERS_S", 0.5)
+    with (
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        on_dask(cluster.scheduler_address),
+    ):
+        assert ordered(math.sqrt, [4.0, 1.0, 9.0], 1) == [2.0, 1.0, 3.0]
+        assert len(calls) == 2
+        cluster.scale(0)
+        with pytest.raises(ElastidError, match=r"the cluster at \S+ has no worker; start one"):
+            ordered(math.sqrt, [4.0, 1.0], 1)
+
+
 def killed_at_two(item: int) -> int:
     """As a scheduler tells of an item at which several workers died."""
     if item == 2:
