@@ -22,6 +22,8 @@ _MAX_NODES = 200_000
 _MAX_INTEGER = 2**63
 # So many errors are told; mending them mends most others.
 _MOST_ERRORS = 20
+# Characters of an error that are told; only names of absurd lengths make one longer.
+_MOST_CHARACTERS = 2000
 _TAG = "tag:yaml.org,2002:"
 
 
@@ -109,9 +111,20 @@ def parse(text: str, name: str, rank: int = 0) -> YamlSource:
 
 
 def first_of(lines: Sequence[str]) -> str:
-    """Lines of errors, the first of many and a count of the others."""
+    """Lines of errors, the first of many and a count of the others; of a line that is very long its two ends.
+
+    >>> print(first_of(["study.yml:1:1: name" + 3000 * "e"])[995:1030])
+    eeeee ... 1019 characters ... eeeee
+    """
     more = len(lines) - _MOST_ERRORS
-    return "\n".join([*lines[:_MOST_ERRORS], *([f"... and {more} further errors"] if more > 0 else [])])
+    told = [_ends_of(line) for line in lines[:_MOST_ERRORS]]
+    return "\n".join([*told, *([f"... and {more} further errors"] if more > 0 else [])])
+
+
+def _ends_of(line: str) -> str:
+    left_out = len(line) - _MOST_CHARACTERS
+    half = _MOST_CHARACTERS // 2
+    return line if left_out <= 0 else f"{line[:half]} ... {left_out} characters ... {line[-half:]}"
 
 
 def _reason(error: MarkedYAMLError) -> str:
