@@ -162,7 +162,7 @@ def excess_sentence(result: FitResult) -> str:
     if first is None or first.share < MIN_EXPLAINED_SHARE:
         return ""
     change = ""
-    if len(first.values) and first.values[0]:
+    if len(first.values) == 1 and first.values[0]:
         change = f" {100 * (first.changed[0] / first.values[0] - 1):+.1f} %"
     return f"{percent(min(first.share, 1.0), 3)} of the excess would go with {first.name}{change}."
 

@@ -50,7 +50,11 @@
     const show = (k) => rows.forEach((row) => (row.hidden = k !== null && row.dataset.row !== names[k]));
     let last = 0;
     const titles = names.map((name) => rows.find((row) => row.dataset.row === name).cells[0].textContent);
-    if (frf && names.length > 1) frf.tabs(modes, titles, (k) => show((last = k)))(0);
+    modes.hidden = !frf || names.length < 2;
+    if (!modes.hidden) frf.tabs(modes, titles, (k) => {
+      show((last = k));
+      rows.find((row) => !row.hidden)?.querySelector('button[aria-expanded="false"]')?.click(); // no drawing of a hidden row stays
+    })(0);
     window.addEventListener("beforeprint", () => show(null));
     window.addEventListener("afterprint", () => names.length > 1 && show(last));
   }
