@@ -112,3 +112,13 @@ def test_a_number_without_a_unit_is_said_without_one(unit: str, words: str) -> N
     step = np.array([math.log(0.99)])
     one = ModificationIndex("x", "ratio", ("x",), np.array([6.0]), (unit,), (True,), step, 0.1, 9.0, 0.9, np.zeros(1))
     assert phrase(one) == f"x -1 % {words}"
+
+
+def test_rounding_that_leaves_no_cholesky_factor_does_not_end_a_fit():
+    """Two numbers of one effect, wide priors, and information that rounding made indefinite."""
+    wide = HeldNumber("m", "mass", 1.0, "kg", False, -1e9, 1e9, 1.0)
+    S = np.array([[1.0, 1.0], [1.0, 1.0 - 1e-15]])
+    test = ScoreTest((wide, wide), S, np.array([-1.0, -1.0]), np.zeros((0, 2)), np.array([True, True]))
+    step = test.step(Candidate("both", "mass", np.array([0, 1]), np.eye(2)))
+    assert step.steps.sum() == pytest.approx(1.0)
+    assert step.drop == pytest.approx(1.0)

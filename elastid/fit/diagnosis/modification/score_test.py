@@ -23,6 +23,8 @@ from elastid.base.arrays import BoolArray, FloatArray, IntArray
 
 # Of the information on a number the share that must be left beside the free parameters.
 MIN_INFORMATION_LEFT = 1e-7
+# Of the largest power of a set of numbers the least that is not rounding.
+MIN_POWER = 1e-13
 # Of the prior of a number that can only grow, of its step's unit.
 MIN_WIDTH = 1e-3
 
@@ -139,7 +141,9 @@ class ScoreTest:
         limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
         width = np.maximum(np.abs(limits).min(axis=0), MIN_WIDTH)
         size = np.sqrt(np.diag(S) + width**-2)
-        L = np.linalg.cholesky((S + np.diag(width**-2)) / np.outer(size, size))
+        # Rounding in S can exceed the priors of wide numbers: no Cholesky factor then exists.
+        power, directions = np.linalg.eigh((S + np.diag(width**-2)) / np.outer(size, size))
+        L = directions * np.sqrt(np.maximum(power, MIN_POWER * power[-1]))
         target = -np.linalg.solve(L, g / size)
         step = np.linalg.solve(L.T, target) / size
         if np.all((limits[0] <= step) & (step <= limits[1])):
