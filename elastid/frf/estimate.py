@@ -136,7 +136,7 @@ def _gathered(
 def _estimate(method: str, data: MeanSpectra, first: Record) -> Estimate:
     """G by the method and its weights; DataError where it must invert a singular matrix."""
     try:
-        return METHODS[method](data.blocks, data.scatter.C_Z)
+        return METHODS[method](data.blocks, data.scatter)
     except np.linalg.LinAlgError as error:
         raise DataError(
             f"configuration {first.configuration.name}: estimator.method {method} finds a singular matrix at some "

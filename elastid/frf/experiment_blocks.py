@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,6 +13,7 @@ from elastid.base.note import Note
 from elastid.frf.matrices import added, adjoint, squared_magnitude
 from elastid.frf.negligible_transient import TotalError
 from elastid.frf.period_selection import trusted
+from elastid.frf.scatter import ScatterSum
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.spectra import (
     PeriodSpectra,
@@ -23,8 +24,6 @@ from elastid.frf.spectra import (
     reference_spectrum,
 )
 
-# The spectra of so many lines, in all periods of a record, fit into the processor's cache.
-_LINES_AT_ONCE = 256
 # Periods of a large record are compared in so many values (32 MB), but at so many lines at least.
 _MAX_COMPARED_VALUES = 1 << 21
 _MIN_COMPARED_LINES = 20
@@ -117,51 +116,6 @@ class MeanSpectra:
         return MeanSpectra(tuple(block.on(lines) for block in self.blocks), self.scatter.on(lines), self.notes)
 
 
-class _ScatterSum:
-    """The scatter of the periods of one experiment after the other, before its scale (F, n); one array in memory."""
-
-    def __init__(self, scale: ComplexArray) -> None:
-        self.scale = scale
-        self.S: ComplexArray = np.zeros((*scale.shape, scale.shape[1]), dtype=np.complex128)
-        self.dof = 0
-
-    def add(self, groups: Iterable[PeriodSpectra]) -> ComplexArray:
-        """Adds the scatter of a record's periods, group by group; returns their mean Z (F, n).
-
-        Scatters about the means of two groups add up with that of the means (Chan, Golub and LeVeque, 1979).
-        """
-        mean, n = np.zeros_like(self.scale), 0
-        for spectra in groups:
-            p = len(spectra.periods)
-            if not p:
-                continue
-            # In parts that stay in the processor's cache.
-            for first in range(0, len(mean), _LINES_AT_ONCE):
-                part = slice(first, first + _LINES_AT_ONCE)
-                z = spectra.z[:, part]
-                of_group = z.sum(axis=0) / p
-                V = np.moveaxis(z - of_group, 0, 2)
-                self.S[part] += V @ adjoint(V)
-                if n:
-                    apart = of_group - mean[part]
-                    self.S[part] += n * p / (n + p) * apart[:, :, None] * apart[:, None, :].conj()
-                    of_group = mean[part] + p / (n + p) * apart
-                mean[part] = of_group
-            n += p
-        self.dof += n - 1
-        return mean * self.scale
-
-    def power(self) -> FloatArray:
-        """Sum (F, n) over periods of |Z - mean|^2."""
-        return np.asarray(np.einsum("fii->fi", self.S).real * np.abs(self.scale) ** 2)
-
-    def scatter(self) -> Scatter:
-        """S_Z."""
-        self.S *= self.scale[:, :, None]
-        self.S *= self.scale[:, None, :].conj()
-        return Scatter(self.S, self.dof)
-
-
 def gather_spectra(
     realisations: Sequence[Sequence[RecordSpectra]],
     lines: IntArray,
@@ -177,7 +131,7 @@ def gather_spectra(
     """
     everywhere = np.union1d(lines, detection)
     excited = np.isin(everywhere, lines)
-    sums = _ScatterSum(amplitude_scale(realisations[0][0].record, everywhere, spec.quantity))
+    sums = ScatterSum(amplitude_scale(realisations[0][0].record, everywhere, spec.quantity))
     blocks: list[Block] = []
     notes: list[Note] = []
     for group in realisations:
@@ -191,7 +145,7 @@ def gather_spectra(
             R.append(reference_spectrum(each, everywhere) if with_reference else None)
         noise = (sums.power() - power)[:, len(group[0].record.outputs) :] / (sums.dof - dof)
         blocks.append(_block(means, R, periods, noise, sums.dof - dof))
-    return MeanSpectra(tuple(blocks), sums.scatter(), tuple(notes))
+    return MeanSpectra(tuple(blocks), Scatter(sums.collected(), sums.dof), tuple(notes))
 
 
 def _mean(
@@ -200,7 +154,7 @@ def _mean(
     excited: BoolArray,
     spec: EstimatorSpec,
     total: TotalError | None,
-    sums: _ScatterSum,
+    sums: ScatterSum,
 ) -> tuple[PeriodSpectra, ComplexArray]:
     """The periods of a record that can be trusted, and their mean Z (F, n), with their scatter added to the sums."""
     if not spectra.is_large:

@@ -1,7 +1,7 @@
 r"""The estimators of the field: one function each, from the blocks of all realisations to G (F, n_y, n_u).
 
-Each takes blocks and the noise covariance C_Z (F, n_y + n_u, n_y + n_u) of [Y; U] in one period, which only
-`errors_in_variables` reads, and returns G with its weights W_m, so that to first order in the equation
+Each takes blocks and the scatter of [Y; U] over their periods, of which only `errors_in_variables` needs the
+covariance C_Z in one period, and returns G with its weights W_m, so that to first order in the equation
 error V = Y - G U
 
 .. math:: \hat G - G = \sum_m V_m W_m, \quad \sum_m U_m W_m = 1
@@ -22,7 +22,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
-from elastid.frf.experiment_blocks import Block, pooled
+from elastid.frf.experiment_blocks import Block, Scatter, pooled
 from elastid.frf.matrices import added, adjoint, transposed
 
 # Power of an element over its scatter (8 dB) above which its logarithm is safe.
@@ -45,23 +45,23 @@ class Estimate:
         return added(transposed(W) @ W.conj() for W in self.W)
 
 
-Estimator: TypeAlias = Callable[[Sequence[Block], ComplexArray], Estimate]
+Estimator: TypeAlias = Callable[[Sequence[Block], Scatter], Estimate]
 
 
-def arithmetic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def arithmetic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
     G = added(each.Y @ each.W for each in blocks) / len(blocks)
     return Estimate(G, _mean_weights(blocks))
 
 
-def harmonic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def harmonic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = [(1/M) sum_m G_m^-1]^-1, for n_y = n_u."""
     _square(blocks, "harmonic")
     G, W = _each(blocks)
     return Estimate(harmonic_mean(G), W)
 
 
-def logarithmic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def logarithmic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = exp((1/M) sum_m log G_m) element by element where G_m stands 8 dB above its scatter, arithmetic elsewhere.
 
     The logarithm of an element that is zero or below the noise means nothing.
@@ -78,18 +78,18 @@ def logarithmic(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     return Estimate(np.where(safe, logarithmic_mean(G), mean), W, () if safe.all() else (note,))
 
 
-def h1(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def h1(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (sum Y U^H)(sum U U^H)^-1: least squares with all noise on the outputs; biased by noise in the loop."""
     return _instrumental(blocks, [each.U for each in blocks])
 
 
-def h2(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def h2(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (sum Y Y^H)(sum U Y^H)^-1, for n_y = n_u: all noise on the inputs."""
     _square(blocks, "h2")
     return _instrumental(blocks, [each.Y for each in blocks])
 
 
-def joint(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def joint(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (sum Y R^H)(sum U R^H)^-1: the responses of y and u to the injected torque, divided (joint input-output)."""
     R = [each.R for each in blocks if each.R is not None]
     if len(R) < len(blocks):
@@ -97,7 +97,7 @@ def joint(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     return _instrumental(blocks, R)
 
 
-def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def hv(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """Total least squares of each output: as much noise on it as on every input, in their units."""
     every = pooled(blocks)
     G = np.empty((len(every.U), every.Y.shape[1], every.U.shape[1]), dtype=np.complex128)
@@ -111,7 +111,7 @@ def hv(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     return Estimate(G, _least_squares_weights(blocks))
 
 
-def errors_in_variables(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
+def errors_in_variables(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     r"""Maximum likelihood with the noise of inputs and outputs from the periods: generalised total least squares.
 
     .. math:: \hat G = \arg\min_G \sum_e P_e\, V_e^H (\Gamma C_Z \Gamma^H)^{-1} V_e, \quad \Gamma = [1, -G]
@@ -124,7 +124,7 @@ def errors_in_variables(blocks: Sequence[Block], C_Z: ComplexArray) -> Estimate:
     Z = np.concatenate([every.Y, every.U], axis=1) * np.sqrt(every.periods)
     rms = np.sqrt(np.mean(np.abs(Z) ** 2, axis=2))
     rms[rms == 0] = 1.0
-    Z, noise = Z / rms[:, :, None], C_Z / (rms[:, :, None] * rms[:, None, :])
+    Z, noise = Z / rms[:, :, None], scatter.C_Z / (rms[:, :, None] * rms[:, None, :])
     L = np.linalg.cholesky(noise + _MIN_NOISE_RATIO * np.eye(n_y + n_u))
     white = np.linalg.solve(L, Z)
     Q = rms[:, :, None] * (L @ np.linalg.eigh(white @ adjoint(white))[1][:, :, -n_u:])

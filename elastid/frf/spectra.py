@@ -7,7 +7,7 @@ With this sign a delay turns the phase of Y / U down, and y = Re Y exp(j omega t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
@@ -26,6 +26,8 @@ Role: TypeAlias = Literal["r", "u", "y"]
 # The drift at the ends of a period is averaged over this part of it: long enough to suppress encoder noise, short
 # enough that the drift is straight.
 _END_WINDOW = 1 / 50
+# Numbers between the spectra of two channels: a power of two apart, they would share few places of the cache.
+_GAP = 27
 # Outside these limits squares and their products overflow or vanish.
 _MIN_COMPUTABLE, _MAX_COMPUTABLE = 1e-60, 1e60
 
@@ -64,17 +66,17 @@ class RecordSpectra:
         """The DFT of a signal as it was logged."""
         if role == self.driver_role and self.driver is not None:
             return self.driver
-        return self._dft(role, 0, self._n_periods)
+        return self._of_periods(role, 0, self._n_periods)
 
     def dft_groups(self, role: Role) -> Iterator[ComplexArray]:
         """The same, some periods (p, N // 2 + 1, c) at a time."""
         L, P = self.record.repeat_samples, self._n_periods
         at_once = max(1, PIECE_VALUES // (L * max(len(self.record.inputs), len(self.record.outputs))))
         for first in range(0, P, at_once):
-            yield self._dft(role, first, min(P, first + at_once))
+            yield self._of_periods(role, first, min(P, first + at_once))
             release(getattr(self.record, role))
 
-    def _dft(self, role: Role, first: int, last: int) -> ComplexArray:
+    def _of_periods(self, role: Role, first: int, last: int) -> ComplexArray:
         record, L = self.record, self.record.repeat_samples
         signals: FloatArray = getattr(record, role)
         P = len(signals) // L
@@ -91,36 +93,46 @@ class RecordSpectra:
         """The DFT (p, F, c) of a signal at lines (F,), of all periods; of some at a time of a large record."""
         if self.is_large:
             return (group[:, _wanted(lines)] for group in self.dft_groups(role))
-        found = np.empty((self._n_periods, len(lines), getattr(self.record, role).shape[1]), dtype=np.complex128)
-        self._put_dft_at(role, lines, found)
-        return iter([found])
+        return iter([self._dft_at((role,), lines)])
 
     def responses_at(self, lines: IntArray) -> Iterator[ComplexArray]:
         """The DFT (p, F, n_y + n_u) of [y, u] likewise."""
         if self.is_large:
             pairs = zip(self.dft_at("y", lines), self.dft_at("u", lines), strict=True)
             return (np.concatenate(pair, axis=2) for pair in pairs)
-        n_y = len(self.record.outputs)
-        found = np.empty((self._n_periods, len(lines), n_y + len(self.record.inputs)), dtype=np.complex128)
-        self._put_dft_at("y", lines, found[:, :, :n_y])
-        self._put_dft_at("u", lines, found[:, :, n_y:])
-        return iter([found])
+        return iter([self._dft_at(("y", "u"), lines)])
 
-    def _put_dft_at(self, role: Role, lines: IntArray, found: ComplexArray) -> None:
-        """Puts the DFT of all periods into found (P, F, c).
+    def _dft_at(self, roles: Sequence[Role], lines: IntArray) -> ComplexArray:
+        """The DFT (P, F, c) of all periods of some signals side by side, in memory one channel after the other.
 
-        One array holds the whole spectrum of one period after the other and stays in the processor's cache; half
-        periods share their mean.
+        Where most lines are wanted the spectra stay where the FFT writes them, with the others.
         """
-        record, wanted = self.record, _wanted(lines)
+        wanted, n_spectrum = _wanted(lines), self.record.repeat_samples // 2 + 1
+        ends = np.cumsum([0, *(getattr(self.record, role).shape[1] for role in roles)])
+        keeps_all = isinstance(wanted, slice) and 2 * len(lines) > n_spectrum and not self.record.half_wave
+        size = n_spectrum + _GAP if keeps_all else len(lines)
+        found = np.empty((self._n_periods, ends[-1], size), np.complex128)
+        if keeps_all:
+            found = found[:, :, :n_spectrum]
+        for role, first, last in zip(roles, ends, ends[1:], strict=False):
+            self._put_dft_at(role, slice(None) if keeps_all else wanted, found[:, first:last])
+        return found.swapaxes(1, 2)[:, wanted] if keeps_all else found.swapaxes(1, 2)
+
+    def _put_dft_at(self, role: Role, wanted: slice | IntArray, found: ComplexArray) -> None:
+        """Puts the DFT of all periods into found (P, c, F); half periods share their mean.
+
+        Of some lines one array holds the whole spectrum of one period after the other and stays in the cache.
+        """
+        record, L = self.record, self.record.repeat_samples
         if record.half_wave or (role == self.driver_role and self.driver is not None):
-            found[:] = self.dft(role)[:, wanted]
+            found[:] = self.dft(role)[:, wanted].swapaxes(1, 2)
             return
-        L, signals = record.repeat_samples, getattr(record, role)
-        spectrum = np.empty((signals.shape[1], L // 2 + 1), dtype=np.complex128).T  # each channel on its own
+        signals, is_whole = getattr(record, role), found.shape[2] == L // 2 + 1
+        spectrum = np.empty((found.shape[1], 0 if is_whole else L // 2 + 1), np.complex128)
         for p, of_period in enumerate(found):
-            rfft(signals[p * L : (p + 1) * L], axis=0, out=spectrum)
-            of_period[:] = spectrum[wanted]
+            rfft(signals[p * L : (p + 1) * L], axis=0, out=(of_period if is_whole else spectrum).T)
+            if not is_whole:
+                of_period[:] = spectrum[:, wanted]
 
     def amplitudes(self, role: Role, lines: IntArray) -> ComplexArray:
         """Complex amplitudes (P, F, c) of a signal at lines (F,)."""
@@ -277,8 +289,10 @@ def refuse_uncomputable(record: Record) -> None:
 
 
 def _wanted(lines: IntArray) -> slice | IntArray:
-    """Lines (F,) in order as an index, which copies nothing where none lies between them."""
-    return slice(lines[0], lines[-1] + 1) if np.all(np.diff(lines) == 1) else lines
+    """Lines (F,) in order as an index, which copies nothing where they are evenly spaced."""
+    steps = np.diff(lines)
+    step = int(steps[0]) if len(steps) else 1
+    return slice(lines[0], lines[-1] + 1, step) if np.all(steps == step) else lines
 
 
 def _computable(size: FloatArray) -> BoolArray:

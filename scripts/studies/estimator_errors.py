@@ -79,7 +79,7 @@ def variance_ratios(runs: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     for _ in range(runs):
         data = simulated(rng, G, mix)
         for method, (error, noise, total) in sums.items():
-            found = METHODS[method](data.blocks, data.scatter.C_Z)
+            found = METHODS[method](data.blocks, data.scatter)
             of_total = total_error(data, found)
             assert of_total is not None
             # A bias is no variance.

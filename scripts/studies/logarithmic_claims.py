@@ -242,7 +242,7 @@ def _response(exact: FrequencyResponse, blocks: list[Block], method: str) -> Fre
     """The estimate of a method with its covariance from the scatter over realisations."""
     n = exact.G.shape[1] + exact.G.shape[2]
     data = MeanSpectra(tuple(blocks), Scatter(np.zeros((len(exact.G), n, n), dtype=complex), 0))
-    found = METHODS[method](data.blocks, data.scatter.S_Z)
+    found = METHODS[method](data.blocks, data.scatter)
     error = total_error(data, found)
     assert error is not None
     return replace(exact, G=found.G, total=total_covariance(data.blocks, found, *error))

@@ -1,0 +1,136 @@
+/* The scatter of periods of `scatter.py`, BATCH lines side by side, real and imaginary parts apart. */
+
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* As many channels at once as the registers hold. */
+#if defined(__AVX512F__)
+#define WIDTH 64
+#define TILE 3
+#elif defined(__AVX__)
+#define WIDTH 32
+#define TILE 2
+#else
+#define WIDTH 16
+#define TILE 2
+#endif
+#define BATCH 8
+#define AHEAD 64
+#define LANES ((int64_t)(WIDTH / sizeof(double)))
+
+typedef double lanes __attribute__((vector_size(WIDTH)));
+typedef struct {
+    lanes re, im;
+} number;
+
+/* Some lines, `apart` complex numbers from each other; the lanes left over are zero. */
+static number load(const double *from, int64_t apart, int64_t used) {
+    double re[LANES] = {0}, im[LANES] = {0};
+    number found;
+    if (apart == 1 && used == LANES)
+        for (int64_t q = 0; q < LANES; q++) {
+            re[q] = from[2 * q];
+            im[q] = from[2 * q + 1];
+        }
+    else
+        for (int64_t q = 0; q < used; q++) {
+            re[q] = from[2 * apart * q];
+            im[q] = from[2 * apart * q + 1];
+        }
+    memcpy(&found.re, re, sizeof re);
+    memcpy(&found.im, im, sizeof im);
+    return found;
+}
+
+static void store(number from, int64_t used, double *to) {
+    const double *re = (const double *)&from.re, *im = (const double *)&from.im;
+    for (int64_t q = 0; q < used; q++) {
+        to[2 * q] = re[q];
+        to[2 * q + 1] = im[q];
+    }
+}
+
+/* Adds sum_p V_i conj(V_j), V (channels, P), to the pairs of S (n (n + 1) / 2, 2, BATCH) from a lane on. */
+static void add_products(int64_t P, int64_t n, const number *V, double *S) {
+    for (int64_t i = 0; i < n; i += TILE)
+        for (int64_t j = i; j < n; j += TILE) {
+            number sums[TILE][TILE] = {0};
+            const number *left = V + i * P, *right = V + j * P;
+            for (int64_t p = 0; p < P; p++)
+                for (int a = 0; a < TILE; a++)
+                    for (int b = 0; b < TILE; b++) {
+                        number *sum = &sums[a][b], v = left[a * P + p], w = right[b * P + p];
+                        sum->re = sum->re + v.re * w.re + v.im * w.im;
+                        sum->im = sum->im + v.im * w.re - v.re * w.im;
+                    }
+            for (int a = 0; a < TILE; a++)
+                for (int b = 0; b < TILE; b++) {
+                    int64_t row = i + a, column = j + b;
+                    if (row <= column && column < n) {
+                        double *pair = S + 2 * BATCH * (row * n - row * (row - 1) / 2 + column - row);
+                        lanes re, im;
+                        memcpy(&re, pair, sizeof re);
+                        memcpy(&im, pair + BATCH, sizeof im);
+                        re += sums[a][b].re;
+                        im += sums[a][b].im;
+                        memcpy(pair, &re, sizeof re);
+                        memcpy(pair + BATCH, &im, sizeof im);
+                    }
+                }
+        }
+}
+
+/* The mean (n, F) of z over P periods, and its scatter about it added to S; z in complex numbers apart as given. */
+int add_scatter(int64_t P, int64_t F, int64_t n, const double *z, int64_t periods_apart, int64_t lines_apart,
+                int64_t channels_apart, double *mean, double *S) {
+    int64_t n_pairs = n * (n + 1) / 2;
+    size_t needed = (size_t)((n + TILE) * P) * sizeof(number);
+    number *V = aligned_alloc(WIDTH, needed);
+    if (!V)
+        return 1;
+    memset(V, 0, needed);
+    for (int64_t f = 0; f < F; f += LANES) {
+        int64_t used = F - f < LANES ? F - f : LANES;
+        for (int64_t c = 0; c < n; c++) {
+            number *v = V + c * P, sum = {{0}, {0}};
+            for (int64_t p = 0; p < P; p++) {
+                const double *here = z + 2 * (p * periods_apart + f * lines_apart + c * channels_apart);
+                if (lines_apart == 1) { /* more streams than the processor follows by itself */
+                    __builtin_prefetch(here + AHEAD);
+                    __builtin_prefetch(here + AHEAD + 8);
+                }
+                v[p] = load(here, lines_apart, used);
+                sum.re += v[p].re;
+                sum.im += v[p].im;
+            }
+            sum.re /= (double)P;
+            sum.im /= (double)P;
+            store(sum, used, mean + 2 * (c * F + f));
+            for (int64_t p = 0; p < P; p++) {
+                v[p].re -= sum.re;
+                v[p].im -= sum.im;
+            }
+        }
+        add_products(P, n, V, S + f / BATCH * n_pairs * 2 * BATCH + f % BATCH);
+    }
+    free(V);
+    return 0;
+}
+
+/* scale_i conj(scale_j) S_ij of every line (F, n, n), scale (F, n). */
+int collect(int64_t F, int64_t n, const double *S, const double *scale, double *found) {
+    for (int64_t f = 0; f < F; f++, scale += 2 * n, found += 2 * n * n) {
+        const double *pair = S + f / BATCH * n * (n + 1) * BATCH + f % BATCH;
+        for (int64_t i = 0; i < n; i++)
+            for (int64_t j = i; j < n; j++, pair += 2 * BATCH) {
+                double re = scale[2 * i] * scale[2 * j] + scale[2 * i + 1] * scale[2 * j + 1];
+                double im = scale[2 * i + 1] * scale[2 * j] - scale[2 * i] * scale[2 * j + 1];
+                double *upper = found + 2 * (i * n + j), *lower = found + 2 * (j * n + i);
+                upper[0] = lower[0] = re * pair[0] - im * pair[BATCH];
+                upper[1] = re * pair[BATCH] + im * pair[0];
+                lower[1] = -upper[1];
+            }
+    }
+    return 0;
+}
