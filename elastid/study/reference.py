@@ -156,15 +156,20 @@ def _describe(option: Any, with_example: bool = True) -> str:
     if origin is Literal:
         return f"one of {', '.join(str(word) for word in arguments)}"
     if origin is tuple and arguments[1:] == (...,):
-        return f"a list, each {_describe(arguments[0], with_example=False)}"
+        return f"a list, each {_each(arguments[0])}"
     if origin is tuple:
-        return f"a list of {len(arguments)}, each {_describe(arguments[0], with_example=False)}"
+        return f"a list of {len(arguments)}, each {_each(arguments[0])}"
     if origin is dict:
         return "a mapping of names"
     if is_dataclass(option):
         needed = [f.name for f in fields(option) if f.default is MISSING and f.default_factory is MISSING]
         return f"a mapping with the keys {', '.join(needed)}" if needed else "a mapping ({} for the defaults)"
-    return _SCALARS.get(option, "something else")
+    return _SCALARS[option]
+
+
+def _each(annotation: Any) -> str:
+    """The type of the entries of a list in words."""
+    return " or ".join(dict.fromkeys(_describe(option, with_example=False) for option in _options(annotation)))
 
 
 def _options(annotation: Any) -> list[Any]:

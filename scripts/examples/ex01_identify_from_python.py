@@ -30,4 +30,5 @@ low, high = result.interval("k_1")
 
 if __name__ == "__main__":
     print(plan, response, result, sep="\n\n")
-    ei.plot.bode(response, result.model("home")).savefig("ex01.png")
+    figure = ei.plot.bode(response, result.model("home"))
+    figure.savefig("ex01.png")

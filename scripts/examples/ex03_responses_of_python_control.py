@@ -24,3 +24,5 @@ result = ei.identify([response], robot, ei.FitSpec(parameters=free, starts=3))
 
 if __name__ == "__main__":
     print(result, result.model("home"), sep="\n\n")
+    figure = ei.plot.bode(response, result.model("home"))
+    figure.savefig("ex03.png")

@@ -5,6 +5,7 @@ A run folder in a notebook
 A run folder of the command line opened in a notebook: results, tables, a figure, a prediction.
 """
 
+# sphinx_gallery_thumbnail_path = "pictures/frf.png"
 from __future__ import annotations
 
 import sys

@@ -23,4 +23,5 @@ found = {number.name: (number.low, number.high) for number in result.numbers}
 
 if __name__ == "__main__":
     print(result)
-    ei.plot.friction_curve(result, joints[0].name).savefig("ex06.png")
+    figure = ei.plot.friction_curve(result, joints[0].name)
+    figure.savefig("ex06.png")

@@ -1,6 +1,6 @@
 """
-Low peaks under limits
-======================
+A low crest factor
+==================
 
 Optimised phases lower the crest factor of a multisine: the same power at smaller peaks, so more of it within a limit.
 """
