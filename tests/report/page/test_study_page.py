@@ -1,0 +1,232 @@
+"""The page of a study that ran: every choice is clicked, and every curve that is drawn is compared with the files."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import elastid as ei
+from elastid.app.cli import run_command
+
+ROBOT = """\
+name: two elastic joints
+gravity: [0, 0, 0]
+bodies:
+  - name: upper
+    joints:
+      - name: 1
+        axis: z
+        motor: {inertia: 1e-3, ratio: 1, viscous: 1e-3}
+        spring: {stiffness: 80, damping: 0.02}
+        limits: {angle: [-90 deg, 90 deg]}
+    mass: 0.5
+    center_of_mass: [0.05, 0, 0]
+    inertia: 1e-3
+  - name: fore
+    parent: upper
+    placement: {xyz: [0.1, 0, 0]}
+    joints:
+      - name: 2
+        axis: z
+        motor: {inertia: 5e-4, ratio: 1, viscous: 1e-3}
+        spring: {stiffness: 30, damping: 0.01}
+        limits: {angle: [-90 deg, 90 deg]}
+    mass: 0.3
+    center_of_mass: [0.05, 0, 0]
+    inertia: 5e-4
+"""
+STUDY = """\
+name: two joints
+robot: robot.yml
+seed: 1
+excitation: {rate_hz: 500, period: 1 s, band_hz: [5, 100], torque_rms: 0.1}
+experiment:
+  configurations:
+    folded: [0, 60 deg]
+    stretched: [30 deg, 0]
+  realisations: 2
+  simulated:
+    truth: {k_1: 90, k_2: 27}
+    noise: {torque_std: 1e-3, angle_std: 1e-6}
+fit: {starts: 1, parameters: {k_*: {}, d_*: {}}}
+report: {formats: []}
+"""
+# Keeps each plot that is drawn, with what it is drawn from.
+RECORD_PLOTS = """
+    window.plots = [];
+    Object.defineProperty(window, "uPlot", {
+        get() { return this.recorded; },
+        set(plain) {
+            const construct = (target, given) => {
+                const plot = new target(...given);
+                window.plots.push(plot);
+                return plot;
+            };
+            this.recorded = new Proxy(plain, { construct });
+        },
+    });
+"""
+DRAWN = """
+    () => window.plots.filter((plot) => document.getElementById("explorer").contains(plot.root)).map((plot) => ({
+        logarithmic: plot.scales.x.distr === 3,
+        curves: Object.fromEntries(plot.series.map((one, i) => [one.label, [...plot.data[i]]])),
+    }))
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All results of the study, and its parameters as CSV."""
+    where = tmp_path_factory.mktemp("study")
+    (where / "robot.yml").write_text(ROBOT)
+    (where / "study.yml").write_text(STUDY)
+    study, run = str(where / "study.yml"), str(where / "run")
+    assert run_command(["run", study, "--run", run, "--jobs", "1", "-q"]) == 0
+    assert run_command(["export", study, "--run", run, "--to", "csv", "-q"]) == 0
+    return where / "run"
+
+
+@pytest.fixture
+def opened(browser: Any, folder: Path) -> Iterator[Any]:
+    """The page, with its plots on record."""
+    context = browser.new_context(viewport={"width": 1440, "height": 900})
+    context.add_init_script(RECORD_PLOTS)
+    page = context.new_page()
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.goto((folder / "report.html").as_uri())
+    yield page
+    context.close()
+    assert complaints == []
+
+
+def expected(folder: Path, name: str) -> dict[str, Any]:
+    """Of each curve its values on the measured lines, from frf.h5 and fit.h5, by output and input."""
+    measured = next(G for G in ei.read_responses(folder / "frf.h5") if G.configuration.name == name)
+    model = ei.read_fit(folder / "fit.h5").model(name).response(measured.freq_hz).G
+    with np.errstate(divide="ignore"):
+        return {
+            "magnitude": {
+                "measured": 20 * np.log10(np.abs(measured.G)),
+                "model": 20 * np.log10(np.abs(model)),
+                "|measured − model|": 20 * np.log10(np.abs(measured.G - model)),
+            },
+            "phase": {"measured": np.degrees(np.angle(measured.G)), "model": np.degrees(np.angle(model))},
+            "coherence": {"coherence": measured.quality.coherence},
+            "frequency": measured.freq_hz,
+        }
+
+
+def compare(drawn: dict[str, Any], known: dict[str, Any], quantity: str, output: int, source: int) -> None:
+    """What a plot shows on the measured lines is what the files hold there."""
+    x = np.array(drawn["curves"]["frequency"])
+    lines = np.searchsorted(x, known["frequency"] * (1 - 1e-5))
+    assert x[lines] == pytest.approx(known["frequency"], rel=1e-5)
+    for label, values in known[quantity].items():
+        shown = np.array([np.nan if v is None else v for v in drawn["curves"][label]], dtype=float)[lines]
+        there = np.isfinite(shown)  # a phase is not drawn across the ends of its circle
+        assert there.mean() > 0.9, (quantity, label)
+        # Numbers of 32 bits: a difference of two that are 65 dB larger is known to 0.01 dB.
+        within = 0.01 if "−" in label else 2e-3
+        assert shown[there] == pytest.approx(values[:, output, source][there], abs=within), (quantity, label)
+
+
+@pytest.mark.parametrize("tab", [0, 1])
+def test_every_choice_of_the_explorer_draws_the_numbers_of_the_files(opened, folder, tab):
+    """Both configurations, each quantity as a matrix and each element alone, logarithmic and linear."""
+    opened.locator("#explorer [role=tab]").nth(tab).click()
+    known = expected(folder, opened.locator("#explorer [role=tab]").nth(tab).inner_text().split(" (")[0])
+    quantity, element, scale = (opened.locator("#explorer select").nth(i) for i in range(3))
+    kinds = quantity.evaluate("select => [...select.options].map((one) => one.value)")
+    assert kinds == ["magnitude", "phase", "coherence", "ratio"]
+    for axis in ("log", "linear"):
+        scale.select_option(axis)
+        for kind in kinds[:3]:
+            quantity.select_option(kind)
+            plots = opened.evaluate(DRAWN)
+            assert [plot["logarithmic"] for plot in plots] == 4 * [axis == "log"]
+            for e, plot in enumerate(plots):
+                compare(plot, known, kind, *divmod(e, 2))
+    for e in range(4):
+        element.select_option(str(e))
+        plots = opened.evaluate(DRAWN)
+        assert len(plots) == len(kinds)
+        for kind, plot in zip(kinds[:3], plots[:3], strict=True):
+            compare(plot, known, kind, *divmod(e, 2))
+
+
+def test_every_switch_of_the_legend_takes_its_curve_and_gives_it_back(opened):
+    """In the explorer and on the first screen; a phase never crosses the ends of its circle in a line."""
+    shown = "(place) => window.plots.findLast((one) => place.contains(one.root)).series.map((one) => one.label)"
+    for place in (opened.locator("#explorer"), opened.locator("#worst")):
+        switches = place.locator(".key button")
+        before = place.evaluate(shown)
+        for i in range(switches.count()):
+            label = switches.nth(i).inner_text().split(" ", 1)[1]
+            for _ in range(2):
+                switches.nth(i).click()
+                assert (label in place.evaluate(shown)) == (switches.nth(i).get_attribute("aria-pressed") == "true")
+            assert place.evaluate(shown) == before
+    opened.locator("#explorer select").first.select_option("phase")
+    for plot in opened.evaluate(DRAWN):
+        model = np.array([np.nan if v is None else v for v in plot["curves"]["model"]], dtype=float)
+        assert not np.any(np.abs(np.diff(model)) > 180)
+
+
+def test_the_table_holds_the_numbers_of_the_csv_file(opened, folder):
+    """Estimate and interval of every identified number, sorted by either; the copied text has a row for each."""
+    with (folder / "export" / "csv" / "parameters.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    result = ei.read_fit(folder / "fit.h5")
+    known = {row["parameter"]: float(row["value"]) for row in rows}
+    names = opened.locator("#numbers-table tbody td:first-child b").all_inner_texts()
+    assert names == list(result.parameters.free_names)
+    head = opened.locator("#numbers-table th", has_text="estimate").first
+    head.locator("button").click()
+    shown = opened.evaluate(
+        "() => [...document.querySelectorAll('#numbers-table tbody tr')].map((row) => "
+        "[row.querySelector('b').textContent, Number(row.querySelector('td[data-value]').dataset.value)])"
+    )
+    assert [value for _, value in shown] == sorted(value for _, value in shown)
+    assert dict(shown) == pytest.approx({name: known[name] for name in names}, rel=1e-5)
+    assert head.get_attribute("aria-sort") == "ascending"
+
+
+def test_the_modes_of_the_chosen_configuration_are_those_of_the_fit(opened, folder):
+    """One drawing at a time, of the configuration whose tab is chosen; Hz as `result.model` has them."""
+    result = ei.read_fit(folder / "fit.h5")
+    for tab in range(2):
+        opened.locator("#mode-tabs [role=tab]").nth(tab).click()
+        name = opened.locator("#mode-tabs [role=tab]").nth(tab).inner_text()
+        visible = opened.locator("tr[data-mode]:visible")
+        shown = [float(text) for text in visible.locator("td:nth-child(3)").all_inner_texts()]
+        frequencies = np.asarray(result.model(name).modes().freq_hz)
+        for value in shown:
+            assert np.abs(frequencies / value - 1).min() < 1e-3
+        assert opened.locator("tr.mode-drawing").count() == 1
+        assert opened.locator("tr.mode-drawing p").first.inner_text().startswith(name)
+        for i in range(visible.count()):
+            if visible.nth(i).locator("button").get_attribute("aria-expanded") == "false":
+                visible.nth(i).locator("button").click()
+            assert opened.locator("tr.mode-drawing svg path[d]").count() > 0
+    opened.locator("#mode-viewer button").click()
+
+
+def test_everything_folded_opens_and_every_link_of_the_page_leads_somewhere(opened):
+    for i in range(opened.locator("details").count()):
+        opened.locator("details summary").nth(i).click()
+        assert opened.locator("details").nth(i).evaluate("one => one.open && one.scrollHeight > 40")
+    dead = opened.evaluate(
+        "() => [...document.querySelectorAll('a[href^=\"#\"]')].filter((a) => !document.querySelector(a.hash)).length"
+    )
+    assert dead == 0
+    for i in range(opened.locator(".strip button").count()):
+        opened.locator(".strip button").nth(i).click()
+        told = opened.locator(".strip button").nth(i).get_attribute("aria-label")
+        name, element = told.rsplit(": ", 1)[0].split(", ", 1)
+        assert opened.locator("#worst .title").inner_text() == f"{name}: {element}"
