@@ -14,6 +14,9 @@ def main() -> None:
         command_line()
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+    finally:
+        # After a Ctrl-C in code made from text Python ends itself by SIGINT, unless there is other such code later.
+        exec("")
 
 
 def _end_at_a_signal() -> None:

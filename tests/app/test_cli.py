@@ -422,6 +422,19 @@ runpy.run_module("elastid", run_name="__main__")
     assert (ended.returncode, ended.stdout, ended.stderr) == (130, "", "")
 
 
+def test_ctrl_c_in_code_made_from_text_ends_with_the_same_code(tmp_path: Path) -> None:
+    """As dataclasses and templates make it: Python itself would end by the signal after `python -m`."""
+    (tmp_path / "pressed.py").write_text("""
+from elastid.__main__ import main
+from elastid.app.cli import cli
+cli.main = lambda *_, **__: exec("raise KeyboardInterrupt")
+main()
+""")
+    command = [sys.executable, "-m", "pressed"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stderr[:12]) == (130, "interrupted:")
+
+
 @pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_is_raised_again_where_it_was_swallowed() -> None:
     """As CasADi's wrappers do; it does not wait for the work to end by itself."""
