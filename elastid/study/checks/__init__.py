@@ -15,6 +15,7 @@ from elastid.study.checks.excitation import check_excitation, check_lines
 from elastid.study.checks.experiment import check_experiment, check_plan_keys
 from elastid.study.checks.fit import check_fit
 from elastid.study.checks.friction import check_friction
+from elastid.study.checks.inertia import check_moved_inertias
 from elastid.study.checks.model import check_model
 from elastid.study.checks.names import check_names
 from elastid.study.checks.recorded import check_recorded, check_responses
@@ -55,6 +56,7 @@ def check_study(study: Study, base: Path) -> Iterator[Problem]:
     if experiment.responses is not None:
         yield from check_responses(study, experiment.responses, base)
     yield from check_model(("model",), study.model, study.robot)
+    yield from check_moved_inertias(study)
     yield from check_fit(study)
     yield from _check_validation(study)
 
