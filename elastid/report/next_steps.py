@@ -62,7 +62,7 @@ def _of_status(result: FitResult) -> Action | None:
     if result.status in ("converged", "misfit"):
         return None
     meaning, _, advice = result.meaning.partition(": ")
-    return Action(f"{(advice or meaning)[:1].upper()}{(advice or meaning)[1:]}.", f"Status: {result.message}")
+    return Action(f"{(advice or meaning)[:1].upper()}{(advice or meaning)[1:]}.", "")  # the cause stands above it
 
 
 def _of_residuals(result: FitResult) -> Action | None:
