@@ -6,7 +6,7 @@ import logging
 import sys
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from elastid.base.execution import Progress, silent
@@ -102,6 +102,11 @@ class _LogFile(logging.FileHandler):
 
     def handleError(self, record: logging.LogRecord) -> None:
         """Nothing: the work goes on."""
+
+    def close(self) -> None:
+        """Without the lines that do not fit; an error of theirs would take the place of the one that ended the work."""
+        with suppress(OSError):
+            super().close()
 
 
 @contextmanager

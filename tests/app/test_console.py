@@ -1,6 +1,8 @@
 """What a command says is said once."""
 
+import errno
 import logging
+from pathlib import Path
 
 import pytest
 
@@ -14,3 +16,13 @@ def test_a_warning_outside_a_run_is_printed_once(
     monkeypatch.setattr(logging.getLogger("elastid.app.run"), "handlers", [])
     Console().warn("mind the gap")
     assert capsys.readouterr().err == "warning: mind the gap\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
+def test_a_full_disk_is_named_by_the_result_and_not_by_the_log(tmp_path: Path) -> None:
+    """The log's own lines are lost without a word, also those that are left when it is closed."""
+    (tmp_path / "run.log").symlink_to("/dev/full")
+    console = Console(-1)
+    with pytest.raises(OSError, match="records.h5"), console.logging_to(tmp_path):
+        console.say("measured")
+        raise OSError(errno.ENOSPC, "No space left on device", "records.h5")
