@@ -66,7 +66,7 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
     return added(each @ adjoint(each) for each in D) / expected[:, None, None], K - n_u
 
 
-def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: int) -> Covariance:
+def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: float) -> Covariance:
     """Covariance of vec G by noise and stochastic nonlinear distortion together: sum_m (W_m^T W_m^*) (x) C_T.
 
     The sample covariance where the realisations alone give twice as many degrees of freedom as vec G has elements: it

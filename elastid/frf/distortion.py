@@ -29,15 +29,15 @@ _MIN_LEFT_OUT_SHARE = 0.1
 
 @dataclass(frozen=True)
 class Detected:
-    """Levels at the even and at the odd detection lines; error (K_odd, n_y, n_y): mean of Y_c Y_c^H of an experiment.
+    """Levels at the even and at the odd detection lines; excess (K_odd, n_y, n_y): mean Y_c Y_c^H less its noise.
 
-    odd_lines (K_odd,): DFT lines of error; count: its experiments.
+    odd_lines (K_odd,): DFT lines of excess; count: its experiments.
     """
 
     even: Levels | None
     odd: Levels | None
     odd_lines: IntArray
-    error: ComplexArray
+    excess: ComplexArray
     count: int
 
 
@@ -56,13 +56,14 @@ def detect(detection: IntArray, lines: IntArray, spacing_hz: float, G: ComplexAr
     odd = detection % 2 == 1
     error = Y_c[odd] @ adjoint(Y_c[odd]) / Y_c.shape[2]
     amplitude = np.sqrt(np.mean(np.abs(Y_c) ** 2, axis=2))
-    noise = np.sqrt(power(C_V) * np.mean(1 / every.periods))
+    of_noise = C_V * np.mean(1 / every.periods)
+    noise = np.sqrt(power(of_noise))
 
     def levels(which: BoolArray) -> Levels | None:
         parts = (np.asarray(x[which], dtype=np.float64) for x in (detection * spacing_hz, amplitude, noise))
         return Levels(*parts) if which.any() else None
 
-    return Detected(levels(~odd), levels(odd), detection[odd], error, Y_c.shape[2])
+    return Detected(levels(~odd), levels(odd), detection[odd], error - of_noise[odd], Y_c.shape[2])
 
 
 def interpolated(at: IntArray, lines: IntArray, G: ComplexArray) -> ComplexArray:
@@ -73,16 +74,28 @@ def interpolated(at: IntArray, lines: IntArray, G: ComplexArray) -> ComplexArray
     return np.asarray((1 - part) * G[left] + part * G[right])
 
 
-def fast_total_error(found: Detected, lines: IntArray) -> tuple[ComplexArray, int] | None:
+def fast_total_error(
+    found: Detected, lines: IntArray, of_noise: ComplexArray, dof: int
+) -> tuple[ComplexArray, float] | None:
     """C_T (F, n_y, n_y) of one experiment at the excited lines (F,) and its dof, from the odd detection lines near by.
 
     One realisation is enough (the fast method): a random grid distorts its excited and its left-out odd lines alike.
+    Not so the noise, which at the inputs follows the resonances: of_noise (F, n_y, n_y), of `dof`, is each line's own.
     None where too few odd lines were left out.
     """
-    n_y, K = found.error.shape[1], len(found.odd_lines)
+    n_y, K = found.excess.shape[1], len(found.odd_lines)
     window = max(_MIN_WINDOW, -(-2 * n_y // found.count))
     if max(window, _MIN_LEFT_OUT_SHARE * len(lines)) > K:
         return None
     first = np.clip(np.searchsorted(found.odd_lines, lines) - window // 2, 0, K - window)
-    sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(found.error, axis=0)])
-    return (sums[first + window] - sums[first]) / window, window * found.count
+    sums = np.concatenate([np.zeros((1, n_y, n_y)), np.cumsum(found.excess, axis=0)])
+    of_distortion = _positive((sums[first + window] - sums[first]) / window)
+    parts = [float(np.einsum("fii->", each).real) for each in (of_noise, of_distortion)]
+    spread = parts[0] ** 2 / dof + parts[1] ** 2 / (window * found.count)
+    return of_noise + of_distortion, sum(parts) ** 2 / spread if spread > 0 else float(dof)
+
+
+def _positive(C: ComplexArray) -> ComplexArray:
+    """Hermitian matrices (F, n, n) without what is negative in them by chance."""
+    values, vectors = np.linalg.eigh(C)
+    return np.asarray((vectors * np.maximum(values, 0.0)[:, None, :]) @ adjoint(vectors))

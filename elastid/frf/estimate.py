@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from elastid.base.arrays import FloatArray, IntArray
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import DataError
 from elastid.base.note import Note
 from elastid.excitation.grids import line_frequencies
@@ -38,7 +38,7 @@ from elastid.frf.spec import EstimatorSpec, Method
 from elastid.frf.spectra import RecordSpectra, refuse_uncomputable
 from elastid.frf.without_period import response_without_period
 from elastid.record import Record
-from elastid.response import FrequencyResponse
+from elastid.response import Covariance, FrequencyResponse
 
 LOCAL = ("local_polynomial", "local_rational")
 
@@ -200,15 +200,16 @@ def _with_covariances(
     """Noise, total, distortion and bias of G, and the nonlinear levels in the outputs."""
     blocks, C_V = data.blocks, equation_error(data.scatter, found.G)
     noise = noise_covariance(blocks, found, C_V, data.scatter.dof)
-    total, error = None, total_error(data, found)
+    of_noise = C_V * np.mean(1 / data.periods)
+    total: Covariance | None = None
+    error: tuple[ComplexArray, float] | None = total_error(data, found)
     if error is not None:
         total = total_covariance(blocks, found, *error)
     elif levels is not None:
-        error = fast_total_error(levels, lines)
+        error = fast_total_error(levels, lines, of_noise, data.scatter.dof)
         total = None if error is None else kronecker(found.left, *error)
     distortion, stochastic, bias = None, None, None
     if total is not None and error is not None:
-        of_noise = C_V * np.mean(1 / data.periods)
         bias = friction_bias(spectra, lines, found.G, response.quantity, error[0], of_noise, error[1])
         distortion = distortion_covariance(noise, total, len(blocks))
         excess = np.einsum("fii->fi", error[0] - of_noise).real

@@ -85,3 +85,21 @@ def test_detection_lines_are_those_between_odd_lines() -> None:
     assert detection_lines(np.array([3, 5, 9]), True).size == 0
     G = np.array([1.0, 3.0, 5.0])[:, None, None] + 0j
     np.testing.assert_allclose(interpolated(np.array([4, 6]), np.array([3, 5, 9]), G)[:, 0, 0], [2, 3.5])
+
+
+def test_noise_of_the_input_is_told_at_the_resonance_itself() -> None:
+    """It is |G| times as large there, which the lines left out beside it cannot know: within 30 % of the scatter."""
+    rng = np.random.default_rng(3)
+    lines = np.delete(ODD, [4 * i + rng.integers(4) for i in range(1, len(ODD) // 4 - 1)])
+    peak = lines[len(lines) // 2]
+    resonance = 1 / (1 - (lines / peak) ** 2 + 0.01j * lines / peak)
+    single = []
+    for _ in range(40):
+        R = orthogonal_set(np.full((len(lines), 1), np.sqrt(2 / len(lines))), rng)[0]
+        u, y = (np.tile(synthesise(lines, each, N), (3, 1)) for each in (R, resonance[:, None] * R))
+        record = record_of(u + 0.1 * rng.normal(size=u.shape), y)
+        single.append(estimate([record], ALL_PERIODS, lines))
+    at_peak = len(lines) // 2
+    scatter = np.var([each.G[at_peak, 0, 0] for each in single])
+    predicted = np.mean([each.total.variance[at_peak, 0, 0] for each in single if each.total is not None])
+    assert predicted == pytest.approx(scatter, rel=0.3)
