@@ -28,6 +28,10 @@ HDF5 = {
 }
 
 
+# The headings of a page are names, which style.css sets in the letters of code.
+NAMES = ".. rst-class:: names\n"
+
+
 def title(text: str, line: str = "=") -> str:
     """A heading."""
     return f"{text}\n{line * len(text)}\n"
@@ -40,7 +44,7 @@ def block(text: str, language: str = "none") -> str:
 
 def commands() -> str:
     """Every command with its arguments and options, from the command line itself."""
-    parts = [title("Commands"), f"{cli.help} The commands stand in the order of the work.\n"]
+    parts = [NAMES, title("Commands"), f"{cli.help} The commands stand in the order of the work.\n"]
     root = click.Context(cli, info_name="elastid", help_option_names=["-h", "--help"])
     for name in cli.list_commands(root):
         command = cli.commands[name]
@@ -52,27 +56,35 @@ def commands() -> str:
         ]
         parts.append(block(command.get_usage(usage).removeprefix("Usage: "), "bash"))
         records = [option.get_help_record(usage) for option in command.params]
-        parts += [f"``{record[0]}``\n   {escaped(record[1] or 'no further words.')}\n" for record in records if record]
+        parts += [f"``{name}``\n   {escaped(text)}\n" for name, text in filter(None, records) if text]
     return "\n".join(parts)
 
 
 def keys() -> dict[str, str]:
     """A page for each section of a study, with every key, and their index."""
     by_path = {key.path: key for key in list_keys()}
-    order, own = list(texts_of(Study)[1]), texts_of(Study)[1]
+    texts = texts_of(Study)[1]
+    order = list(texts)
     grouped = sorted(by_path.values(), key=lambda key: order.index(_root(key)))
     pages = {}
     for root, of in groupby(grouped, _root):
-        parts = [title(root), escaped(own[root]) + "\n"]
+        parts = [NAMES, title(root)]
         for key in of:
-            parts += [f".. _key-{key.path}:\n", title(key.path, "-"), _explained(key)]
+            heading = [] if key.path == root else [f".. _key-{key.path}:\n", title(key.path, "-")]
+            parts += [*heading, _explained(key)]
         pages[f"keys/{root}"] = "\n".join(parts)
-    toc = "\n".join(f"   {root}" for root in order if f"keys/{root}" in pages)
+    sections = [root for root in order if f"keys/{root}" in pages]
+    toc = "\n".join(f"   {root}" for root in sections)
+    table = "".join(f"   * - :doc:`{root}`\n     - {escaped(texts[root])}\n" for root in sections)
     pages["keys/index"] = (
         title("Keys of a study")
         + f"\n{len(by_path)} keys in the order of a study; ``elastid explain KEY`` prints the same text, and the "
         "schema of ``elastid schema`` shows it in an editor. ``[]`` stands for the number of an entry, ``<name>`` "
-        "for a name that the study chooses.\n\n.. toctree::\n   :maxdepth: 1\n\n" + toc + "\n"
+        "for a name that the study chooses.\n\n.. list-table::\n   :widths: 20 80\n\n"
+        + table
+        + "\n.. toctree::\n   :hidden:\n\n"
+        + toc
+        + "\n"
     )
     return pages
 
@@ -81,20 +93,20 @@ def _root(key: Key) -> str:
     return re.split(r"[.\[]", key.path)[0]
 
 
+_FIELDS = "Value|Default|How to choose it|When to change it|Keys below it|Keys of each"
+
+
 def _explained(key: Key) -> str:
-    """The paragraphs of `elastid explain`, behind the path."""
+    """The paragraphs of `elastid explain`, behind the path: the text, and the others as a list of fields."""
     paragraphs: list[str] = []
     for line in explain(key.path).splitlines()[1:]:
-        starts = re.match(r"  (Value|Default|How to choose it|When to change it|Keys below it): ", line)
+        starts = re.match(rf"  ({_FIELDS}): ", line)
         if starts or not paragraphs:
             paragraphs.append(line.strip())
         else:
             paragraphs[-1] += " " + line.strip()
-    lines = [
-        re.sub(r"^(Value|Default|How to choose it|When to change it|Keys below it):", r"**\1:**", escaped(p))
-        for p in paragraphs
-    ]
-    return "\n\n".join(lines) + "\n"
+    text, *others = (re.sub(rf"^({_FIELDS}):", r":\1:", escaped(each)) for each in paragraphs)
+    return "\n".join([text, "", *others, ""])
 
 
 def names() -> str:

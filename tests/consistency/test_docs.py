@@ -29,7 +29,8 @@ def test_the_documentation_is_built_without_a_warning(tmp_path: Path) -> None:
     assert numbers["pages"] > 40
     assert numbers["links"] > 1000
     reference = tmp_path / "html" / "reference"
-    of_keys = " ".join(page.read_text(encoding="utf-8") for page in (reference / "keys").glob("*.html"))
+    of_keys = "".join(page.read_text(encoding="utf-8") for page in (reference / "keys").glob("*.html"))
+    of_keys = of_keys.replace("<h1>", "<h2>")  # a section has a page
     assert [
         key.path for key in list_keys() if f"<h2>{key.path.replace('<', '&lt;').replace('>', '&gt;')}<" not in of_keys
     ] == []

@@ -7,7 +7,9 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from elastid.app import scaffold
@@ -63,7 +65,7 @@ def test_every_block_does_what_the_readme_says(tmp_path: Path) -> None:
         run(folder, "bash", "-e", "-o", "pipefail", "-c", text)
     check_demo(folder / "runs" / "demo")
     check_library(folder)
-    assert (folder / "runs" / "friction_of_an_axis" / "report.html").stat().st_size > 50_000
+    check_friction(folder / "runs" / "friction_of_an_axis")
 
 
 def run(folder: Path, *command: str) -> str:
@@ -98,6 +100,47 @@ def check_demo(folder: Path) -> None:
         assert motor["F_c"] == pytest.approx(level, rel=0.005), motor["motor"]
     assert summary["status"] == "converged"
     assert (folder / "report.html").stat().st_size > 100_000
+
+    check_table(summary)
+
+
+def check_table(summary: dict[str, Any]) -> None:
+    """The README's column of friction taken out has the numbers of this run, each to within two of its last digit."""
+    rows = [line.split("|")[3] for line in README.splitlines() if line.count("|") == 4 and "**" in line]
+    said = [numbers(row.split("**")[1]) for row in rows]
+    kinds = {"k_": [], "d_": []}
+    for name, p in summary["parameters"].items():
+        if name[:2] in kinds and "std" in p:
+            kinds[name[:2]].append((100 * p["std"] / p["value"], 100 * (p["value"] / p["truth"] - 1)))
+    of_springs, of_dampers = (np.array(kind) for kind in kinds.values())
+    found = [
+        [of_springs[:, 0].min(), of_springs[:, 0].max()],
+        [of_dampers[:, 0].min(), of_dampers[:, 0].max()],
+        [float(np.sqrt(np.mean(kind[:, 1] ** 2))) for kind in (of_springs, of_dampers)],
+        [summary["parameters"]["fm_1"]["value"]],
+        [motor["F_c"] for motor in summary["friction"]],
+    ]
+    assert len(said) == len(found)
+    for in_readme, of_run in zip(said, found, strict=True):
+        for (value, digit), number in zip(in_readme, of_run, strict=True):
+            assert abs(value - number) < 2 * digit, (in_readme, of_run)
+
+
+def check_friction(folder: Path) -> None:
+    """The README's friction law has the numbers and half intervals of this run, to within two of their last digit."""
+    assert (folder / "report.html").stat().st_size > 50_000
+    (row,) = (line for line in README.splitlines() if line.startswith("| identified, 95 %"))
+    said = [numbers(cell) for cell in row.split("|")[2:-1]]
+    found = json.loads((folder / "summary.json").read_text())["parameters"]
+    for name, (value, half) in zip(("Fc_m1", "Fs_m1", "vs_m1", "f_m1", "a_m1"), said, strict=True):
+        low, high = found[name]["interval95"]
+        assert abs(value[0] - found[name]["value"]) < 2 * value[1], name
+        assert abs(half[0] - (high - low) / 2) < 2 * half[1], name
+
+
+def numbers(text: str) -> list[tuple[float, float]]:
+    """The numbers in a text, each with the size of its last digit."""
+    return [(float(n), 10.0 ** -len(n.partition(".")[2])) for n in re.findall(r"\d+\.?\d*", text)]
 
 
 def check_library(folder: Path) -> None:
