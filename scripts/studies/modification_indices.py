@@ -12,8 +12,8 @@ together.  The last line is one JSON object with the numbers of the
 table.
 
 One data set of each fault: 15 of 15 are named, and their steps are the true ones to 4 % (torque constants 20 % wrong:
-8 %), from one linearisation; 0.36 to 0.60 CPU s beside 0.30 of a clean fit, but 0.74 for a reference recorded as
-current, exchanged postures and a mirrored motor, of which the search for an optimum that is none takes a half.
+8 %), from one linearisation; 0.36 to 0.49 CPU s beside 0.34 of a clean fit, but 0.56 to 0.67 for a reference recorded
+as current, exchanged postures and a mirrored motor, where no optimum of the search is near the truth.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.

@@ -14,7 +14,7 @@ from elastid.fit.diagnosis.misfit import describe_misfit, telling_index
 from elastid.fit.diagnosis.modification.indices import held_indices, modification_indices
 from elastid.fit.diagnosis.modification.scores import Scores, score
 from elastid.fit.diagnosis.modification.sentences import MISREAD, explanations
-from elastid.fit.diagnosis.two_robots import find_two_groups
+from elastid.fit.diagnosis.two_robots import costs_alone, find_two_groups
 from elastid.fit.diagnosis.unlike_configurations import find_foreign_configurations, find_unlike_configurations
 from elastid.fit.diagnosis.unseen_errors import find_unseen_errors
 from elastid.fit.modification_index import ModificationIndex
@@ -100,14 +100,21 @@ def diagnose(
     suspect = _is_suspect(result, optimum)
     explained = next((one.share for one in result.indices), 0.0)
     apart = find_unlike_configurations(fit, end.x) if result.model_error > 1 else ()
-    if result.exceeds_noise and not apart and explained < MAX_EXPLAINED_SHARE:
-        apart = find_two_groups(fit, end.x, end.cost, result.cost_expected, assembly.spec.robots)
-    if suspect and not apart and explained < MAX_EXPLAINED_SHARE:
-        apart = find_foreign_configurations(fit, end.x)
+    if (result.exceeds_noise or suspect) and not apart and explained < MAX_EXPLAINED_SHARE:
+        apart = _parted(result, assembly, optimum, suspect)
     found = (*find_border_inertias(fit.inertias, fit.parameters, end.x), *findings(result, uncertainty.unreached))
     why = explanations(result) if explained > MAX_EXPLAINED_SHARE or not apart else ()
     unseen = find_unseen_errors(result, scores)
     return replace(result, notes=(*find_wrong_frequency_unit(result), *why, *apart, *notes, *found, *unseen))
+
+
+def _parted(result: FitResult, assembly: Assembly, optimum: RelinearisedOptimum, suspect: bool) -> tuple[Note, ...]:
+    """Two groups of configurations, or foreign ones where residuals are suspect."""
+    fit, end, found = optimum.fit, optimum.end, tuple[Note, ...]()
+    alone = costs_alone(fit, end.x)
+    if result.exceeds_noise and alone is not None:
+        found = find_two_groups(fit, end.x, alone, end.cost, result.cost_expected, assembly.spec.robots)
+    return found or (find_foreign_configurations(fit, end.x, alone) if suspect else ())
 
 
 def _is_suspect(result: FitResult, optimum: RelinearisedOptimum) -> bool:

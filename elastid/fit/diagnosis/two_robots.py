@@ -3,7 +3,8 @@ r"""Whether the configurations split into two groups with different parameters, 
 .. math:: \min_{S} \Big[ \min_x \sum_{c \in S} V_c(x) + \min_x \sum_{c \notin S} V_c(x) \Big]
 
 It starts with the two configurations whose own parameters describe all of them best, and alternates: fit each group,
-move every configuration to the group that describes it better, until none moves.
+move every configuration to the group that describes it better, until none moves. Where own parameters hardly describe
+a configuration better than common ones, no grouping does.
 """
 
 from __future__ import annotations
@@ -21,8 +22,9 @@ from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.solve.solvers import ROUGH, solve
 from elastid.parameters import Parameter, Prior
 
-# Two groups must remove a larger share of V beyond the noise.
+# Two groups must remove a larger share of V beyond the noise; parameters of each configuration's own so much of it.
 MIN_REMOVED_SHARE = 0.8
+MIN_REMOVED_ALONE = 0.5
 MAX_ROUNDS = 4
 MAX_ITERATIONS = 40
 # Standard deviation (of ln p) of the prior about the common optimum: one configuration does not determine everything.
@@ -42,19 +44,40 @@ class Split:
     cost: float
 
 
+def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
+    """V_c (Q, Q) of each configuration, by column, with the parameters of each one's own, near x (n_x,).
+
+    None of fewer than two configurations, and where one of them cannot be fitted.
+    """
+    fit = measured(fit)
+    if len(fit.parts) < 2:
+        return None
+    near = _held_near(fit, x)
+    try:
+        return np.array([_costs(fit, _solved(replace(near, parts=(part,)), x)) for part in fit.parts])
+    except FitError:
+        return None
+
+
 def find_two_groups(
-    fit: ElasticFit, x: FloatArray, cost: float, noise_cost: float, robots: Mapping[str, Sequence[str]]
+    fit: ElasticFit,
+    x: FloatArray,
+    alone: FloatArray,
+    cost: float,
+    noise_cost: float,
+    robots: Mapping[str, Sequence[str]],
 ) -> tuple[Note, ...]:
     """A note where two groups of configurations agree with parameters of their own, and not with common ones.
 
-    x (n_x,): the optimum of all, cost: V there.  noise_cost: V by the noise alone.  robots: of fit.robots.
+    x (n_x,): the optimum of all, cost: V there.  alone: of `costs_alone`.  noise_cost: V by the noise alone.
+    robots: of fit.robots.
     """
-    parts = tuple(part for part in fit.parts if part.n_residuals)
-    if len(parts) < 2:
+    fit = measured(fit)
+    parts = fit.parts
+    if float(np.trace(alone)) - noise_cost > (1 - MIN_REMOVED_ALONE) * (cost - noise_cost):
         return ()
-    fit = replace(fit, parts=parts)
     try:
-        split = _split(fit, x)
+        split = _split(fit, x, alone)
     except FitError:
         return ()
     if split is None or split.cost - noise_cost > (1 - MIN_REMOVED_SHARE) * (cost - noise_cost):
@@ -82,11 +105,13 @@ def _advice(ones: str, others: str, robots: Mapping[str, Sequence[str]]) -> str:
     )
 
 
-def _split(fit: ElasticFit, x: FloatArray) -> Split | None:
-    """The best two groups; None where one of them loses all its configurations."""
-    near = _held_near(fit, x)
-    alone = [_solved(replace(near, parts=(part,)), x) for part in fit.parts]
-    costs = np.array([_costs(fit, each) for each in alone])
+def measured(fit: ElasticFit) -> ElasticFit:
+    """The fit without configurations that are left out as a whole."""
+    return replace(fit, parts=tuple(part for part in fit.parts if part.n_residuals))
+
+
+def _split(fit: ElasticFit, x: FloatArray, costs: FloatArray) -> Split | None:
+    """The best two groups, from V (Q, Q) of `costs_alone`; None where one of them loses all its configurations."""
     both = np.minimum(costs[:, None, :], costs[None, :, :]).sum(axis=2)
     a, b = np.unravel_index(int(np.argmin(both)), both.shape)
     in_second = costs[b] < costs[a]

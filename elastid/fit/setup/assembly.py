@@ -18,9 +18,9 @@ from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.problem.relinearised import RelinearisedFit
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
-from elastid.fit.solve.ending import distance
+from elastid.fit.solve.ending import distance, is_far_from_noise
 from elastid.fit.solve.local_optimum import LocalOptimum
-from elastid.fit.solve.solvers import solve
+from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.weight_spec import WeightSpec
 from elastid.fit.weights.weights import Weights, normalised, weigh
@@ -40,6 +40,9 @@ RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))
 MAX_MOVE = 1e-3
 MAX_ROUNDS = 5
 MAX_ROUNDS_OF_LOSS = 30
+# Far from any noise a round after which V has fallen by less than this share is the last, and the stationary point is
+# near enough at this distance, in standard deviations by the residuals.
+MIN_PROGRESS, NEAR_ENOUGH = 1e-3, 5e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +163,10 @@ class RelinearisedOptimum:
 
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
     """Linearise at the result, with systematic errors and the robust loss of there, and solve again until x stays."""
-    rounds = MAX_ROUNDS if assembly.spec.weights.loss == "square" else MAX_ROUNDS_OF_LOSS
+    is_square = assembly.spec.weights.loss == "square"
+    rounds = MAX_ROUNDS if is_square else MAX_ROUNDS_OF_LOSS
     end, c = start, np.zeros(len(find_factors(assembly.responses)))
-    for _ in range(rounds):
+    for i in range(rounds):
         try:
             there = assembly.reweighted(end.x)
             if len(c):
@@ -171,9 +175,11 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
             fit = there.unbiased(c).at(end.x, criterion)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
-        before, end = end, solve(fit.problem, end.x, method=assembly.spec.solver)
+        tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE
+        before, end = end, solve(fit.problem, end.x, tolerance, method=assembly.spec.solver)
         moved = distance(end.x - before.x, fit.evaluate(end.x), fit.problem.dof)
-        if moved < MAX_MOVE:
+        rests = is_square and i > 0 and before.cost - end.cost < MIN_PROGRESS * end.cost
+        if moved < MAX_MOVE or (rests and is_far_from_noise(end.cost, fit.problem.dof)):
             return RelinearisedOptimum(end, fit, there.responses, there.weights, (), c)
     note = Note(
         "still-moving",

@@ -14,6 +14,8 @@ from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 
 # x within this share of its bounds from one of them is at it.
 AT_BOUND = 1e-6
+# V over its degrees of freedom beyond which the model is wrong, whatever the noise.
+FAR_FROM_NOISE = 100.0
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,11 @@ def distance_to_optimum(ending: Evaluation, dof: int, held: BoolArray) -> float:
     step = np.zeros(len(free))
     step[free] = np.linalg.lstsq(ending.hessian[np.ix_(free, free)], ending.gradient[free], rcond=1e-12)[0]
     return distance(step, ending, dof)
+
+
+def is_far_from_noise(cost: float, dof: int) -> bool:
+    """Whether V is that of a wrong model, so that no more of its optimum matters than where it is about."""
+    return cost > FAR_FROM_NOISE * max(dof, 1)
 
 
 def held_by_bounds(problem: LeastSquares, x: FloatArray, ending: Evaluation) -> BoolArray:

@@ -16,6 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution, in_order, silent
 from elastid.fit.problem.least_squares import LeastSquares
+from elastid.fit.solve.ending import is_far_from_noise
 from elastid.fit.solve.local_optimum import LocalOptimum
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, SolverName, solve
 from elastid.parameters import Parameter, ParameterSet
@@ -141,12 +142,14 @@ class _Begin:
 
 @dataclass(frozen=True)
 class _Polish:
-    """A rough end taken to the optimum."""
+    """A rough end taken to the optimum; far from any noise it stays, since it is near enough."""
 
     problem: LeastSquares
     method: SolverName
 
     def __call__(self, rough: LocalOptimum) -> LocalOptimum:
+        if is_far_from_noise(rough.cost, self.problem.dof):
+            return rough
         try:
             end = solve(self.problem, rough.x, FINE, method=self.method)
         except FitError as error:

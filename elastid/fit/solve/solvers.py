@@ -16,7 +16,7 @@ from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.solve.ending import Ending, distance_to_optimum, held_by_bounds
 from elastid.fit.solve.ipopt import ipopt
 from elastid.fit.solve.local_optimum import LocalOptimum
-from elastid.fit.solve.trust_region import trust_region
+from elastid.fit.solve.trust_region import CREEPING, trust_region
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 
@@ -26,7 +26,8 @@ SolverName: TypeAlias = Literal["trust_region", "ipopt"]
 FINE = 1e-3
 ROUGH = 0.1
 NEAR = 3.0
-# Below this distance a solve counts as converged, whatever made it stop.
+# Below this distance a solve counts as converged, whatever made it stop; so does one that creeps far from any noise,
+# where the model is what is wrong, and not the search.
 CONVERGED = 1e-2
 _Solver: TypeAlias = Callable[[LeastSquares, FloatArray, Evaluation, float, int], Ending]
 _SOLVERS: dict[SolverName, _Solver] = {"trust_region": trust_region, "ipopt": ipopt}
@@ -55,4 +56,5 @@ def solve(
     off = distance_to_optimum(end.there, problem.dof, held_by_bounds(problem, end.x, end.there))
     ended = f"{end.status} after {end.iterations} iterations" if end.status else f"{end.iterations} iterations"
     message = f"{ended}, {off:.1e} standard deviations from the stationary point"
-    return LocalOptimum(x0, end.x, end.there.cost, end.iterations, off < CONVERGED, message)
+    converged = off < CONVERGED or end.status == CREEPING
+    return LocalOptimum(x0, end.x, end.there.cost, end.iterations, converged, message)

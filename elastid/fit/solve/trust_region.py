@@ -25,7 +25,7 @@ from scipy.linalg import eigh
 
 from elastid.base.arrays import BoolArray, FloatArray
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.ending import Ending, distance_to_optimum, held_by_bounds
+from elastid.fit.solve.ending import Ending, distance_to_optimum, held_by_bounds, is_far_from_noise
 from elastid.parameters import ParameterSet
 
 # The first radius, for each variable: a factor of two in all logarithmic parameters.
@@ -42,9 +42,10 @@ AT_RADIUS, RADIUS_TOLERANCE = 0.8, 1.05
 SHARE_OF_BORDER, MAX_CONDITION = 0.7, 1e12
 # Predictions below this share of V drown in rounding; so do those of steps shorter than this.
 ROUNDING, MIN_RADIUS = 1e-15, 1e-9
-# Far from any noise, V over its degrees of freedom, a valley is left whose V falls by less than this share in so many
-# iterations: where the model is that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
-FAR_FROM_NOISE, CREEPING_ITERATIONS, MIN_PROGRESS = 100.0, 12, 1e-4
+# Far from any noise a valley is left whose V falls by less than this share in so many iterations: where the model is
+# that wrong, Gauss-Newton steps creep, and nothing that matters is at the end.
+CREEPING_ITERATIONS, MIN_PROGRESS = 8, 1e-4
+CREEPING = "V hardly falls any more"
 
 
 def trust_region(
@@ -69,7 +70,7 @@ def trust_region(
         if used == max_iterations:
             break
         if _creeps(costs, problem.dof):
-            return Ending(x, here, "V hardly falls any more", used)
+            return Ending(x, here, CREEPING, used)
         gradient, hessian = unit * here.gradient, np.outer(unit, unit) * here.hessian
         border = None if problem.border is None else np.outer(unit, unit) * problem.border(x)
         metric, step, predicted = np.eye(len(x)), np.zeros(len(x)), 0.0
@@ -95,7 +96,7 @@ def trust_region(
 
 def _creeps(costs: Sequence[float], dof: int) -> bool:
     """Whether V of the iterations so far is far from any noise and has stopped to fall."""
-    if len(costs) <= CREEPING_ITERATIONS or costs[-1] < FAR_FROM_NOISE * max(dof, 1):
+    if len(costs) <= CREEPING_ITERATIONS or not is_far_from_noise(costs[-1], dof):
         return False
     return costs[-1 - CREEPING_ITERATIONS] - costs[-1] < MIN_PROGRESS * costs[-1]
 

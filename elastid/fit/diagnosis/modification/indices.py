@@ -138,18 +138,19 @@ def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = MAX_RAN
     counts = np.array([one.directions.shape[1] for one in scores.candidates])
     order = [int(i) for i in np.argsort(-(drops - charge * (counts - 1))) if drops[i] > least[int(counts[i])]]
     kept = [i for k, i in enumerate(order) if k < most or scores.candidates[i].name.startswith("delay")]
-    return [_index(test, scores, drops, i, place) for i in kept]
+    correlations = test.correlations(scores.candidates)
+    return [_index(test, scores, drops, correlations[i], i, place) for i in kept]
 
 
-def _index(test: ScoreTest, scores: Scores, drops: FloatArray, i: int, place: int) -> ModificationIndex:
+def _index(
+    test: ScoreTest, scores: Scores, drops: FloatArray, correlation: FloatArray, i: int, place: int
+) -> ModificationIndex:
+    """Of candidate i; correlation (n_c,): squared, of its effect with those of all."""
     one = scores.candidates[i]
     step = test.step(one)
     members = [test.numbers[k] for k in one.places]
-    alike = [
-        j
-        for j, other in enumerate(scores.candidates)
-        if j != i and drops[j] > MIN_ALIKE_DROP * drops[i] and test.correlation(one, other) > MIN_ALIKE_CORRELATION
-    ]
+    is_alike = (drops > MIN_ALIKE_DROP * drops[i]) & (correlation > MIN_ALIKE_CORRELATION)
+    alike = [int(j) for j in np.flatnonzero(is_alike) if j != i]
     return ModificationIndex(
         name=one.name,
         group=one.group,

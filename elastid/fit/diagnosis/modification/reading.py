@@ -99,8 +99,13 @@ def read(
     return Read(reading, V, V + float(step @ (2 * b + A @ step)), step)
 
 
-def settled(reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray) -> tuple[float, FloatArray]:
-    """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first."""
+def settled(
+    reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray, decrease: float = MIN_DECREASE
+) -> tuple[float, FloatArray]:
+    """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first.
+
+    decrease: the relative decrease of V from one step to the next below which they end.
+    """
     V = math.inf
     lower, upper = fit.parameters.x_bounds
     for problem in (replace(fit, parts=tuple(map(_logarithmic, fit.parts))), fit):
@@ -109,7 +114,7 @@ def settled(reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray) -
             there = np.clip(x + now.step, lower, upper)
             further = read(reading, evaluated_at(problem, there), fit.prior_slopes, free, std)
             if further.before < now.before:
-                done = now.before - further.before < MIN_DECREASE * now.before
+                done = now.before - further.before < decrease * now.before
                 x, now, std = there, further, GROWTH * std
                 if done:
                     break

@@ -52,6 +52,8 @@ def scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str,
         there, V = x, math.inf
         for _ in range(ROUNDS):
             scales = _scales(evaluated_at(fit, there))
+            if not scales.words:
+                break
             V, there = settled(Reading("", "scale", scales.change), fit, there, everything)
         if scales.words:
             yield scales.words, V, there
