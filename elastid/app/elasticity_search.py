@@ -79,7 +79,7 @@ def _coordinates(loaded: LoadedStudy) -> tuple[dict[str, str], Elastic]:
     if not coordinates:
         raise StudyError(
             f"{loaded.path}: nothing of robot {robot.name} is elastic, so there is nothing to search among; give "
-            "springs to gears, to joints without a motor, and stiffness to rods wherever it may give way"
+            "springs to gears, to joints without a motor, and stiffness to rods wherever it may be elastic"
         )
     start = tuple(each.label for each in coordinates if each.kind == "gear")
     return {each.label: each.name for each in coordinates}, start

@@ -7,7 +7,7 @@ s_q and s_v (statistical linearisation),
 .. math:: \frac{z}{q} = (1 - \epsilon) \frac{j \omega}{j \omega + \rho}, \quad
           \rho = \sqrt{2 / \pi}\, \frac{s_v}{z_s}, \quad \epsilon = \frac{2}{\pi} \frac{s_q^2}{z_s^2}
 
-so that the loss of a multisine falls as 1 / omega while that of sigma_1 grows with omega, and both are told apart. (A
+so that the loss of a multisine falls as 1 / omega while that of sigma_1 grows with omega, which distinguishes them. (A
 single sine of amplitude A has 1 - 3 A^2 / (8 z_s^2) + 4 j A / (3 pi z_s), whatever its frequency.) The fit has one law
 for all amplitudes and so extrapolates to none:
 

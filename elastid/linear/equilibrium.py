@@ -2,7 +2,7 @@ r"""Rest under gravity: the operating point of a configuration.
 
 .. math:: \partial V / \partial q + \Phi^T \lambda = B u, \qquad \varphi(q) = 0, \qquad q_m = q_{m0}
 
-The motors stand where they were measured; links and further elastic joints give way until springs, gravity and the
+The motors stand where they were measured; links and further elastic joints deflect until springs, gravity and the
 forces in the loops balance. Redundant constraints leave lambda undetermined by forces that do no work; the smallest is
 taken.
 """

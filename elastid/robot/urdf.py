@@ -56,7 +56,7 @@ class UrdfRobot:
     urdf: path of the file, relative to this one. -- keep it beside the robot's file; xacro must be expanded first.
     joints: by the names of the file, all that move. -- every moving joint of the file, if only as {}: this is where
     motors and springs are added.
-    name: of the robot (default: that of the file). -- where two robots of one type are told apart.
+    name: of the robot (default: that of the file). -- where two robots of one type need names of their own.
     gravity: acceleration in the base frame. -- along -z of the base as in most URDFs; change it for a wall or a
     ceiling.
     source: where the numbers come from; free text. -- where springs and motors come from, since the URDF has none.

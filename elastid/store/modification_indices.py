@@ -23,7 +23,9 @@ def write_indices(file: Any, indices: tuple[ModificationIndex, ...], free: Any) 
         return
     axis = scale(file, _AXIS, [one.name for one in indices], "what the fit held or read otherwise")
     variable(file, f"{_AXIS}_group", [one.group for one in indices], [axis], "its kind")
-    variable(file, f"{_AXIS}_alike", [" | ".join(one.alike) for one in indices], [axis], "not told apart from it")
+    variable(
+        file, f"{_AXIS}_alike", [" | ".join(one.alike) for one in indices], [axis], "cannot be distinguished from it"
+    )
     place = np.array([one.place for one in indices])
     variable(file, f"{_AXIS}_place", place, [axis], "place in the sequence, 0: freed alone")
     for name, what in _NUMBERS.items():

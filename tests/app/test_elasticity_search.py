@@ -1,4 +1,4 @@
-"""elastid compare --search: the joints in which a robot gives way are found, those in which it does not stay rigid."""
+"""elastid compare --search: elastic joints are found, rigid ones stay rigid."""
 
 import json
 import shutil

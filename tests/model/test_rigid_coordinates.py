@@ -1,4 +1,4 @@
-"""What gives way can be rigid: gears, joints and rods, in every formulation, as the limit of ever stiffer springs."""
+"""Elastic gears, joints and rods can be rigid, in every formulation, as the limit of ever stiffer springs."""
 
 from dataclasses import replace
 

@@ -109,7 +109,7 @@ def test_model_survives_pickling():
 
 
 def test_a_posture_in_which_the_model_is_singular_is_refused_and_named():
-    """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be told apart. Bent, the robot stands."""
+    """Wrist axes 4 and 6 in line, no mass between them: their turns cannot be distinguished. Bent, the robot stands."""
     elastic = [Joint(name, axis, Spring(1e4), MOTOR) for name, axis in (("4", "z"), ("5", "y"), ("6", "z"))]
     wrist = Robot(
         "wrist",

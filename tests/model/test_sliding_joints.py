@@ -51,7 +51,7 @@ def test_a_driven_slide_is_the_chain_of_three_masses_that_it_looks_like():
 
 
 def test_a_slide_that_stands_upright_holds_its_weight():
-    """u = m g in N, and the spring gives way by m g / k; the load by its own."""
+    """u = m g in N, and the spring deflects by m g / k; the load by its own."""
     upright = slide(gravity=(-9.81, 0, 0))
     model = serial(upright)
     point = equilibrium(model, model.theta, Configuration("c", [0.2]))

@@ -85,7 +85,7 @@ def test_a_channel_that_a_matlab_file_does_not_hold_is_named_with_those_it_has(
 def test_a_text_that_is_not_a_number_is_refused_with_the_line_of_the_file(
     tmp_path: Path, log: dict[str, np.ndarray]
 ) -> None:
-    """Line 102 of the file is sample 100 after one line of headings; a short line is told apart."""
+    """Line 102 of the file is sample 100 after one line of headings; a short line is recognised."""
     save_csv(tmp_path / "log.csv", log)
     lines = (tmp_path / "log.csv").read_text().splitlines()
     lines[101] = re.sub(r",[^,]*,", ",ERR,", lines[101], count=1)

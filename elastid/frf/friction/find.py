@@ -66,7 +66,7 @@ def find_friction(
 class _Look:
     """What the motion that samples show tells: spectra of each configuration and the shapes that were chosen.
 
-    first: a record.  last: those of the last configuration.  limits: notes of what cannot be told apart.
+    first: a record.  last: those of the last configuration.  limits: notes of what cannot be distinguished.
     """
 
     first: Record
@@ -86,7 +86,8 @@ class _Look:
 class _Seen:
     """One configuration as its samples show it.
 
-    refusal: why friction cannot be found in it, and data None; empty where it can.  limits: what cannot be told apart.
+    refusal: why friction cannot be found in it, and data None; empty where it can.
+    limits: what cannot be distinguished.
     """
 
     name: str

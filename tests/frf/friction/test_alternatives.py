@@ -40,7 +40,7 @@ def test_the_level_may_be_that_of_a_shape_that_fits_as_well() -> None:
 
 
 def test_a_choice_without_alternatives_adds_nothing() -> None:
-    """Shapes that differ are told apart."""
+    """Shapes that differ are distinguished."""
     found = neighbours_of(regression(1.0, 0), CHOSEN, EVERY)
     np.testing.assert_array_equal(found.shapes, CHOSEN)
     assert found.covariance[0, 0] == 0

@@ -23,7 +23,7 @@ from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
 
-# Squared correlation, and ratio of the drops, from which two candidates cannot be told apart.
+# Squared correlation, and ratio of the drops, from which two candidates cannot be distinguished.
 MIN_ALIKE_CORRELATION = 0.95
 MIN_ALIKE_DROP = 0.9
 # And from which the more usual of the two is named first.
@@ -36,7 +36,7 @@ MAX_SEQUENCE = 3
 MAX_ALONE = 15
 MAX_RANKED = 25
 # A delay that explains so much is looked at by its form; forms whose V differs by less, in variances of the noise and
-# as a part of what is left, cannot be told apart.
+# as a part of what is left, cannot be distinguished.
 MIN_LATE_SHARE = 0.1
 MIN_LATE_PART = 0.5
 MAX_LATE = 2
@@ -212,7 +212,7 @@ def _within_reach(optimum: RelinearisedOptimum, result: FitResult) -> FloatArray
 def _of_form(
     form: Late, linear: ModificationIndex | None, alike: list[Late], share: float, moved: FloatArray, scores: Scores
 ) -> ModificationIndex:
-    """linear: the delay that it is to first order.  alike: all forms that cannot be told apart.
+    """linear: the delay that it is to first order.  alike: all forms that cannot be distinguished.
 
     share: of the excess.  moved (n_x,): from the optimum to where the step begins.
     """

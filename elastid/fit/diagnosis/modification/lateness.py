@@ -1,4 +1,4 @@
-r"""How a channel, or all of them, may be late: by a delay, a low pass, a hold; told apart by amplitude and curvature.
+r"""How a channel, or all of them, may be late: by a delay, a low pass, a hold, which differ in gain and curvature.
 
 .. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}, \qquad
           H = e^{-j \omega T / 2}\, \frac{\sin \omega T / 2}{\omega T / 2}

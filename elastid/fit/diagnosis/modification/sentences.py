@@ -13,7 +13,7 @@ from elastid.fit.result import FitResult
 # is the reason.
 MIN_SAID_SHARE = 0.1
 MIN_REASON_SHARE = 0.3
-# A sentence names so many others that cannot be told apart, and the stiffness that moves most, if by so much.
+# A sentence names so many others that cannot be distinguished, and the stiffness that moves most, if by so much.
 MAX_ALIKE = 3
 MIN_EFFECT = 0.005
 # A prior that is recommended is not wider.
