@@ -35,6 +35,7 @@ class FullSum:
 
     def add(self, part: slice, z: ComplexArray) -> ComplexArray:
         """Adds the scatter of z (P, f, n) at some lines; returns its mean (f, n)."""
+        z = np.ascontiguousarray(z)
         mean = z.sum(axis=0) / len(z)
         V = np.moveaxis(z - mean, 0, 2)
         self.S[part] += V @ adjoint(V)
