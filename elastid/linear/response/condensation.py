@@ -49,9 +49,10 @@ class Leaves:
         self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
     ) -> ComplexArray:
         """B^T Z^-1 Y (F, m, n_d) of real B (n, m), Y (n, n_d); other arguments as `solve`."""
-        X = np.ascontiguousarray(self.solve(M, D, K, omega, B).swapaxes(1, 2))
-        F, m, n = X.shape
-        return np.asarray((X.reshape(F * m, n) @ Y.astype(complex)).reshape(F, m, Y.shape[1]))
+        X = np.ascontiguousarray(self.solve(M, D, K, omega, B).swapaxes(0, 1))
+        # Y is real: one product for the real and imaginary parts of all lines.
+        found = Y.T @ X.reshape(len(M), -1).view(np.float64)
+        return np.ascontiguousarray(found.view(np.complex128).reshape(Y.shape[1], *X.shape[1:]).transpose(1, 2, 0))
 
     def solve(self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray) -> ComplexArray:
         """X (F, n, m) of Z = K + j omega D - omega^2 M and real B (n, m); LinAlgError where Z is singular."""
@@ -68,13 +69,14 @@ class Leaves:
             return _solved(_stiffness(M, D, K, omega), B)
         share = z / own
         Z_rr[:, on, on] -= z * share
-        right = np.empty((len(omega), n_r, B.shape[1]), complex)
-        right[...] = B[other]
-        right[:, on] -= share[:, :, None] * B[leaf]
-        X = np.empty((len(omega), len(M), B.shape[1]), complex)
+        right = np.broadcast_to(B[other].astype(complex), (len(omega), n_r, B.shape[1])).copy()
+        i, j = np.nonzero(B[leaf])
+        right[:, on[i], j] -= share[:, i] * B[leaf[i], j]
+        X = np.empty((len(M), len(omega), B.shape[1]), complex).swapaxes(0, 1)  # row by row, as `products` takes it
         solved = np.linalg.solve(Z_rr, right)
         X[:, other] = solved
-        X[:, leaf] = (1 / own)[:, :, None] * B[leaf] - share[:, :, None] * solved[:, on]
+        X[:, leaf] = -share[:, :, None] * solved[:, on]
+        X[:, leaf[i], j] += B[leaf[i], j] / own[:, i]
         return X
 
 

@@ -84,8 +84,9 @@ class Sensitivity:
         """Columns (F, n_e, n_b), each times its scale (n_b,)."""
         n_1 = len(self.sign)
         found = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
-        left = (self.left * (self.sign * scale[:n_1])).astype(found.dtype)
-        right = (self.right * self.gain[:, None, None]).astype(found.dtype)
+        right = self.right.astype(found.dtype)
+        left = right if self.is_alike else self.left.astype(found.dtype)
+        left = left * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(found.dtype)[:, None]
         np.multiply(left.take(self.outputs, axis=1), right.take(self.inputs, axis=1), out=found[:, :, :n_1])
         np.multiply(self.whole, scale[n_1:], out=found[:, :, n_1:], casting="same_kind")
         return found
