@@ -1,0 +1,137 @@
+"""A worker that is killed in any stage changes no byte: the files are those of a run in one process."""
+
+import os
+import shutil
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+from plants.friction_records import TEMPLATE
+
+from elastid.app.compare import compare
+from elastid.app.console import Console
+from elastid.app.run import Run, run_stage
+from elastid.app.stage_table import STAGES, module_of
+from elastid.base import execution
+from elastid.base.execution import load_for_workers
+from elastid.study import load
+
+# Friction is sought, starts, repetitions and refits are several: all that works in parallel.
+ELASTIC = (
+    "experiment.realisations=2",
+    "estimator.friction=coulomb",
+    "fit.bootstrap=40",
+    "fit.profile=[k_1]",
+    "validation.folds=2",
+    "compare.variants=[{name: other weights, set: [fit.start_factor=2]}]",
+)
+# The least that tells Coulomb and viscous friction.
+FRICTION = (
+    "friction.rate_hz=500",
+    "friction.passes={count: 5, repeat: 1, speeds: [10 deg/s, 60 deg/s], window: [-30 deg, 30 deg]}",
+    "friction.law={stribeck: no, directions: no, load: no, temperature: no}",
+    "report.formats=[png]",
+)
+# Stages of both kinds of study that have work for several processes.
+PARALLEL = {
+    "elastic": {"design", "measure", "estimate", "fit", "validate", "report", "compare"},
+    "friction": {"measure", "report"},
+}
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="kills as POSIX does"),
+]
+
+
+class DyingOnce:
+    """The work of a stage; the process that has the first value of it is killed, as by a system without memory."""
+
+    def __init__(self, function: Callable[[Any], Any], died: Path) -> None:
+        self.function = function
+        self.died = died
+
+    def __call__(self, item: Any) -> Any:
+        value = self.function(item)
+        with suppress(FileExistsError):
+            self.died.touch(exist_ok=False)
+            os.kill(os.getpid(), signal.SIGKILL)
+        return value
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, str]) -> dict[str, Run]:
+    """Studies of both kinds, run by one process."""
+    home = tmp_path_factory.mktemp("runs")
+    (home / "elastic").mkdir()
+    for name, text in zip(("study.yml", "robot.yml"), tiny_texts, strict=True):
+        (home / "elastic" / name).write_text(text)
+    shutil.copytree(TEMPLATE, home / "friction")
+    found = {
+        kind: Run(load(home / kind / "study.yml", options), home / kind / "run", 1, Console(-1))
+        for kind, options in (("elastic", ELASTIC), ("friction", FRICTION))
+    }
+    for run in found.values():
+        assert tuple(worked(run, works(run))) == works(run)
+    return found
+
+
+def works(run: Run) -> tuple[str, ...]:
+    """The stages of a study, and the comparison where there is a fit."""
+    return (*run.stages, "compare") if "fit" in run.stages else tuple(run.stages)
+
+
+def worked(run: Run, names: Sequence[str]) -> Iterator[str]:
+    """The name of each stage, after it was carried out."""
+    load_for_workers(sorted({module_of(stage.function) for stage in STAGES}))
+    for name in names:
+        compare(run) if name == "compare" else run_stage(run, name)
+        yield name
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    """All but the log, which has the time in it."""
+    found = (path for path in folder.rglob("*") if path.is_file() and path.name != "run.log")
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in found}
+
+
+def stages_with_deaths(
+    run: Run, names: Sequence[str], folder: Path, monkeypatch: pytest.MonkeyPatch, work_in: str
+) -> set[str]:
+    """Stages carried out, and in which of them a worker died; work_in: the function that hands their work out."""
+    found, flag = set[str](), folder / "died"
+    parallel = getattr(execution, work_in)
+
+    def dying(*given: Any) -> Iterator[Any]:
+        return parallel(*(DyingOnce(one, flag) if callable(one) else one for one in given))
+
+    monkeypatch.setattr(execution, work_in, dying)
+    for name in worked(run, names):
+        if flag.exists():
+            found.add(name)
+            flag.unlink()
+    return found
+
+
+@pytest.mark.parametrize("kind", ["elastic", "friction"])
+def test_a_process_that_is_killed_in_each_stage_changes_no_byte(
+    runs: dict[str, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """Of two, one that has done its first part."""
+    run = Run(runs[kind].loaded, tmp_path / "run", 2, Console(-1))
+    assert stages_with_deaths(run, works(run), tmp_path, monkeypatch, "_by_processes") == PARALLEL[kind]
+    assert files(run.folder) == files(runs[kind].folder)
+
+
+@pytest.mark.parametrize(("kind", "names"), [("elastic", ("measure", "fit")), ("friction", ("measure", "report"))])
+def test_workers_that_start_anew_change_no_byte(
+    runs: dict[str, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, names: tuple[str, ...]
+) -> None:
+    """As on Windows, where there is no process to copy; each worker then loads its libraries, which takes seconds."""
+    monkeypatch.setattr(execution, "get_all_start_methods", lambda: ["spawn"])
+    run = Run(runs[kind].loaded, Path(shutil.copytree(runs[kind].folder, tmp_path / "run")), 2, Console(-1))
+    assert tuple(worked(run, names)) == names
+    assert files(run.folder) == files(runs[kind].folder)
