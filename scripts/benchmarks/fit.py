@@ -1,6 +1,6 @@
 """How fast the fit is: the kernel against bare solves, a whole fit against other solvers and libraries, in one run.
 
-    python scripts/benchmarks/fit.py [--quick] [--growth] [--memory]
+    python scripts/benchmarks/fit.py [--quick] [--passes | --growth | --memory]
 
 20 configurations x 200 lines, 18 coordinates, 6 inputs and outputs, 40 logarithmic parameters (12 stiffnesses, 12
 dampings, 6 motor frictions, 4 joint frictions, 6 rotor inertias), weights from a full 36 x 36 covariance at every line:
@@ -9,9 +9,9 @@ differences, the same Jacobian; every fit must reach the same cost. `floor` is t
 96 kflop a line, at the rate of a zgemm on this machine. least_squares of SciPy is given residuals and Jacobian as small
 as elastid's own, 21 complex residuals of 36 and columns of rank one, from several starts: median and worst ratio.
 CasADi (MX, automatic differentiation, LAPACK) and, where it is installed, JAX (jacfwd, compiled) work out residuals,
-Jacobian and normal matrix of one configuration. --growth: time for twice the lines and twice the configurations.
---memory: resident memory of a fit with correlated weights, alone. The last line is one JSON object with the numbers of
-the table; that of the last full run is in last_run.json.
+Jacobian and normal matrix of one configuration. Alone: --passes, the first table; --growth, time for twice the lines
+and twice the configurations; --memory, resident memory of a fit with correlated weights. The last line is one JSON
+object with the numbers; last_run.json has those of the last run of each part.
 
 Measured (CPU time, medians in turn, a machine of two cores with much else to do): with loops in C one
 evaluation takes 2.0 (evaluation_over_solve) times the bare solves and 8.6 (evaluation_over_floor) times the floor,
@@ -388,16 +388,20 @@ def print_table(title: str, headings: Sequence[str], rows: dict[str, Sequence[st
     print()
 
 
-def quoted(
-    kernel: dict[str, float], others: dict[str, float], ratios: dict[str, list[float]], spread: float
-) -> dict[str, float]:
-    """The figures that texts quote."""
+def of_passes(kernel: dict[str, float]) -> dict[str, float]:
+    """The figures of single passes that texts quote."""
     return {
         "kernel_over_solve": round(kernel["responses and derivatives"] / kernel[BARE], 2),
         "evaluation_over_solve": round(kernel[EVALUATION] / kernel[BARE], 2),
         "evaluation_over_floor": round(kernel[EVALUATION] / kernel[FLOOR], 2),
         "numpy_evaluation_over_solve": round(kernel[PLAIN] / kernel[BARE], 2),
         "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
+    }
+
+
+def of_fits(others: dict[str, float], ratios: dict[str, list[float]], spread: float) -> dict[str, float]:
+    """The figures of whole fits and of other libraries that texts quote."""
+    return {
         **{f"{name.split()[0].lower().strip(',')}_over_evaluation": round(v, 1) for name, v in others.items()},
         "faster_than_same_jacobian": round(statistics.median(ratios[COMPRESSED]), 1),
         "faster_than_same_jacobian_at_worst": round(ratios[COMPRESSED][0], 1),
@@ -407,8 +411,8 @@ def quoted(
     }
 
 
-def compare(Q: int, F: int, quick: bool) -> dict[str, float]:
-    """Print the kernel, single lines and whole fits beside their peers; what texts quote of them."""
+def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
+    """Print the kernel and, if not alone, single lines and whole fits beside their peers; what texts quote of them."""
     fit, x0 = assemble(Q, F)
     n, n_x = fit.parts[0].kernel.model.n, len(x0)
     print(f"Q = {Q}, F = {F}, n = {n}, P = {n_x}, {fit.n_residuals} real residuals, one BLAS thread")
@@ -422,6 +426,9 @@ def compare(Q: int, F: int, quick: bool) -> dict[str, float]:
         for name, value in kernel.items()
     }
     print_table("one pass over all configurations", ("ms", "x solve", "x floor"), passes)
+    found = {"Q": Q, "F": F, "n": n, "P": n_x, "compiled": compiled, **of_passes(kernel)}
+    if passes_only:
+        return found
 
     others = line_for_line(fit, kernel[EVALUATION] / (Q * F), 4 if quick else 40)
     print_table("one evaluation, line for line", ("x elastid",), {k: (f"{v:.1f}",) for k, v in others.items()})
@@ -439,22 +446,26 @@ def compare(Q: int, F: int, quick: bool) -> dict[str, float]:
     }
     print_table("a whole fit, x elastid", ("median", "worst", "V"), fits)
     spread = max(costs.values()) / min(costs.values()) - 1
-    return {"Q": Q, "F": F, "n": n, "P": n_x, "compiled": compiled, **quoted(kernel, others, ratios, spread)}
+    return found | of_fits(others, ratios, spread)
 
 
 def main() -> None:
     """The tables, then one JSON line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a small problem, to see that it runs")
-    parser.add_argument("--growth", action="store_true", help="also how time grows")
-    parser.add_argument("--memory", action="store_true", help="memory of a fit alone")
+    parts = parser.add_mutually_exclusive_group()
+    parts.add_argument("--passes", action="store_true", help="single passes alone")
+    parts.add_argument("--growth", action="store_true", help="how time grows, alone")
+    parts.add_argument("--memory", action="store_true", help="memory of a fit alone")
     given = parser.parse_args()
     Q, F = (2, 12) if given.quick else (20, 200)
     if given.memory:
-        print(json.dumps(memory(Q, F)))
-        return
-    found = compare(Q, F, given.quick)
-    print(json.dumps(found | (growth(F, Q // 2) if given.growth else {})))
+        found = memory(Q, F)
+    elif given.growth:
+        found = growth(F, Q // 2)
+    else:
+        found = compare(Q, F, given.quick, given.passes)
+    print(json.dumps(found))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ lines do not need; the package best-linear-approximation (its `noisy_input`) whe
 Case welch: H1 of one record of white noise without a period, 3 x 3, 2 million samples, against H1 of scipy.signal.csd
 pair by pair and at once: Hann segments of 1024 samples that overlap by half; elastid's time holds coherences and
 covariance, too.  The largest relative difference of G is rounding.
-The last line is one JSON object with the numbers of the table; that of the last full run is in last_run.json.
+The last line is one JSON object with the numbers of the table; last_run.json has those of the last run of each part.
 
 Measured (CPU time, medians in turn, a machine of two cores with much else to do): the odd lines take
 1.28 (B_over_floor) and all lines 5.9 (A_over_floor) times the floor and
