@@ -66,17 +66,17 @@ def axes(path: Path) -> None:
         for angle, color in ((0.0, "0.75"), (30.0, "#0072b2")):
             along = np.array([np.cos(np.radians(offset + angle)), np.sin(np.radians(offset + angle))])
             ax.plot([0, along[0]], [0, along[1]], lw=9, color=color, alpha=0.5, solid_capstyle="round")
-            ax.annotate(f"q = {angle:g} deg", 1.12 * along, fontsize=8, ha="center", va="bottom")
+            ax.annotate(f"q = {angle:g} deg", 1.06 * along + [0.0, 0.05], fontsize=10, ha="center", va="bottom")
         turned = np.radians(30.0)  # the offset comes behind the elastic joints: their axes turn by q alone
         x, y = np.array([np.cos(turned), np.sin(turned)]), np.array([-np.sin(turned), np.cos(turned)])
-        for direction, name in ((x, "x of joint 1x"), (y, "y of joint 1y")):
+        for direction, name, place in ((x, "x of joint 1x", (0.34, 0.06)), (y, "y of joint 1y", (-0.82, 0.36))):
             ax.annotate("", 0.5 * direction, (0, 0), arrowprops={"arrowstyle": "-|>", "color": "#d55e00", "lw": 1.8})
-            ax.annotate(name, 0.56 * direction, fontsize=9, va="bottom", color="#d55e00")
+            ax.annotate(name, place, fontsize=10, va="bottom", color="#d55e00")
         ax.plot(0, 0, "o", ms=9, mfc="white", mec="black")
         ax.plot(0, 0, ".", ms=4, color="black")
-        ax.annotate("z, driven: joint 1, towards you", (0, 0), fontsize=8, xytext=(4, -17), textcoords="offset points")
+        ax.annotate("z, driven: joint 1, towards you", (0, 0), fontsize=10, xytext=(4, -19), textcoords="offset points")
         ax.axhline(0, lw=0.5, color="0.6", ls="--")
-        ax.set(aspect="equal", xlim=(-0.75, 1.3), ylim=(-0.4, 1.25), title=words)
+        ax.set(aspect="equal", xlim=(-0.85, 1.3), ylim=(-0.4, 1.25), title=words)
         ax.axis("off")
     figure.suptitle(
         "the link stands at offset + q (drawn for q = 0 and 30 deg); axes of elastic joints turn by q alone",
