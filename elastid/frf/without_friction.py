@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.base.note import Note
 from elastid.frf.distortion import interpolated
 from elastid.frf.estimate import estimate
 from elastid.frf.friction.bias import SYSTEMATIC_ERRORS
@@ -29,6 +30,9 @@ from elastid.response import FrequencyResponse
 
 # Errors of the levels that are smaller than this part of the largest are left out.
 _MIN_ERROR = 1e-4
+# Variance of a response by noise and distortion over that by noise alone, median of its elements, from which on
+# distortion that no motor's friction explains is warned of.
+_MIN_DISTORTION = 10.0
 
 
 def estimate_without_friction(
@@ -44,12 +48,35 @@ def estimate_without_friction(
     Raises DataError as `estimate` does.
     """
     response = estimate(tuple(net_records(records, friction, E)), spec, planned_lines)
-    if friction is None or not friction.shapes:
+    if friction is None:
+        return response
+    response = replace(response, notes=(*response.notes, *_unexplained(response, friction)))
+    if not friction.shapes:
         return response
     errors = _level_errors(records, friction, response, spec, planned_lines, E)
     none = np.zeros((SYSTEMATIC_ERRORS, *errors.shape[1:]), complex)
     before = none if response.bias is None else response.bias
     return replace(response, bias=np.concatenate([before[:-1], errors, before[-1:]]))
+
+
+def _unexplained(response: FrequencyResponse, friction: FrictionTakenOut) -> tuple[Note, ...]:
+    """A note where distortion far above the noise was not found to be friction of some motors."""
+    others = [place for place in friction.places if place not in friction.taken_places()]
+    if not others or not friction.configurations or response.noise is None or response.total is None:
+        return ()
+    known = response.noise.variance > 0
+    if not known.any():
+        return ()
+    ratio = float(np.median(response.total.variance[known] / response.noise.variance[known]))
+    if ratio < _MIN_DISTORTION:
+        return ()
+    motors = ", ".join(others)
+    text = (
+        f"distortion leaves {np.sqrt(ratio):.2g} times the scatter of the noise, and no friction of {motors} "
+        "explains it: dry friction behind a gear, which the motor's angle does not show, would put stiffness and "
+        "damping off by several of their standard deviations; compare with a run of twice the torque"
+    )
+    return (Note("unexplained-distortion", text, f"configuration {response.configuration.name}"),)
 
 
 def _level_errors(

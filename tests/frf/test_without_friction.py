@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from plants.dry_friction import measured
+from plants.dry_friction import measured, measured_bristles
 
 from elastid.frf.estimate import estimate
 from elastid.frf.friction.find import find_friction
@@ -14,7 +14,8 @@ from elastid.frf.friction.shafts import on_links, on_shafts
 from elastid.frf.spec import EstimatorSpec
 from elastid.frf.without_friction import estimate_without_friction
 
-COULOMB = EstimatorSpec(friction="coulomb")
+COULOMB, AUTO = EstimatorSpec(friction="coulomb"), EstimatorSpec(friction="auto")
+UNEXPLAINED = "unexplained-distortion"
 E = np.array([[1.0, 0.0], [-0.4, 1.0]])
 
 
@@ -57,3 +58,15 @@ def test_friction_that_stays_leaves_the_response_as_it_is() -> None:
     np.testing.assert_array_equal(
         estimate_without_friction(records, None, COULOMB, lines).G, estimate(records, COULOMB, lines).G
     )
+
+
+def test_distortion_that_no_friction_of_a_motor_explains_is_warned_of(found: FrictionTakenOut) -> None:
+    """Of Coulomb friction behind the gears, which stays in the response; not of that at the motors, taken out."""
+    (behind, *_), lines = measured_bristles("joint")
+    left = find_friction([behind], AUTO, lines)
+    assert left.taken_places() == ()
+    (note,) = [one for one in estimate_without_friction(behind, left, AUTO, lines).notes if one.code == UNEXPLAINED]
+    assert note.severity == "warning"
+    assert "no friction of motor 1, motor 2 explains it" in note.text
+    (records, _), lines = measured()
+    assert UNEXPLAINED not in {one.code for one in estimate_without_friction(records, found, COULOMB, lines).notes}
