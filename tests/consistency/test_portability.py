@@ -9,9 +9,14 @@ SOURCES = sorted(Path(elastid.__file__).parent.rglob("*.py"))
 # Modules, and names of `os` and `signal`, that Windows lacks.
 POSIX_MODULES = {"fcntl", "resource", "pwd", "grp", "termios", "pty"}
 POSIX_NAMES = {
-    "os": {"fork", "getuid", "geteuid", "O_DIRECTORY", "sched_getaffinity", "setsid", "killpg", "mkfifo"},
-    "signal": {"SIGKILL", "SIGHUP", "SIGALRM", "pthread_sigmask", "setitimer", "SIG_BLOCK", "SIG_SETMASK"},
-    "multiprocessing": {"forkserver"},
+    name: set(words.split())
+    for name, words in {
+        "os": "fork getuid geteuid getpgid setsid killpg nice chown fchmod mkfifo uname sysconf statvfs getloadavg "
+        "sched_getaffinity O_DIRECTORY O_NOFOLLOW O_CLOEXEC",
+        "signal": "SIGKILL SIGHUP SIGALRM SIGUSR1 SIGPIPE SIG_BLOCK SIG_SETMASK alarm setitimer pthread_kill "
+        "pthread_sigmask",
+        "multiprocessing": "forkserver",
+    }.items()
 }
 PLACES = ("/tmp", "/proc", "/dev/", "/etc/")
 
@@ -96,6 +101,18 @@ def test_every_text_is_utf_8() -> None:
             of_os = ast.unparse(node.func) in ("os.open", "nptdms.TdmsFile.open")
             if not (of_os or any("b" in mode or "utf-8" in mode.lower() for mode in modes)):
                 found.append(f"{path}:{node.lineno}: {ast.unparse(node)}")
+    assert found == []
+
+
+def test_what_other_programs_say_is_not_read_in_the_encoding_of_the_system() -> None:
+    """Their words are UTF-8 or bytes, and what is neither is replaced."""
+    found = [
+        f"{path}:{node.lineno}: {ast.unparse(node)}"
+        for path, tree in trees()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and {"text", "universal_newlines"} & {word.arg for word in node.keywords}
+        if ast.unparse(node.func).startswith("subprocess.")
+    ]
     assert found == []
 
 

@@ -94,7 +94,12 @@ def compiled(compiler: str, sources: Mapping[str, str], version: int) -> bytes:
         library = Path(temporary) / f"{IDENTIFIER}.library"
         command = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", str(library)]
         done = subprocess.run(
-            [*command, *SOURCES[version], "-lm"], cwd=temporary, capture_output=True, text=True, check=False
+            [*command, *SOURCES[version], "-lm"],
+            cwd=temporary,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+            check=False,
         )
         if done.returncode:
             raise StudyError(f"export to fmu: {compiler} cannot compile the unit: {done.stderr.strip()[:400]}")
