@@ -3,7 +3,7 @@ r"""Optimal design: the shares of candidates of known information in an experime
 .. math:: \max_\lambda\ \varphi\Big(M_0 / N + \sum_i \lambda_i H_i\Big), \quad \lambda_i \ge 0, \ \sum_i \lambda_i = 1
 
 phi = ln Phi_p of the information M_S = [(M^-1)_SS]^-1 on the parameters of interest, Phi_p the mean of power -p of its
-eigenvalues (Kiefer): p = 0 is D, their geometric mean, p = 1 is A, their harmonic mean, p -> infinity is E, the
+eigenvalues, after Kiefer; p = 0 is D, their geometric mean, p = 1 is A, their harmonic mean, p -> infinity is E, the
 smallest. Phi is concave and homogeneous, so that with g_i = Tr(grad phi H_i) no design is better than phi + ln max g_i;
 for D g_i = Tr(M^-1 H_i) / d. Multiplicative updates lambda_i <- lambda_i g_i^c climb to it. (Silvey, Titterington and
 Torsney 1978; Pukelsheim, Optimal Design of Experiments, chapters 6 and 12, for bound and rounding.) The smallest
