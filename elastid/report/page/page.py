@@ -176,7 +176,7 @@ def rendered(figure: Figure, kind: FigureFormat) -> bytes:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Under a temporary name first, so that a killed run leaves no half file."""
+    """Under a temporary name first, so that a killed run leaves no half file; OSError names the file."""
     temporary = path.with_name(f".{path.name}.part")
     try:
         with temporary.open("wb") as file:
@@ -184,5 +184,7 @@ def write_whole(path: Path, data: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     finally:
         temporary.unlink(missing_ok=True)
