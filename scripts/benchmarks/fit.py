@@ -292,7 +292,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
             V = R @ block.columns(scale, np.float64)
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
-            residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)[0]).ravel())
+            residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)).ravel())
             slopes.append(np.concatenate([dr.real[:, :, None], dr.imag[:, :, None]], axis=2).reshape(-1, len(x)))
     return np.concatenate(residuals), np.concatenate(slopes)
 
@@ -303,7 +303,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
         known, (rows, columns) = with_R.normal._compressed, part.normal.columns.elements
         G = part.kernel.response(fit.theta(part, x))[:, rows, columns]
-        found.append(as_real(known.R.residual(slice(None), known.q, G)[0]).ravel())
+        found.append(as_real(known.R.residual(slice(None), known.q, G)).ravel())
     return np.concatenate(found)
 
 

@@ -12,7 +12,7 @@ from elastid.base.arrays import ComplexArray
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.least_squares import Evaluation
 from elastid.fit.problem.line_loops import BATCH, is_compiled
-from elastid.fit.problem.triangle import Full, Packed
+from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
@@ -64,8 +64,8 @@ def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, precision):
     q, slope, omega = circular(rng, (F, n_e)), circular(rng, (F, n_e)), part.s.imag
     upper = np.triu(np.ones((n_1 + n_2,) * 2))
     for G, of_e in ((part.G, None), (None, slope)):
-        found = Packed.of(R).sums(part, q, G, of_e, scale, omega, precision)
-        expected = Full(R).sums(part, q, G, of_e, scale, omega, precision)
+        found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, omega, precision)
+        expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, omega, precision)
         assert found.cost == pytest.approx(expected.cost, rel=1e-13)
         for one, other in ((found.weight, expected.weight), (found.pulled, expected.pulled)):
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(other).max(initial=1.0))

@@ -21,7 +21,7 @@ import numpy as np
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.fit.problem.line_loops import is_compiled
 from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
-from elastid.fit.problem.triangle import Full, Packed
+from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.weights.full_covariance import Whitening
 from elastid.linear.response.derivatives import Columns
 
@@ -59,8 +59,8 @@ class NormalEquations:
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
         weights, R = [], self._compressed.R
         for part in self.columns.at(theta):
-            constant, q, G, slope = self._residual(part.block, part.G)
-            found = R.sums(part, q, G, slope, scale, part.s.imag / omega_0, precision)
+            constant, e = self._residual(part.block, part.G)
+            found = R.sums(part, e, scale, part.s.imag / omega_0, precision)
             V += constant + found.cost
             pull += found.pulled
             moments += found.moments
@@ -90,19 +90,17 @@ class NormalEquations:
             return np.zeros(len(self.columns.kernel.wanted))
         return self.columns.pull_images(theta, np.concatenate(weights))
 
-    def _residual(
-        self, block: slice, G: ComplexArray
-    ) -> tuple[float, ComplexArray, ComplexArray | None, ComplexArray | None]:
-        """What `sums` needs for the residuals of some lines: a constant that V has beside |r|^2, q, G and slope."""
+    def _residual(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
+        """The residuals of some lines, and a constant that V has beside |r|^2."""
         known = self._compressed
         if self.criterion == "complex":
-            return float(known.constant[block].sum()), known.q[block], G, None
+            return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
         whitened = self._whitened(
             self._mixing, block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
         )
         slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
         r = self._projected(known.Q[block], whitened)
-        return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), r, None, slope
+        return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
 
     def _full(self, G: ComplexArray) -> ComplexArray:
         """G (F, n_y, n_u) of its elements (F, n_e)."""

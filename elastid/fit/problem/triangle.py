@@ -21,6 +21,14 @@ Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 Precision: TypeAlias = type[np.floating[Any]]
 
 
+class LineResiduals(NamedTuple):
+    """r = q - R g of a block of lines, all (F, n_e); without g q is r.  slope: of e to g, where it is not 1."""
+
+    q: ComplexArray
+    G: ComplexArray | None = None
+    slope: ComplexArray | None = None
+
+
 class LineSums(NamedTuple):
     """Of a block of lines, with columns U (F, n_e, n_b), s = j omega and the residuals r = q - R g of its elements.
 
@@ -47,19 +55,10 @@ class Full:
         return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
 
     def sums(
-        self,
-        part: Sensitivity,
-        q: ComplexArray,
-        G: ComplexArray | None,
-        slope: ComplexArray | None,
-        scale: FloatArray,
-        omega: FloatArray,
-        precision: Precision,
+        self, part: Sensitivity, e: LineResiduals, scale: FloatArray, omega: FloatArray, precision: Precision
     ) -> LineSums:
-        """The sums of a block of lines; q, G and slope of its elements (F, n_e).
-
-        Without G q is r, without slope it is 1.  precision: of the moments.
-        """
+        """The sums of a block of lines; precision: of the moments."""
+        q, G, slope = e
         R = self.R[part.block]
         r = q if G is None else self.residual(part.block, q, G)
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
@@ -89,17 +88,10 @@ class Packed:
         return cls(line_loops.packed(R))
 
     def sums(
-        self,
-        part: Sensitivity,
-        q: ComplexArray,
-        G: ComplexArray | None,
-        slope: ComplexArray | None,
-        scale: FloatArray,
-        omega: FloatArray,
-        precision: Precision,
+        self, part: Sensitivity, e: LineResiduals, scale: FloatArray, omega: FloatArray, precision: Precision
     ) -> LineSums:
         """As `Full.sums`."""
-        return LineSums(*line_loops.sums(part, self.R, q, G, slope, scale, omega, precision))
+        return LineSums(*line_loops.sums(part, self.R, *e, scale, omega, precision))
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:
