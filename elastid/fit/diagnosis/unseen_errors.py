@@ -20,6 +20,7 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.note import Note
 from elastid.fit.diagnosis.misfit import MIN_DROP, MIN_EFFECT
+from elastid.fit.diagnosis.modification.held_numbers import RATE
 from elastid.fit.diagnosis.modification.scores import Scores
 from elastid.fit.result import FitResult
 
@@ -97,7 +98,7 @@ def _note(every: list[UnseenError], result: FitResult) -> Note:
     return Note(
         "held-as-exact",
         f"the intervals take as exact what the fit held: {', '.join(moves)}{more}; up to "
-        f"{_amount(every[0].error, every[0])} of {every[0].name} shows in no residual: measure them as exactly, or "
+        f"{_amount(every[0].error, every[0])} of {_key(every[0])} shows in no residual: measure them as exactly, or "
         "fit those that can be with a prior",
         severity="information",
     )
@@ -111,7 +112,12 @@ def _stated(place: int, result: FitResult) -> str:
 
 
 def _per_std(one: UnseenError) -> str:
-    return f"{_amount(one.per_std, one)} of {one.name}"
+    return f"{_amount(one.per_std, one)} of {_key(one)}"
+
+
+def _key(one: UnseenError) -> str:
+    """As the files of study and robot, or fit.parameters, call the number."""
+    return "rate_hz" if one.name == RATE else one.name
 
 
 def _amount(error: float, one: UnseenError) -> str:
