@@ -1,14 +1,17 @@
-"""The report on paper: one PDF with notes, verdict, parameters and modes in front of all figures."""
+"""The report on paper: a PDF of a title page, notes, verdict, whole tables and all figures, on numbered A4 pages."""
 
 from __future__ import annotations
 
 import io
 import textwrap
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain, groupby
 
+import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from elastid.base.note import NoteGroup
 from elastid.base.numbers import digits, interval_of, number, percent
@@ -18,6 +21,7 @@ from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing
 from elastid.report.friction_rows import FrictionRow, friction_rows
 from elastid.report.modes.mode_row import ModeRow
+from elastid.report.overview import numbers_answer, residual_sentence, summary_line, verdict_sentence
 from elastid.report.parameter_rows import ParameterRow, parameter_rows
 from elastid.validation.twin import describe_balance
 from elastid.validation.twin_run import TwinFindings
@@ -25,6 +29,12 @@ from elastid.validation.twin_run import TwinFindings
 # A4 in inches; letters in a line and lines on a page, in a fixed-width font of style.NORMAL points.
 PAPER = (8.27, 11.69)
 MAX_LETTERS, MAX_LINES = 96, 68
+# Letters of a line of the title page, of its title and of its text.
+TITLE_LETTERS, TEXT_LETTERS = 30, 74
+# Inches between a page number and the edges of the paper.
+MARGIN = 0.45
+# Of what stands beside the text.
+INK = "#555555"
 # Without names and dates of the writing program the same pages give the same bytes.
 PDF_METADATA = {"Creator": None, "Producer": None, "CreationDate": None}
 
@@ -38,30 +48,75 @@ def missing_glyphs_allowed() -> Iterator[None]:
 
 
 def front_pages(content: ReportContent) -> Iterator[Figure]:
-    """Title, notes, verdict and the tables of parameters, friction and modes, on as many pages as they take."""
-    return text_pages(list(_text(content)))
+    """The title page, then notes, verdict and the tables of parameters, friction and modes."""
+    result, agreements = content.result, content.validation.configurations
+    rows = parameter_rows(result, content.truth, content.contents)
+    status = result.status.replace("_", " ").upper()
+    said = [
+        summary_line(content),
+        f"{status}: {verdict_sentence(result, rows, agreements)}.",
+        f"Are the numbers good? {numbers_answer(result, rows)}",
+        f"Where does the model fail? {residual_sentence(result, agreements)}",
+    ]
+    yield title_page(content.title, said, content.provenance)
+    yield from text_pages(list(_text(content)))
+
+
+def title_page(title: str, said: Sequence[str], provenance: Mapping[str, str]) -> Figure:
+    """Title, what was found in sentences, and where it came from."""
+    figure = Figure(figsize=PAPER)
+    large = "\n".join(textwrap.wrap(title, TITLE_LETTERS))
+    figure.text(0.1, 0.7, style.plain(large), va="bottom", fontsize=26, weight="bold")
+    text = "\n\n".join("\n".join(textwrap.wrap(sentence, TEXT_LETTERS)) for sentence in said)
+    figure.text(0.1, 0.66, style.plain(text), va="top", fontsize=11, linespacing=1.35)
+    origin = "\n".join("\n".join(wrapped(f"{name}: {words}")) for name, words in provenance.items())
+    figure.text(0.1, 0.08, style.plain(origin), va="bottom", fontsize=style.NORMAL, color=INK, linespacing=1.35)
+    return figure
 
 
 def text_pages(lines: Sequence[str]) -> Iterator[Figure]:
-    """Lines of text on as many pages as they take."""
-    for start in range(0, len(lines), MAX_LINES):
+    """Lines of text on as many pages as they take; lines without an empty one between them stay on one page."""
+    for page in paged(lines, MAX_LINES):
         figure = Figure(figsize=PAPER)
-        text = style.plain("\n".join(lines[start : start + MAX_LINES]))
+        text = style.plain("\n".join(page))
         figure.text(0.08, 0.95, text, va="top", family="monospace", fontsize=style.NORMAL, linespacing=1.25)
         yield figure
 
 
-def bound(front: Iterable[Figure], drawn: Iterable[Drawing]) -> bytes:
+def paged(lines: Sequence[str], most: int) -> list[list[str]]:
+    """Lines on pages of at most so many; a table longer than a page has its head again on the next."""
+    pages: list[list[str]] = [[]]
+    for table in (list(group) for empty, group in groupby(lines, key=lambda line: not line) if not empty):
+        if pages[-1] and len(pages[-1]) + 1 + len(table) > most:
+            pages.append([])
+        pages[-1] += ["", *table] if pages[-1] else table
+        while len(pages[-1]) > most:
+            pages.append([table[0], *pages[-1][most:]])
+            del pages[-2][most:]
+    return pages
+
+
+def bound(title: str, front: Iterable[Figure], drawn: Sequence[Drawing]) -> bytes:
     """A PDF of the front pages and the figures, each drawn when its turn comes, so that no figure need be kept."""
     from matplotlib.backends.backend_pdf import PdfPages  # brings the subsetting of fonts, for few reports
 
-    file = io.BytesIO()
-    with PdfPages(file, metadata=PDF_METADATA) as pdf, missing_glyphs_allowed():
-        for page in front:
-            pdf.savefig(page)
-        for drawing in drawn:
-            pdf.savefig(drawing.draw())
+    file, pages = io.BytesIO(), list(front)
+    known = PDF_METADATA | {"Title": title, "Subject": "Elasticity and friction of a robot, identified by elastid"}
+    with PdfPages(file, metadata=known) as pdf, missing_glyphs_allowed():
+        for number, figure in enumerate(chain(pages, (one.draw() for one in drawn)), start=1):
+            pdf.savefig(figure, bbox_inches=_numbered(figure, f"{number} / {len(pages) + len(drawn)}"))
     return file.getvalue()
+
+
+def _numbered(figure: Figure, text: str) -> Bbox:
+    """The sheet about a figure, in its inches: A4, upright or lying, larger where the figure is; its number is set."""
+    size = figure.get_size_inches()
+    sheets = [np.array(paper) * max(1.0, *(size / paper)) for paper in (PAPER, PAPER[::-1])]
+    sheet = min(sheets, key=lambda one: float(one.prod()))
+    low = (size - sheet) / 2
+    right, bottom = (low + sheet * (1, 0) + MARGIN * np.array([-1, 1])) / size
+    figure.text(right, bottom, text, ha="right", va="bottom", fontsize=style.SMALL, color=INK)
+    return Bbox([low, low + sheet])
 
 
 def _text(content: ReportContent) -> Iterator[str]:
@@ -76,11 +131,10 @@ def _text(content: ReportContent) -> Iterator[str]:
     yield from columns([("parameter", "unit", "estimate", "std", "95 % interval", ""), *map(_row, rows)])
     yield from friction_text(content.friction)
     rate_is_known = all(measured.rate_is_known for measured, _ in content.frf)
-    modes = [line for row in content.modes for line in _modes(row)]
-    if modes:
+    unit = style.frequency_unit(rate_is_known)
+    for row in content.modes:
         yield ""
-        unit = style.frequency_unit(rate_is_known)
-        yield from columns([("configuration", "mode", unit, "damping", "energy in"), *modes])
+        yield from columns([("configuration", "mode", unit, "damping", "energy in"), *_modes(row)])
 
 
 def friction_text(friction: FrictionTakenOut | None) -> Iterator[str]:

@@ -61,13 +61,14 @@ def write_report(
     With pdf among the formats also folder/report.pdf: verdict, notes, parameters and modes, and all figures.
     Every file appears whole or not at all, the page last. The same content gives the same bytes, whatever `execution`.
     """
-    embedded = write_figures(drawings(content), front_pages(content), folder, formats, execution)
+    embedded = write_figures(content.title, drawings(content), front_pages(content), folder, formats, execution)
     page = folder / "report.html"
     write_whole(page, html(content, embedded).encode("utf-8"))
     return page
 
 
 def write_figures(
+    title: str,
     drawn: Iterable[Drawing],
     front: Iterable[Figure],
     folder: Path,
@@ -83,7 +84,7 @@ def write_figures(
     write = partial(_written, figures, tuple(formats))
     embedded = (execution or Execution()).ordered(write, todo)
     if "pdf" in formats:
-        write_whole(paper, bound(front, todo))
+        write_whole(paper, bound(title, front, todo))
     return within(embedded, MAX_FIGURE_BYTES)
 
 

@@ -64,7 +64,7 @@ class FleetContent:
 def write_page_of_fleet(content: FleetContent, folder: Path) -> Path:
     """folder/fleet.html and folder/figures/*.png; the path of the page."""
     formats: tuple[FigureFormat, ...] = ("png",)
-    figures = write_figures(_drawings(content), (), folder, formats)
+    figures = write_figures(content.title, _drawings(content), (), folder, formats)
     page = folder / "fleet.html"
     write_whole(page, template("fleet.html.j2").render(content=content, figures=figures).encode("utf-8"))
     return page

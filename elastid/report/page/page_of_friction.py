@@ -11,7 +11,7 @@ from elastid.friction_fit.result import JointFriction
 from elastid.report.figures.friction_drawings import JOINT, friction_study_drawings
 from elastid.report.friction_content import FrictionContent, refusals
 from elastid.report.friction_rows import NUMBER_HEADINGS, number_cells
-from elastid.report.page.booklet import columns, heading, text_pages, twin_text, wrapped
+from elastid.report.page.booklet import columns, heading, text_pages, title_page, twin_text, wrapped
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.friction_explorer import friction_explorer
 from elastid.report.page.page import EmbeddedFigure, FigureFormat, template, write_figures, write_whole
@@ -30,9 +30,9 @@ def write_page_of_friction(
     content: FrictionContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
     """folder/report.html and folder/figures/* anew, with pdf among the formats folder/report.pdf; the page's path."""
-    front = text_pages(list(_text(content)))
+    front = [title_page(content.title, content.answers, content.provenance), *text_pages(list(_text(content)))]
     drawings = friction_study_drawings(content.result, content.filters, content.twin)
-    figures = write_figures(drawings, front, folder, formats, execution)
+    figures = write_figures(content.title, drawings, front, folder, formats, execution)
     page = folder / "report.html"
     write_whole(page, html_of_friction(content, figures).encode("utf-8"))
     return page

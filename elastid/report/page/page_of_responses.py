@@ -14,7 +14,7 @@ from elastid.frf.peaks import Peak
 from elastid.report.figures import style
 from elastid.report.figures.drawings import Drawing, file_names, friction_drawings, quality_drawings, response_drawings
 from elastid.report.figures.responses import configuration_title
-from elastid.report.page.booklet import columns, friction_text, heading, text_pages
+from elastid.report.page.booklet import columns, friction_text, heading, text_pages, title_page
 from elastid.report.page.embedding import script_policy
 from elastid.report.page.explorer import explorer
 from elastid.report.page.page import EmbeddedFigure, FigureFormat, template, write_figures, write_whole
@@ -55,10 +55,14 @@ def write_page_of_responses(
     content: ResponsesContent, folder: Path, formats: Collection[FigureFormat], execution: Execution | None = None
 ) -> Path:
     """folder/report.html and folder/figures/*, with pdf among the formats folder/report.pdf; the path of the page."""
-    front = text_pages(
-        [*heading(content.title, content.notes), *columns(list(_peak_table(content))), *friction_text(content.friction)]
-    )
-    figures = write_figures(_drawings(content), front, folder, formats, execution)
+    count = len(content.responses), sum(map(len, content.peaks))
+    said = ["Frequency responses of {} configurations, {} resonances.".format(*count)]
+    text = [*heading(content.title, content.notes), *columns(list(_peak_table(content)))]
+    front = [
+        title_page(content.title, said, content.provenance),
+        *text_pages([*text, *friction_text(content.friction)]),
+    ]
+    figures = write_figures(content.title, _drawings(content), front, folder, formats, execution)
     page = folder / "report.html"
     write_whole(page, html_of_responses(content, figures).encode("utf-8"))
     return page
