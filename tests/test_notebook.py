@@ -269,8 +269,10 @@ def test_sections_made_in_python_refuse_words_that_are_no_choice(measured) -> No
 def test_records_of_two_configurations_make_no_response(tmp_path) -> None:
     """They would be averaged into one of neither; records are read by their configuration."""
     one = steady_record()
-    other = replace(one, name="other", configuration=elastid.Configuration("other", one.configuration.angles))
-    with pytest.raises(DataError, match=r"the records are of configurations .*, other; a response is of one"):
+    other = replace(one, name="other", configuration=elastid.Configuration("other", one.configuration.angles + 0.5))
+    with pytest.raises(
+        DataError, match=r"the records are of configurations .* and other, at different angles; read_records"
+    ):
         elastid.estimate([one, other], elastid.EstimatorSpec())
     elastid.write_records(tmp_path / "records.h5", [one, other])
     assert [record.name for record in elastid.read_records(tmp_path / "records.h5", "other")] == ["other"]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from elastid.base.errors import DataError
 from elastid.frf.methods import AVERAGED
 from elastid.record import Record
@@ -19,12 +21,12 @@ def refuse_mismatch(records: Sequence[Record]) -> None:
     if not records:
         raise DataError("there is no record to estimate a response from; measure at least one experiment")
     first = records[0]
-    names = list(dict.fromkeys(record.configuration.name for record in records))
-    if len(names) > 1:
-        raise DataError(
-            f"the records are of configurations {', '.join(names)}; a response is of one: "
-            f"read_records(path, '{names[0]}') reads its own"
-        )
+    for record in records:
+        if not np.array_equal(record.configuration.angles, first.configuration.angles):
+            raise DataError(
+                f"the records are of configurations {first.configuration.name} and {record.configuration.name}, at "
+                f"different angles; read_records(path, '{first.configuration.name}') reads those of one"
+            )
     for record in records:
         names = ["is_periodic", "rate_hz", "half_wave", "hold", "hold_samples", "inputs", "outputs", "quantities"]
         # Without a period each record has its own length.
