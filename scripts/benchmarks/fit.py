@@ -13,10 +13,12 @@ Jacobian and normal matrix of one configuration. Alone: --passes, the first tabl
 and twice the configurations; --memory, resident memory of a fit with correlated weights. The last line is one JSON
 object with the numbers; last_run.json has those of the last run of each part.
 
-Measured (CPU time, medians in turn, a machine of two cores with much else to do): with loops in C one
-evaluation takes 2.0 (evaluation_over_solve) times the bare solves and 8.6 (evaluation_over_floor) times the floor,
-with NumPy alone 3.4 (numpy_evaluation_over_solve) and 14.7 (numpy_evaluation_over_floor) times; CasADi takes 45.5
-(casadi_over_evaluation) times as long for one. A whole fit is 20 (faster_than_same_jacobian) times faster than
+Measured (CPU time, medians in turn, a machine of two cores that had ten times the work it can do): with loops in C one
+evaluation takes 0.9 (evaluation_over_solve) times the bare solves and 2.4 (evaluation_over_floor) times the floor, with
+NumPy alone 2.9 (numpy_evaluation_over_solve) and 7.8 (numpy_evaluation_over_floor) times; CasADi takes 45.5
+(casadi_over_evaluation) times as long for one. Twice the lines take 0.91 (lines_doubled_over_twice) of twice the time,
+twice the configurations 0.96 (configurations_doubled_over_twice); a configuration with correlated weights takes 1.6
+(resident_mb_a_configuration) MB of memory. A whole fit is 20 (faster_than_same_jacobian) times faster than
 least_squares with the same Jacobian, at worst 17 (faster_than_same_jacobian_at_worst) times, 38
 (faster_than_finite_differences) times faster than with finite differences and 46 (faster_than_casadi) times faster than
 with CasADi's derivatives.
