@@ -9,8 +9,15 @@ from __future__ import annotations
 import os
 import pickle
 import sys
-from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, as_completed, wait
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    CancelledError,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+    wait,
+)
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from multiprocessing import get_all_start_methods, get_context, parent_process
@@ -173,7 +180,7 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
     while left:
         pool = _pool(min(max(1, jobs >> deaths), len(left)), work)
         try:
-            futures = {pool.submit(_work, item): index for index, item in left.items()}
+            futures = _submitted(pool, left)
             for future in as_completed(futures):
                 value = future.result()
                 del left[futures[future]]
@@ -191,6 +198,28 @@ def _by_processes(function: Callable[[Item], Value], items: Sequence[Item], jobs
             raise
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _submitted(pool: ProcessPoolExecutor, items: Mapping[int, Item]) -> dict[Future[Any], int]:
+    """The items given to the workers, which are started by that.
+
+    By a thread, which Ctrl-C does not reach: amid a start it would leave a worker that nobody knows and ends.
+    """
+    found: Future[dict[Future[Any], int]] = Future()
+
+    def submit() -> None:
+        try:
+            found.set_result({pool.submit(_work, item): index for index, item in items.items()})
+        except BaseException as error:
+            found.set_exception(error)
+
+    thread = Thread(target=submit)
+    try:
+        thread.start()
+        return found.result()
+    finally:
+        if thread.is_alive():
+            thread.join()
 
 
 def _survived(

@@ -1,8 +1,11 @@
 """Work in processes: what is to be done travels once to each, what it is done with every time."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from pickle import PicklingError
 
@@ -66,6 +69,26 @@ def test_ctrl_c_while_workers_load_is_for_their_parent(tmp_path: Path):
     command = [sys.executable, str(tmp_path / "script.py")]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, start_new_session=True)
     assert (run.stdout, run.stderr) == ("[1, 2]\n", "")
+
+
+@pytest.mark.usefixtures("ctrl_c")
+def test_ctrl_c_while_workers_start_leaves_none_behind(monkeypatch: pytest.MonkeyPatch):
+    """All are started, and ended."""
+    submit, started = ProcessPoolExecutor.submit, []
+
+    def pressed(pool: ProcessPoolExecutor, *work: object):
+        if not started:
+            signal.raise_signal(signal.SIGINT)
+            time.sleep(0.1)
+        future = submit(pool, *work)
+        started.extend(process for process in pool._processes.values() if process not in started)
+        return future
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", pressed)
+    with pytest.raises(KeyboardInterrupt):
+        ordered(time.sleep, [60, 60], 2)
+    assert len(started) == 2
+    assert not any(process.is_alive() for process in started)
 
 
 def killed_at_two(item: int) -> int:
