@@ -15,13 +15,13 @@ object with the numbers; last_run.json has those of the last run of each part.
 
 Measured (CPU time, medians in turn, a machine of two cores that had ten times the work it can do): with loops in C one
 evaluation takes 0.9 (evaluation_over_solve) times the bare solves and 2.4 (evaluation_over_floor) times the floor, with
-NumPy alone 2.9 (numpy_evaluation_over_solve) and 7.8 (numpy_evaluation_over_floor) times; CasADi takes 45.5
+NumPy alone 2.9 (numpy_evaluation_over_solve) and 7.9 (numpy_evaluation_over_floor) times; CasADi takes 131.2
 (casadi_over_evaluation) times as long for one. Twice the lines take 0.91 (lines_doubled_over_twice) of twice the time,
 twice the configurations 0.96 (configurations_doubled_over_twice); a configuration with correlated weights takes 1.6
-(resident_mb_a_configuration) MB of memory. A whole fit is 20 (faster_than_same_jacobian) times faster than
-least_squares with the same Jacobian, at worst 17 (faster_than_same_jacobian_at_worst) times, 38
-(faster_than_finite_differences) times faster than with finite differences and 46 (faster_than_casadi) times faster than
-with CasADi's derivatives.
+(resident_mb_a_configuration) MB of memory. A whole fit is 28 (faster_than_same_jacobian) times faster than
+least_squares with the same Jacobian, at worst 26 (faster_than_same_jacobian_at_worst) times, 66
+(faster_than_finite_differences) times faster than with finite differences and 126 (faster_than_casadi) times faster
+than with CasADi's derivatives.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
