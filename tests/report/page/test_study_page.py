@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -230,3 +231,19 @@ def test_everything_folded_opens_and_every_link_of_the_page_leads_somewhere(open
         told = opened.locator(".strip button").nth(i).get_attribute("aria-label")
         name, element = told.rsplit(": ", 1)[0].split(", ", 1)
         assert opened.locator("#worst .title").inner_text() == f"{name}: {element}"
+
+
+def test_the_page_without_its_data_is_small_and_prints_on_few_whole_sheets(opened, folder):
+    """Scripts, styles, tables and texts below 150 kB; no table or drawing is wider than the paper."""
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    data = re.findall(r'<script type="application/json".*?</script>|<img [^>]*>', text, re.DOTALL)
+    assert len(data) >= 2
+    assert len(text.encode()) - len("".join(data).encode()) < 150_000
+    paper = opened.pdf(prefer_css_page_size=True)
+    assert 3 <= len(re.findall(rb"/Type\s*/Page\b", paper)) <= 12
+    opened.set_viewport_size({"width": 688, "height": 1000})  # A4 within its margins
+    opened.emulate_media(media="print")
+    wide = (
+        "() => [...document.querySelectorAll('table, figure')].filter((one) => one.getBoundingClientRect().right > 690)"
+    )
+    assert opened.evaluate(f"({wide})().map((one) => one.outerHTML.slice(0, 80))") == []
