@@ -115,8 +115,11 @@ def test_an_assembly_without_systematic_errors_is_left_as_it_is() -> None:
     assert assembly.unbiased(np.zeros(0)) is assembly
 
 
-def test_systematic_errors_are_those_of_the_model_where_the_search_ended() -> None:
-    """Not of the measured response, and the same in all rounds; the fit then finds their factors and the truth."""
+def test_systematic_errors_are_those_of_the_model_at_the_end_of_the_fit() -> None:
+    """From stiffnesses 10 % off a fit ends within 0.01 standard deviations of one from the truth, in the same errors.
+
+    Errors of the response at the start would differ from these by nearly their own size, and the ends with them.
+    """
     case, responses = true_case(), []
     for exact, noisy in zip(case.responses, drawn(true_case(), np.random.default_rng(0), 0.01), strict=True):
         G = exact.G
@@ -125,14 +128,11 @@ def test_systematic_errors_are_those_of_the_model_where_the_search_ended() -> No
         responses.append(off)
     parameters = choose(SPEC, case.robot, [one.configuration.name for one in responses])
     assembly = Assembly.of(responses, case.robot, SPEC, parameters)
-    end = relinearise(assembly, LocalOptimum(parameters.x, parameters.x, 0.0, 0, True, "given"), "complex")
-    at_start = assembly.with_modelled_bias(assembly.at(parameters.x, "complex"), parameters.x)
-    for one, modelled, as_measured in zip(end.responses, at_start.responses, responses, strict=True):
-        assert one.bias is not None
-        assert modelled.bias is not None
-        assert as_measured.bias is not None
-        np.testing.assert_allclose(one.bias, modelled.bias)
-        assert np.abs(one.bias - as_measured.bias).max() > 0
-    sure = estimate_uncertainty(end.fit, end.responses, end.weights, end.end.x)
-    np.testing.assert_allclose(end.factors, 1.0, atol=0.1)
-    assert np.all(np.abs(end.end.x - parameters.x) < 3.5 * np.sqrt(np.diag(sure.covariance)))
+    starts = [parameters.x + np.log(factor) for factor in (1.0, 1.1)]
+    true, other = (relinearise(assembly, LocalOptimum(x, x, 0.0, 0, True, "given"), "complex") for x in starts)
+    sure = estimate_uncertainty(true.fit, true.responses, true.weights, true.end.x)
+    assert np.all(np.abs(other.end.x - true.end.x) < 0.01 * np.sqrt(np.diag(sure.covariance)))
+    for measured_one, one, part in zip(responses, other.responses, other.fit.parts, strict=True):
+        modelled = with_modelled_bias(measured_one, part.kernel.response(other.fit.theta(part, other.end.x))).bias
+        assert modelled is not None
+        np.testing.assert_allclose(one.bias, modelled, rtol=1e-3, atol=1e-4 * np.abs(modelled).max())

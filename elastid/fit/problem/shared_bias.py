@@ -6,7 +6,7 @@ r"""Systematic errors of measured responses of which only the size is known, suc
 for motor b in configuration q: factors that all configurations share, and the difference of one of each by itself
 from their mean, which belongs to the parameters that all share. The factors are further unknowns with a prior,
 estimated together with x: generalised least squares with the covariance that such errors have. delta G, delta G':
-`FrequencyResponse.bias`, with the model's response at the end of the search in place of the measured one: delta G =
+`FrequencyResponse.bias`, with the model's response at the end of the fit in place of the measured one: delta G =
 G e_j z e_j^T G of a noisy G would be correlated with its noise, and the factors with it, a bias many times the noise of
 a few realisations.
 """

@@ -150,7 +150,7 @@ class RelinearisedOptimum:
     """The end of a fit, with the linearised fit and the weights there; a note where x still moved.
 
     fit: of the responses without the systematic errors that were found; factors (n_b,): of those.  responses: as
-    measured, their systematic errors as the model has them at the start.
+    measured, their systematic errors as the model has them at the end.
     """
 
     end: LocalOptimum
@@ -162,20 +162,15 @@ class RelinearisedOptimum:
 
 
 def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
-    """Linearise at the result, with the robust loss of there, and solve again until x stays.
-
-    Systematic errors are those of the model at the start, the end of a search: formed anew in each round they may
-    carry the fit away, since a damping that falls makes them larger at its resonance.
-    """
+    """Linearise at the result, with systematic errors and the robust loss of there, and solve again until x stays."""
     is_square = assembly.spec.weights.loss == "square"
     rounds = MAX_ROUNDS if is_square else MAX_ROUNDS_OF_LOSS
     end, c = start, np.zeros(len(find_factors(assembly.responses)))
-    if len(c):
-        assembly = assembly.with_modelled_bias(assembly.at(start.x, criterion), start.x)
     for i in range(rounds):
         try:
             there = assembly.reweighted(end.x)
             if len(c):
+                there = there.with_modelled_bias(there.at(end.x, criterion), end.x)
                 c = next_factors(there.unbiased(c).at(end.x, criterion), there.responses, end.x, c)
             fit = there.unbiased(c).at(end.x, criterion)
         except StudyError as error:
