@@ -8,7 +8,7 @@ import numpy as np
 
 from elastid.base.errors import StudyError
 from elastid.fit.setup.parameter_choice import choose
-from elastid.robot import Robot
+from elastid.robot import Body, Robot, unit_axis
 from elastid.study.messages import Problem
 from elastid.study.sections import Study
 
@@ -36,9 +36,19 @@ def check_moved_inertias(study: Study) -> Iterator[Problem]:
 
 
 def _may_be_singular(robot: Robot) -> bool:
-    """Whether a body lacks a mass, or an inertia about some axis: without such a body M is positive definite."""
-    moments = [np.linalg.eigvalsh(body.inertia_matrix) for body in robot.bodies]
-    return any(body.mass == 0 or each[0] <= 1e-9 * each[2] for body, each in zip(robot.bodies, moments, strict=True))
+    """Whether a motion of some body by its own joints may move no inertia; M is positive definite where none does."""
+    return not all(_resists(body) for body in robot.bodies if body.joints)
+
+
+def _resists(body: Body) -> bool:
+    """Whether a body at rest but for its own joints has kinetic energy, whatever the others do."""
+    moments = np.linalg.eigvalsh(body.inertia_matrix)
+    least = 1e-9 * moments[2]
+    if len(body.joints) > 1:
+        return bool(body.mass > 0 and moments[0] > least)
+    joint = body.joints[0]
+    e = unit_axis(joint.axis)
+    return bool(body.mass > 0 if joint.slides else e @ body.inertia_matrix @ e > least)
 
 
 def _at_start(study: Study) -> Robot:
