@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from elastid.base.arrays import FloatArray
-from elastid.fit.setup.assembly import Assembly, relinearise
+from elastid.fit.setup.assembly import NEAR_ENOUGH, Assembly, relinearise
 from elastid.fit.setup.parameter_choice import choose
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.fit.weight_spec import WeightSpec
@@ -172,7 +172,8 @@ def fit_from_truth(
     weights = tuple(weigh(response, spec) for response in responses)
     linearisation = _differentiated(robot, tuple(parameters.names))
     assembly = Assembly(tuple(responses), weights, linearisation, parameters, spec)
-    start = LocalOptimum(parameters.x, parameters.x, 0.0, 0, True, "the truth")
+    # Viscous friction that holds Coulomb's too is far from the robot's own: systematic errors are those of an optimum.
+    start = solve(assembly.at(parameters.x, spec.criterion).problem, parameters.x, NEAR_ENOUGH, method=spec.solver)
     optimum = relinearise(assembly, start, spec.criterion)
     uncertainty = estimate_uncertainty(optimum.fit, optimum.responses, optimum.weights, optimum.end.x)
     order = [parameters.free_names.index(name) for name in judged]
