@@ -142,7 +142,7 @@ def _speeds(spec: FrictionSpec, axis: Axis) -> PassSpeeds:
 def _known(axis: Axis, design: JointPassDesign) -> str:
     """What the passes tell of a joint."""
     source = "the robot's file" if axis.guess.is_from_file else "common gears"
-    certificate = "" if np.isnan(design.excess) else f", {design.efficiency:.0%} of the best information"
+    certificate = "" if np.isnan(design.efficiency) else f", {design.efficiency:.0%} of the best information"
     return (
         f"{axis.limits.place}: {design.passes.sum():.0f} passes at {len(design.speed)} speeds from "
         f"{design.speed[0]:.3g} to {design.speed[-1]:.3g} {axis.limits.unit}/s{certificate} for friction as that of "

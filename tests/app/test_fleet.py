@@ -85,7 +85,7 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
         assert f"{library} ".encode() in table.schema.metadata[b"made by"]
         assert f"{library} " in page
         assert f"{library} " in log
-    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: elastid ", log)
+    assert re.search(r"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC: elastid\b", log)
 
 
 @pytest.mark.slow

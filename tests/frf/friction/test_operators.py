@@ -3,13 +3,13 @@
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis.extra.numpy import arrays
 
 from elastid.frf.friction.operators import Path, bristle, mean_sign, stop
 
 
-@settings(max_examples=50)
+@settings(max_examples=50, suppress_health_check=[HealthCheck.too_slow])  # a machine may be busy
 @given(arrays(np.float64, 40, elements=st.floats(-3, 3)), st.floats(0.1, 4))
 def test_a_stop_operator_follows_its_recursion(q: np.ndarray, D: float) -> None:
     """s(k) = clip(s(k - 1) + q(k) - q(k - 1), -D, D), also where q stands still."""
