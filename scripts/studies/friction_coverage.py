@@ -13,10 +13,9 @@ one of two axes costs 0.06 CPU seconds to simulate, 0.2 with `none` and 1.2 with
 
 Found with friction taken out, 20 data sets each (10 at 0.16): three axes 95.7 +- 1.3 % at 0.3 with a carrier, 93.9 +-
 1.4 % at rest, 96.4 +- 1.9 and 94.3 +- 2.6 % at 0.16, bias at most 0.9 of the stated deviations of 0.002 to 0.06 %, the
-worst parameter at 70 %; two axes 94.2 +- 2.8 and 95.0 +- 2.4 % at 0.3. With `none`: three axes 96.4 +- 1.3 and 97.1 +-
-1.3 % at 0.3, 95.7 +- 1.9 and 97.1 +- 1.8 % at 0.16; two axes 95.8 +- 2.4 % at 0.3 with a carrier, but 87.5 +- 3.2 % at
-rest, short of the goal: dampings of 6 of 20 data sets run to their bounds. Systematic errors formed once at the start
-give 94.2 +- 2.2 % there, and 85.4 +- 3.2 % for three axes with a carrier.
+worst parameter at 70 %; two axes 94.2 +- 2.8 and 95.0 +- 2.4 % at 0.3. With `none`: three axes 94.6 +- 1.0 % at 0.3
+with a carrier, 95.9 +- 0.9 % at rest, 95.9 +- 0.9 % at 0.16 with a carrier (40 data sets each); two axes 96.9 +- 1.1 %
+at 0.3 with a carrier (60), 95.3 +- 0.9 % at rest (100); bias at most 0.54 of the stated deviations.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
