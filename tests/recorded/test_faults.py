@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from plants.notes import said
-from scipy.io import savemat
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.errors import DataError, StudyError
@@ -57,7 +57,7 @@ def log(t: FloatArray, seed: int = 0, noise: float = 0.0) -> dict[str, FloatArra
 CLEAN = log(np.arange(P * N), noise=1e-4)
 
 
-def _spec(path: str = "log.mat", **changes: Any) -> ExperimentSpec:
+def _spec(path: str = "log.h5", **changes: Any) -> ExperimentSpec:
     keys: dict[str, Any] = {"rate_hz": RATE, "period_samples": N, "channels": CHANNELS}
     keys["files"] = (FileSpec(path, "home"),)
     return ExperimentSpec({"home": (0.0,)}, recorded=RecordedSpec(**(keys | changes)))
@@ -68,8 +68,15 @@ def _measure(base: Path, spec: ExperimentSpec) -> Record:
     return rig.measure(rig.experiments[0])
 
 
+def write_log(path: Path, signals: Mapping[str, FloatArray]) -> None:
+    """One dataset a channel."""
+    with h5py.File(path, "w") as file:
+        for name, values in signals.items():
+            file[name] = values
+
+
 def _of(base: Path, signals: Mapping[str, FloatArray]) -> Record:
-    savemat(base / "log.mat", dict(signals))
+    write_log(base / "log.h5", signals)
     return _measure(base, _spec())
 
 
@@ -154,9 +161,9 @@ def test_a_log_whose_clock_differs_gives_the_same_response(ppm: float, tmp_path:
     assert record.repairs == {"samples resampled": P * N}
     assert f"differ by {ppm:.0f}" in said(record.notes)[0]
     assert _error(record) < 4e-3
-    savemat(tmp_path / "wrong.mat", log(np.arange(P * N) / 1.002))
+    write_log(tmp_path / "wrong.h5", log(np.arange(P * N) / 1.002))
     with pytest.raises(DataError, match=r"does not repeat .* it repeats every 501"):
-        _measure(tmp_path, _spec("wrong.mat"))
+        _measure(tmp_path, _spec("wrong.h5"))
 
 
 def test_a_clock_that_differs_and_missing_samples_go_together(tmp_path: Path) -> None:
@@ -173,11 +180,11 @@ def test_gaps_in_a_column_of_times_are_filled(tmp_path: Path) -> None:
     """Seven samples left out of the file, all channels alike."""
     keep = np.delete(np.arange(P * N), [100, 1200, 1201, 1202, 1203, 2700, 2701])
     signals = {name: x[keep] for name, x in CLEAN.items()}
-    savemat(tmp_path / "log.mat", signals | {"t": keep / RATE + 12.5})
+    write_log(tmp_path / "log.h5", signals | {"t": keep / RATE + 12.5})
     record = _measure(tmp_path, _spec(time="t"))
     assert record.repairs == {"samples missing in time": 7, "missing samples filled": 21}
     assert _error(record) < 1.5 * _error(_of(tmp_path, CLEAN))
-    savemat(tmp_path / "log.mat", signals | {"t": keep / 300.0})
+    write_log(tmp_path / "log.h5", signals | {"t": keep / 300.0})
     with pytest.raises(DataError, match=r"steps in time are no whole samples at 500 Hz"):
         _measure(tmp_path, _spec(time="t"))
 
@@ -186,12 +193,12 @@ def test_gaps_in_a_column_of_times_are_filled(tmp_path: Path) -> None:
 def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: float, tmp_path: Path) -> None:
     """y and r in a second file, late by any fraction: the delay found to 1e-2 samples, no phase error left."""
     other = log(np.arange(P * N) - late, noise=1e-4)
-    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"]})
-    savemat(tmp_path / "encoder.mat", {"r": other["r"], "y": other["y"]})
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    write_log(tmp_path / "encoder.h5", {"r": other["r"], "y": other["y"]})
     channels = (*CHANNELS[:2], replace(CHANNELS[0], file=2), replace(CHANNELS[2], file=2))
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.mat", "home", also=("encoder.mat",)),)))
+    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("encoder.h5",)),)))
     wrapped = (late + N / 2) % N - N / 2
-    assert f"encoder.mat lags log.mat by {wrapped:.2f}" in said(record.notes)[0].replace("-0.00", "0.00")
+    assert f"encoder.h5 lags log.h5 by {wrapped:.2f}" in said(record.notes)[0].replace("-0.00", "0.00")
     assert record.repairs == {"logs shifted": 1}
     assert record.n_periods >= P - 2
     assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
@@ -200,23 +207,23 @@ def test_two_logs_that_started_at_different_times_are_shifted_into_step(late: fl
 def test_one_period_of_the_excitation_gives_the_reference_of_a_log_that_started_anywhere(tmp_path: Path) -> None:
     """The generator's file: r is repeated, in step with u, and the response is that of the log itself."""
     signals = log(np.arange(P * N) + 211, noise=1e-4)
-    savemat(tmp_path / "log.mat", {"u": signals["u"], "y": signals["y"]})
-    savemat(tmp_path / "sent.mat", {"r": log(np.arange(N))["r"]})
+    write_log(tmp_path / "log.h5", {"u": signals["u"], "y": signals["y"]})
+    write_log(tmp_path / "sent.h5", {"r": log(np.arange(N))["r"]})
     channels = (replace(CHANNELS[0], file=2), *CHANNELS[1:])
-    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.mat", "home", also=("sent.mat",)),)))
+    record = _measure(tmp_path, _spec(channels=channels, files=(FileSpec("log.h5", "home", also=("sent.h5",)),)))
     assert record.r is not None
     assert record.n_periods == P
     np.testing.assert_allclose(record.r[:, 0], log(np.arange(P * N) + 211)["r"], atol=1e-9)
-    assert "sent.mat lags log.mat by 211.000 samples" in said(record.notes)[0]
+    assert "sent.h5 lags log.h5 by 211.000 samples" in said(record.notes)[0]
 
 
 def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
     """No r in the second file, or another one."""
-    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"]})
-    savemat(tmp_path / "encoder.mat", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
-    files = (FileSpec("log.mat", "home", also=("encoder.mat",)),)
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"]})
+    write_log(tmp_path / "encoder.h5", {"r": AT_ONCE.normal(size=P * N), "y": CLEAN["y"]})
+    files = (FileSpec("log.h5", "home", also=("encoder.h5",)),)
     y = replace(CHANNELS[2], file=2)
-    with pytest.raises(DataError, match=r"encoder.mat: its start cannot be determined \(it has no complete channel"):
+    with pytest.raises(DataError, match=r"encoder.h5: its start cannot be determined \(it has no complete channel"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], y), files=files))
     with pytest.raises(DataError, match=r"its start cannot be determined \(best correlation 0\.\d+ at motor 1"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], replace(CHANNELS[0], file=2), y), files=files))
@@ -225,18 +232,18 @@ def test_logs_without_a_signal_in_common_are_refused(tmp_path: Path) -> None:
 def test_channels_of_two_rates_meet_at_the_lower_one(tmp_path: Path) -> None:
     """The encoder at four times the rate of the torques; a rate without a whole number of samples is refused."""
     fast = log(np.arange(4 * P * N) / 4)["y"]
-    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     channels = (*CHANNELS[:2], replace(CHANNELS[2], rate_hz=4 * RATE))
     record = _measure(tmp_path, _spec(channels=channels))
     assert (record.rate_hz, record.period_samples, record.n_periods) == (RATE, N, P)
     assert record.repairs == {"channels brought to another rate": 1}
     assert _error(record) < 2 * _error(_of(tmp_path, CLEAN))
-    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
-    files = (FileSpec("log.mat", "home", samples=(N // 2, N // 2 + 4 * N)),)
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    files = (FileSpec("log.h5", "home", samples=(N // 2, N // 2 + 4 * N)),)
     part = _measure(tmp_path, _spec(channels=channels, files=files))
     assert part.n_periods == 4
     assert _error(part) < 2 * _error(_of(tmp_path, CLEAN))
-    savemat(tmp_path / "log.mat", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
+    write_log(tmp_path / "log.h5", {"r": CLEAN["r"], "u": CLEAN["u"], "y": fast})
     slow = replace(CHANNELS[2], rate_hz=333.3)
     with pytest.raises(StudyError, match=r"at 333.3 Hz the period of 1 s is 333.3 samples, not a whole number"):
         _measure(tmp_path, _spec(channels=(*CHANNELS[:2], slow)))
@@ -277,8 +284,8 @@ def test_records_of_unequal_numbers_of_periods_go_together(tmp_path: Path) -> No
     estimated, errors = [], []
     for seed in range(12):
         for m, periods in enumerate((4, 7)):
-            savemat(tmp_path / f"{m}.mat", log(np.arange(periods * N), seed=100 * seed + m, noise=1e-2))
-        files = tuple(FileSpec(f"{m}.mat", "home", realisation=m) for m in (0, 1))
+            write_log(tmp_path / f"{m}.h5", log(np.arange(periods * N), seed=100 * seed + m, noise=1e-2))
+        files = tuple(FileSpec(f"{m}.h5", "home", realisation=m) for m in (0, 1))
         rig = RecordedRig(ROBOT, _spec(files=files), tmp_path)
         records = [rig.measure(experiment) for experiment in rig.experiments]
         assert [record.n_periods for record in records] == [4, 7]
