@@ -85,6 +85,7 @@ def test_comparison_does_not_depend_on_processes_and_goes_on_after_an_interrupti
     assert not (stopped.folder / "compare.partial").exists()
 
 
+@pytest.mark.slow
 def test_another_study_is_fitted_to_the_responses_of_the_first(study: Path) -> None:
     """Its robot, under the weights and the criterion of the first; the first alone brings no variants then."""
     run = measured(study, load(study).study.robot)

@@ -51,6 +51,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "study.yml"
 
 
+@pytest.mark.slow
 def test_friction_of_a_log_is_followed(study: Path) -> None:
     """The torque of sliding at the end of a warm-up is within 2 %, drawn, and its filter is exported as C."""
     run = study.parent / "run"

@@ -21,6 +21,7 @@ from elastid.store import read_friction, read_responses, read_validation, write_
 from elastid.study import load, load_robot
 
 
+@pytest.mark.slow
 def test_records_in_a_file_show_the_same_friction(tmp_path: Path) -> None:
     """As those in memory; the responses then scatter less, and a study that asks for none gets none."""
     configurations, lines = measured()

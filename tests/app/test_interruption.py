@@ -150,6 +150,7 @@ def test_parts_of_another_study_are_not_used(whole: Path, unfitted: Path) -> Non
     assert np.ptp(x_start[0]) < np.ptp(x_start[1])
 
 
+@pytest.mark.slow
 def test_an_interrupted_cross_validation_is_resumed(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -111,6 +111,7 @@ def test_springs_are_recovered_within_their_intervals(spec: ModelSpec):
     assert 0.4 < np.mean(np.square(off)) < 1.9
 
 
+@pytest.mark.slow
 def test_an_approximate_model_is_told_from_the_exact_one():
     """One constant stiffness cannot follow the postures: the fit says that the model lacks something."""
     exact = fitted(SPREAD, 0, ModelSpec("minimal"), 60.0)

@@ -184,6 +184,7 @@ def test_the_rig_measures_what_the_linear_model_says_at_every_place(tmp_path: Pa
     assert np.abs(without[0, 0] - G[0, 2]).max() > 0.05 * np.abs(G[0, 2]).max()
 
 
+@pytest.mark.slow
 def test_a_study_with_motors_and_points_finds_the_springs(tmp_path: Path):
     """Outputs of different quantities in one fit, more than inputs; every stiffness within 4 standard deviations."""
     path = tmp_path / "study.yml"

@@ -107,6 +107,7 @@ def _mean_std(problem: DesignProblem) -> float:
     return float(np.exp(np.mean(np.log(np.diag(design(problem).forecast.covariance))) / 2))
 
 
+@pytest.mark.slow
 def test_a_spectrum_for_information_tells_more_than_any_flat_one_of_the_same_torque() -> None:
     """RMS of each motor and a tenth of the even power at every line are kept; the configurations have their own."""
     problem = replace(GIVEN, experiment=replace(GIVEN.experiment, configurations={"a": (0.3, 0.8), "b": (0, 1.8)}))
@@ -138,6 +139,7 @@ def test_fits_of_a_shaped_spectrum_scatter_as_the_forecast_said() -> None:
     assert np.all((ratio > 0.6) & (ratio < 1.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robust", [None, GuessSpec(guesses=3, over="worst")])
 def test_where_speed_is_the_limit_power_goes_where_it_costs_little_speed(robust: GuessSpec | None) -> None:
     """Shared out between lines and motors within the limits, which are used; more is known than from flat speed."""
@@ -249,6 +251,7 @@ def test_robot_time_is_filled_with_the_periods_that_tell_most() -> None:
         design(_with(count=None, robot_time=10.0))
 
 
+@pytest.mark.slow
 def test_what_was_measured_before_counts() -> None:
     """After fifty measurements one more hardly matters, whichever it is; without any the choice is worth something."""
     first = design(_with(count=1))
@@ -359,6 +362,7 @@ def study(tiny: Path) -> Callable[[str], Path]:
     return edited
 
 
+@pytest.mark.slow
 def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[str], Path], tmp_path: Path) -> None:
     """Plan, records, fit and page; another fit leaves them measured."""
     path, run = study(DESIGN), tmp_path / "run"

@@ -55,6 +55,7 @@ def test_elastic_parameters_are_recovered_from_a_factor_two_off(identified):
     assert identified.model_error < 1.05
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes(noisy, identified):
     """Two processes give the starts, estimate and intervals of one."""
     seen: list[tuple[int, int]] = []
@@ -360,6 +361,7 @@ def test_both_solvers_reach_the_optimum_from_starts_that_are_a_factor_of_three_o
     np.testing.assert_allclose(ends, ends[0], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_six_axes_are_found_from_every_start_in_few_evaluations() -> None:
     """Twelve springs with their dampers and six frictions, starts a factor of 3 off, dampings and frictions of 9.
 

@@ -76,6 +76,7 @@ def study(tmp_path: Path) -> Path:
     return tmp_path / "study.yml"
 
 
+@pytest.mark.slow
 def test_one_experiment_of_two_motors_finds_both_springs(study: Path, tmp_path: Path) -> None:
     """From study to report: both true stiffnesses to 1 %, in one run of the robot, with a word on the forecast."""
     run = Run(load(study), tmp_path / "run", 1, Console(-1))

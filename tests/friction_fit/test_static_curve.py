@@ -41,6 +41,7 @@ def test_derivatives_are_those_of_differences(shared: bool) -> None:
         np.testing.assert_allclose(J[:, i], numeric, rtol=1e-4, atol=1e-6 * np.abs(numeric).max())
 
 
+@pytest.mark.slow
 def test_the_stated_std_is_the_scatter_and_the_intervals_hold_the_truth() -> None:
     """60 data sets: scatter over stated std 0.8 to 1.25 for each of 12 numbers, 720 intervals at 95 %."""
     levels = published_levels()

@@ -76,6 +76,7 @@ def plain(n: int = 12, uneven: float = 0.0) -> Levels:
     return Levels("joint 1", v, s, torque, np.full(2 * n, 0.2), np.zeros(2 * n), np.full(2 * n, np.nan), slides=True)
 
 
+@pytest.mark.slow
 def test_directions_are_one_unless_the_levels_tell_them_apart() -> None:
     """Of 100 even axes at most 5 are called uneven (1 % is stated); a slope 20 % apart is found, in N s/m."""
     uneven = sum("directions.viscous" in StaticLaw.of(drawn(plain(), seed), LawSpec()).names for seed in range(100))
