@@ -77,11 +77,11 @@ _stage_options = _options("run", "set", "jobs", "dask", "verbose", "quiet")
 @click.version_option(__version__, prog_name="elastid")
 def cli() -> None:
     """Identify the elasticity of industrial robots from frequency responses, with honest intervals."""
+    one_blas_thread()  # before any command loads NumPy: several threads add in an order of their own
 
 
 def _run(study: Path, options: dict[str, Any]) -> Run:
     """The study loaded, with its folder and its ways of working."""
-    one_blas_thread()
     from elastid.app.console import Console
     from elastid.app.run import Run, all_cores
     from elastid.base.cluster import on_dask
@@ -131,7 +131,6 @@ def new(folder: Path, template: str) -> None:
 @_options("set")
 def check(study: Path, overrides: tuple[str, ...]) -> None:
     """Show all errors of a study with file, line and column, else a summary of the study and its stages."""
-    one_blas_thread()
     from elastid.app.overview import overview
     from elastid.study import load
 
@@ -225,7 +224,6 @@ def fleet(fleet: Path, **options: Any) -> None:
     With --dask the workers of a cluster, which must see the same files, run the members. The exit code is 1 where
     members failed, and 3 where some are misfits.
     """
-    one_blas_thread()
     from elastid.app.console import Console
     from elastid.app.fleet import run_fleet
     from elastid.app.run import all_cores

@@ -1,5 +1,6 @@
 """What a command must not load before it needs it: `--help` and `check` answer at once."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -78,3 +79,25 @@ def test_a_stage_loads_what_it_works_with(tiny: Path, stage: str, unneeded: set[
     assert f"elastid.app.stages.{stage}" in loaded
     assert not loaded & (unneeded | {"scipy.signal", "scipy.stats", "control", "pandas", "rich"})
     assert stage == "report" or not loaded & {"matplotlib", "jinja2"}
+
+
+AT_NUMPY = """
+import os, sys
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == "numpy":
+            print(os.environ.get("OPENBLAS_NUM_THREADS"), flush=True)
+            os._exit(0)
+sys.meta_path.insert(0, Finder())
+from elastid.app.cli import run_command
+run_command(sys.argv[1:])
+"""
+
+
+@pytest.mark.parametrize("words", [["demo", "--run"], ["new"], ["check"], ["fleet"], ["inspect"]])
+def test_one_blas_thread_is_asked_for_before_numpy_is_loaded(words: list[str], tiny: Path) -> None:
+    """Several threads add in an order of their own, so that bytes would not be those of the seed."""
+    environment = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    command = [sys.executable, "-c", AT_NUMPY, *words, str(tiny if words[0] != "demo" else tiny.parent / "demo")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout.splitlines()[-1] == "1"
