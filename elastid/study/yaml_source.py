@@ -173,6 +173,7 @@ class _Reader:
         return data
 
     def entries(self, node: MappingNode) -> Iterator[tuple[str, Node, Place]]:
+        """Key, value and place of each entry of a mapping; keys that are no names, or given twice, become problems."""
         first: dict[str, int] = {}
         for key_node, item in node.value:
             if not isinstance(key_node, ScalarNode):

@@ -41,7 +41,8 @@ def test_a_body_without_inertia_about_its_joint_is_refused_at_its_line(tiny: Pat
 @pytest.mark.parametrize("text", ["    inertia: [1, 0, 1]\n", "    mass: 2\n    center_of_mass: [0.3, 0, 0]\n"])
 def test_what_a_joint_does_not_turn_about_needs_no_inertia(tiny: Path, text: str) -> None:
     """A rod across the axis, and a mass off it."""
-    load(with_inertia(tiny, text))
+    robot = load(with_inertia(tiny, text)).study.as_robot()
+    assert joint_without_inertia(robot, np.zeros(1)) is None
 
 
 def test_a_rotor_that_turns_rigidly_is_an_inertia(tiny: Path) -> None:

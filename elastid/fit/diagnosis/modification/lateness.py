@@ -9,7 +9,6 @@ step at each. A hold is that of a torque between its samples; a negative T is a 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +28,6 @@ MAX_EDGE_PHASE = 0.8
 # Where the search for a hold begins, of f T at the upper edge: beside a free delay the sinc is flat at zero.
 STARTS = (-0.1, 0.1, 0.4)
 MAX_EVALUATIONS = 14
-GOLDEN = (math.sqrt(5) - 1) / 2
 
 
 def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
@@ -114,43 +112,16 @@ def _best(
     prior: FloatArray,
     free: BoolArray,
 ) -> Late:
+    from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
+
     def at_time(T: float) -> Read:
         return read(Reading(form, "time", partial(_late, factor, T, role, at)), evaluated, prior, free)
 
     limit = MAX_EDGE_PHASE / edge_hz
     low, high = (float(np.clip(T, -limit, limit)) for T in sorted(between))
-    T = least_between(lambda T: at_time(T).cost, low, high, MAX_EVALUATIONS - 1)
+    options = {"maxiter": MAX_EVALUATIONS, "xatol": 1e-4 * max(abs(low), abs(high))}
+    T = float(minimize_scalar(lambda T: at_time(T).cost, bounds=(low, high), method="bounded", options=options).x)
     return Late(form, role, at, T, at_time(T))
-
-
-def least_between(V: Callable[[float], float], low: float, high: float, evaluations: int) -> float:
-    """Where V, which falls and then rises, is least: by golden sections, and by a parabola at last.
-
-    scipy.optimize takes longer to load than all else that is done here.
-
-    >>> round(least_between(lambda T: (T - 0.3) ** 2, 0.0, 1.0, 9), 6), least_between(abs, 2.0, 2.0, 9)
-    (0.3, 2.0)
-    """
-    if low == high:  # both beyond what the highest line can show
-        return low
-    a, b = low, high
-    T_1, T_2 = b - GOLDEN * (b - a), a + GOLDEN * (b - a)
-    V_1, V_2 = V(T_1), V(T_2)
-    tried = [(V_1, T_1), (V_2, T_2)]
-    for _ in range(evaluations - 2):
-        if V_1 > V_2:
-            a, T_1, V_1 = T_1, T_2, V_2
-            T_2 = a + GOLDEN * (b - a)
-            V_2 = V(T_2)
-            tried.append((V_2, T_2))
-        else:
-            b, T_2, V_2 = T_2, T_1, V_1
-            T_1 = b - GOLDEN * (b - a)
-            V_1 = V(T_1)
-            tried.append((V_1, T_1))
-    costs, T = np.array(sorted(tried)[:3]).T
-    bend, slope, _ = np.polyfit(T - T[0], costs - costs[0], 2).tolist()
-    return float(np.clip(T[0] - slope / (2 * bend) if bend > 0 else T[0], a, b))
 
 
 def _late(factor: Factor, T: float, role: str, at: str, one: Evaluated, values: ComplexArray) -> ComplexArray:

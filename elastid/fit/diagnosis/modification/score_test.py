@@ -27,8 +27,6 @@ MIN_INFORMATION_LEFT = 1e-7
 MIN_POWER = 1e-13
 # Of the prior of a number that can only grow, of its step's unit.
 MIN_WIDTH = 1e-3
-# Changes of the active set for each number at most; a gradient below this part of the largest is none.
-MAX_CHANGES, ROUNDING = 6, 1e-9
 
 
 @dataclass(frozen=True)
@@ -154,7 +152,9 @@ class ScoreTest:
         step = np.linalg.solve(L.T, target) / size
         if np.all((limits[0] <= step) & (step <= limits[1])):
             return np.asarray(step)
-        return least_within(S + np.diag(width**-2), g, limits)
+        from scipy.optimize import lsq_linear  # slow to load, and seldom needed
+
+        return np.asarray(lsq_linear(L.T, target, limits * size).x / size)
 
     def _block(self, candidate: Candidate) -> FloatArray:
         return self.S[np.ix_(candidate.places, candidate.places)]
@@ -172,31 +172,3 @@ class ScoreTest:
             limit = one.upper if step > 0 else -one.lower
             part = min(part, limit / abs(step)) if step != 0 else part
         return max(part, 0.0)
-
-
-def least_within(S: FloatArray, g: FloatArray, limits: FloatArray) -> FloatArray:
-    """Where s^T S s + 2 g^T s of few numbers (n_m,) is least within their limits (2, n_m).
-
-    S (n_m, n_m) is positive definite.  By active sets (Stark and Parker 1995): scipy.optimize takes longer to load
-    than all else that is done here.
-    """
-    step, free = np.zeros(len(g)), np.ones(len(g), dtype=bool)
-    for _ in range(MAX_CHANGES * len(g)):
-        wanted = step.copy()
-        wanted[free] = -np.linalg.solve(S[np.ix_(free, free)], g[free] + S[np.ix_(free, ~free)] @ step[~free])
-        way = wanted - step
-        room = np.where(way > 0, limits[1] - step, limits[0] - step)
-        part = np.divide(room, way, out=np.full(len(g), np.inf), where=free & (way != 0))
-        first = int(np.argmin(part))
-        if part[first] < 1:
-            step = step + max(part[first], 0.0) * way
-            step[first] = limits[int(way[first] > 0), first]
-            free[first] = False
-            continue
-        step, slope = wanted, g + S @ wanted
-        inward = np.where(step <= limits[0], -slope, slope) * ~free
-        last = int(np.argmax(inward))
-        if inward[last] <= ROUNDING * np.abs(g).max():
-            break
-        free[last] = True
-    return step
