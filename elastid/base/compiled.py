@@ -28,6 +28,8 @@ COMPILERS = ("cc", "gcc", "clang")
 MAX_COMPILE_S = 20.0
 # For the processor at hand; fused multiply-adds, but NaN, infinity and the order of sums stay what they are.
 LOOP_FLAGS = ("-O3", "-march=native", "-ffp-contract=fast", "-shared", "-fPIC")
+# Their sources begin with this.
+REGISTERS = Path(__file__).with_name("registers.c")
 PROCESSOR = Path(os.sep, "proc", "cpuinfo")  # of Linux
 
 _log = logging.getLogger(__name__)
@@ -67,12 +69,12 @@ def library(name: str, source: str, command: tuple[str, ...], flags: Sequence[st
 
 @cache
 def loops(paths: tuple[Path, ...], *flags: str) -> ctypes.CDLL | None:
-    """The functions of C files, read one behind the other, for the processor at hand; None where that fails."""
+    """The functions of C files, one behind the other after REGISTERS, for this processor; None where that fails."""
     command = compiler()
     if not command:
         return None
     try:
-        source = "\n".join(path.read_text(encoding="utf-8") for path in paths)
+        source = "\n".join(path.read_text(encoding="utf-8") for path in (REGISTERS, *paths))
         return ctypes.CDLL(str(library(paths[-1].stem, source, command, (*LOOP_FLAGS, *flags), _processor())))
     except (OSError, RuntimeError, subprocess.SubprocessError) as error:
         _log.debug("%s is not compiled: %s", paths[-1].name, error)

@@ -1,20 +1,5 @@
 /* The scatter of periods of `scatter.py`, BATCH lines side by side, real and imaginary parts apart. */
 
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-/* As many channels at once as the registers hold. */
-#if defined(__AVX512F__)
-#define WIDTH 64
-#define TILE 3
-#elif defined(__AVX__)
-#define WIDTH 32
-#define TILE 2
-#else
-#define WIDTH 16
-#define TILE 2
-#endif
 #define BATCH 8
 #define AHEAD 64
 #define LANES ((int64_t)(WIDTH / sizeof(double)))

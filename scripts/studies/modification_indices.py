@@ -12,8 +12,8 @@ together.  The last line is one JSON object with the numbers of the
 table.
 
 One data set of each fault: 15 of 15 are named, and their steps are the true ones to 4 % (torque constants 20 % wrong:
-8 %), from one linearisation; 0.36 to 0.49 CPU s beside 0.34 of a clean fit, but 0.56 to 0.67 for a reference recorded
-as current, exchanged postures and a mirrored motor, where no optimum of the search is near the truth.
+8 %), from one linearisation; 0.29 to 0.47 CPU s beside 0.29 of a clean fit, but 0.60 for exchanged postures, where no
+optimum of the search is near the truth.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
@@ -32,6 +32,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy.optimize  # noqa: F401  loaded here, so that it is no part of the first fit's time
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 

@@ -1,22 +1,7 @@
 /* Numbers of LANES lines side by side, real and imaginary parts apart; residuals, and columns pulled by them. */
 
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
 #ifndef REAL
 #define REAL double
-#endif
-/* As many columns and rows at once as the registers hold. */
-#if defined(__AVX512F__)
-#define WIDTH 64
-#define TILE 3
-#elif defined(__AVX__)
-#define WIDTH 32
-#define TILE 2
-#else
-#define WIDTH 16
-#define TILE 2
 #endif
 #define BATCH 16
 #define LANES ((int64_t)(WIDTH / sizeof(REAL)))

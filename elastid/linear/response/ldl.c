@@ -1,16 +1,5 @@
 /* L D L^T of all lines, several side by side in a vector register; arithmetic and order as `ldl.py` says. */
 
-#include <stdint.h>
-#include <stdlib.h>
-#include <string.h>
-
-#if defined(__AVX512F__)
-#define WIDTH 64
-#elif defined(__AVX__)
-#define WIDTH 32
-#else
-#define WIDTH 16
-#endif
 #define LANES ((int64_t)(WIDTH / sizeof(double)))
 
 typedef double lanes __attribute__((vector_size(WIDTH)));
