@@ -69,7 +69,10 @@ CASADI = "CasADi MX, AD"
 BARE, FLOOR = "numpy.linalg.solve alone", "96 kflop a line by zgemm (floor)"
 EVALUATION = "cost, gradient, normal matrix"
 PLAIN, WHOLE = "the same, NumPy alone", "the same, NumPy, leaves not condensed"
+INERTIAL, PLAIN_INERTIAL = "ten inertial parameters more", "the same, NumPy"
 IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
+# Together they make the linearisation local: with m c^2 in M, every stiffness moves the robot under gravity, too.
+INERTIAS = ("m_3", "m_4", "m_5", "m_6", "c_3_x", "c_4_z", "c_5_z", "I_3_xx", "I_4_yy", "I_6_zz")
 
 
 def build_robot() -> Robot:
@@ -131,9 +134,11 @@ def assemble(n_configurations: int, n_lines: int, full: bool = True) -> tuple[El
     return assembled(robot, measured(robot, n_configurations, np.linspace(2.0, 100.0, n_lines), full))
 
 
-def assembled(robot: Robot, responses: Sequence[FrequencyResponse]) -> tuple[ElasticFit, FloatArray]:
+def assembled(
+    robot: Robot, responses: Sequence[FrequencyResponse], identified: Sequence[str] = IDENTIFIED
+) -> tuple[ElasticFit, FloatArray]:
     """The fit of responses, and a start some 20 % off in every parameter."""
-    spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in identified}, weights=WeightSpec(floor=0.0))
     parameters = choose(spec, robot)
     fit = Assembly.of(responses, robot, spec, parameters).at(parameters.x, "complex")
     return fit, parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(parameters.x))
@@ -260,9 +265,14 @@ def growth(n_lines: int, n_configurations: int) -> dict[str, float]:
     return found
 
 
-def kernel_times(fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, repeats: int) -> dict[str, float]:
-    """Seconds for one pass over all configurations; plain: without compiled loops; whole: nor condensed leaves."""
-    theta, x = fit.parameters.theta, fit.parameters.x
+def kernel_times(
+    fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, inertial: Sequence[ElasticFit], repeats: int
+) -> dict[str, float]:
+    """Seconds for one pass over all configurations.
+
+    plain: without compiled loops; whole: nor condensed leaves.  inertial: INERTIAS free, too, compiled and plain.
+    """
+    theta, x, more = fit.parameters.theta, fit.parameters.x, inertial[0].parameters.x
     points = sum(len(part.measured) for part in fit.parts)
     return in_turn(
         {
@@ -274,6 +284,8 @@ def kernel_times(fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, repeats:
             PLAIN: lambda: plain.rough(x),
             WHOLE: lambda: whole.rough(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
+            INERTIAL: lambda: inertial[0].rough(more),
+            PLAIN_INERTIAL: lambda: inertial[1].rough(more),
         },
         repeats,
     )
@@ -361,16 +373,25 @@ def resident_mb() -> float:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit]:
-    """The fit in NumPy, and the same without condensed leaves, too."""
+def with_inertias(Q: int, F: int) -> ElasticFit:
+    """The fit with INERTIAS free, too; evaluated once, so that all is prepared."""
+    robot = build_robot()
+    fit, x0 = assembled(robot, measured(robot, Q, np.linspace(2.0, 100.0, F)), (*IDENTIFIED, *INERTIAS))
+    fit.rough(x0)
+    return fit
+
+
+def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, ElasticFit]:
+    """The fit in NumPy, the same without condensed leaves, and with INERTIAS free."""
     none = np.zeros(0, np.int64)
     with patch("elastid.linear.response.kernel.is_worth_it", return_value=False):
         plain, x0 = assemble(Q, F)
         plain.rough(x0)
+        inertial = with_inertias(Q, F)
         with patch.object(Leaves, "of", lambda coupled: Leaves(none, np.arange(len(coupled)), none)):
             whole, _ = assemble(Q, F)
             whole.rough(x0)
-    return plain, whole
+    return plain, whole, inertial
 
 
 def line_for_line(fit: ElasticFit, per_line_s: float, lines: int) -> dict[str, float]:
@@ -398,6 +419,8 @@ def of_passes(kernel: dict[str, float]) -> dict[str, float]:
         "evaluation_over_floor": round(kernel[EVALUATION] / kernel[FLOOR], 2),
         "numpy_evaluation_over_solve": round(kernel[PLAIN] / kernel[BARE], 2),
         "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
+        "inertial_evaluation_over_floor": round(kernel[INERTIAL] / kernel[FLOOR], 2),
+        "numpy_inertial_evaluation_over_floor": round(kernel[PLAIN_INERTIAL] / kernel[FLOOR], 2),
     }
 
 
@@ -421,8 +444,8 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     compiled = is_worth_it(F, n)
     print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; a C compiler compiles them'}\n")
 
-    plain, whole = without_compiled_loops(Q, F)
-    kernel = kernel_times(fit, plain, whole, 3 if quick else 15)
+    plain, whole, plain_inertial = without_compiled_loops(Q, F)
+    kernel = kernel_times(fit, plain, whole, (with_inertias(Q, F), plain_inertial), 3 if quick else 15)
     passes = {
         name: (f"{1e3 * value:.1f}", f"{value / kernel[BARE]:.1f}", f"{value / kernel[FLOOR]:.1f}")
         for name, value in kernel.items()

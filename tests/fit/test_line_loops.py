@@ -18,7 +18,7 @@ from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.spec import FitSpec, ParameterSpec
 from elastid.fit.weight_spec import MaskSpec, WeightSpec
 from elastid.linear.linearise import linearise
-from elastid.linear.response.derivatives import Sensitivity
+from elastid.linear.response.sensitivity import Sensitivity
 from elastid.linear.response.transfer import to_response
 from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
@@ -28,19 +28,26 @@ from elastid.response import Covariance
 pytestmark = pytest.mark.skipif(not is_compiled(), reason="no C compiler is installed")
 
 
-def random_part(rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int, n_1: int, n_2: int) -> Sensitivity:
+def random_part(
+    rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int, n_1: int, n_2: int, n_3: int
+) -> Sensitivity:
     """Random columns of the elements of a response, on and above the diagonal where it is square."""
     rows, columns = np.triu_indices(n_u) if n_y == n_u else np.indices((n_y, n_u)).reshape(2, -1)
-    left = circular(rng, (F, n_y, n_1))
+    r, omega = 2 * (n_2 > 0) + n_2, rng.uniform(0.1, 1.0, F)
+    left = circular(rng, (F, n_y, n_1 + r))
+    S = rng.standard_normal((2, n_2, r, r))
+    S[0, n_2 // 2 :] = 0.0
     return Sensitivity(
         block=slice(start, start + F),
-        s=1j * rng.uniform(0.1, 1.0, F),
+        s=300j * omega,
+        omega=omega,
         gain=circular(rng, (F,)),
         G=circular(rng, (F, len(rows))),
         left=left,
-        right=left if n_y == n_u else circular(rng, (F, n_u, n_1)),
+        right=left if n_y == n_u else circular(rng, (F, n_u, n_1 + r)),
         sign=rng.choice([-1.0, 1.0], n_1),
-        whole=circular(rng, (F, len(rows), n_2)),
+        S=S + S.swapaxes(2, 3),
+        whole=circular(rng, (F, len(rows), n_3)),
         outputs=rows.astype(np.int64),
         inputs=columns.astype(np.int64),
     )
@@ -49,23 +56,30 @@ def random_part(rng: np.random.Generator, start: int, F: int, n_y: int, n_u: int
 @pytest.mark.parametrize("precision", [np.float64, np.float32])
 @pytest.mark.parametrize("is_diagonal", [True, False])
 @pytest.mark.parametrize(
-    ("F", "n_y", "n_u", "n_1", "n_2"),
-    [(1, 1, 1, 1, 0), (BATCH, 2, 2, 3, 0), (BATCH + 1, 3, 3, 5, 2), (37, 3, 2, 7, 4), (7, 2, 1, 0, 2)],
+    ("F", "n_y", "n_u", "n_1", "n_2", "n_3"),
+    [
+        (1, 1, 1, 1, 0, 0),
+        (BATCH, 2, 2, 3, 1, 0),
+        (BATCH + 1, 3, 3, 5, 0, 2),
+        (37, 3, 2, 7, 5, 4),
+        (7, 2, 1, 0, 3, 2),
+        (5, 4, 4, 0, 2, 0),
+    ],
 )
-def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, precision):
-    """One line, whole batches and more; one element, odd numbers of them; columns of rank one, others and none."""
+def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precision):
+    """One line, whole batches and more; one element, odd numbers of them; columns of any rank, others and none."""
     rng = np.random.default_rng(F)
-    start, scale = 2 * BATCH, rng.uniform(0.5, 2.0, n_1 + n_2)
-    part = random_part(rng, start, F, n_y, n_u, n_1, n_2)
+    start, scale = 2 * BATCH, rng.uniform(0.5, 2.0, n_1 + n_2 + n_3)
+    part = random_part(rng, start, F, n_y, n_u, n_1, n_2, n_3)
     n_e = len(part.outputs)
     R: ComplexArray = circular(rng, (start + F, n_e, n_e))
     R = np.abs(R[:, 0]) if is_diagonal else np.triu(R)
     R[-1] = 0.0  # a line that is masked
-    q, slope, omega = circular(rng, (F, n_e)), circular(rng, (F, n_e)), part.s.imag
-    upper = np.triu(np.ones((n_1 + n_2,) * 2))
+    q, slope = circular(rng, (F, n_e)), circular(rng, (F, n_e))
+    upper = np.triu(np.ones((len(scale),) * 2))
     for G, of_e in ((part.G, None), (None, slope)):
-        found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, omega, precision)
-        expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, omega, precision)
+        found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
+        expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
         assert found.cost == pytest.approx(expected.cost, rel=1e-13)
         for one, other in ((found.weight, expected.weight), (found.pulled, expected.pulled)):
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(other).max(initial=1.0))

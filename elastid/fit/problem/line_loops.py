@@ -16,7 +16,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.compiled import call, loops
-from elastid.linear.response.derivatives import Sensitivity
+from elastid.linear.response.sensitivity import Sensitivity
 
 BATCH = 16
 SOURCES = tuple(Path(__file__).with_name(name) for name in ("line_residuals.c", "line_loops.c"))
@@ -48,15 +48,16 @@ def sums(
     G: ComplexArray | None,
     slope: ComplexArray | None,
     scale: FloatArray,
-    omega: FloatArray,
     precision: type[np.floating[Any]],
 ) -> tuple[float, ComplexArray, ComplexArray, FloatArray]:
     """As `Full.sums`, R packed; moments on and above the diagonal."""
-    (F, n_y, n_1), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
+    (F, n_y, _), n_u, (n_b, n_e) = part.left.shape, part.right.shape[1], (len(scale), len(part.outputs))
+    n_1, (_, n_2, r, _) = len(part.sign), part.S.shape
     sign = np.ones(n_b)
     sign[:n_1] = part.sign
     cost, weight = np.zeros(1), np.empty((n_e, F), complex)
     pulled, moments = np.zeros((3, n_b), complex), np.zeros((5, n_b, n_b))
+    between = np.zeros((3, r, r), complex)
     call(
         _loops(precision),
         "sums",
@@ -64,12 +65,15 @@ def sums(
         n_y,
         n_u,
         n_1,
-        n_b - n_1,
+        n_2,
+        r,
+        n_b - n_1 - n_2,
         n_e,
         R.shape[1] == n_e,
         part.left.T,
         None if part.is_alike else part.right.T,
         part.gain,
+        part.S,
         part.whole.T,
         part.outputs,
         part.inputs,
@@ -77,12 +81,14 @@ def sums(
         None if G is None else G.T,
         None if slope is None else slope.T,
         R[part.block.start // BATCH :],
-        omega,
+        part.omega,
         sign,
         sign * scale,
         cost,
         weight,
         pulled,
+        between,
         moments,
     )
+    pulled[:, n_1 : n_1 + n_2] = part.pulled_by(between)
     return float(cost[0]), weight.T, pulled, moments

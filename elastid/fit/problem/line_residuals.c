@@ -31,8 +31,9 @@ typedef struct {
     } while (0)
 
 typedef struct {
-    int64_t F, n_y, n_u, n_1, n_2, n_e, is_diagonal;
+    int64_t F, n_y, n_u, n_1, n_2, n_v, n_3, n_e, is_diagonal;
     const int64_t *outputs, *inputs;
+    const double *S; /* (2, n_2, n_v, n_v) */
 } sizes;
 
 static int64_t first_of_row(int64_t e, const sizes *of) {
@@ -126,30 +127,60 @@ static wide residual(const sizes *of, const double *R, int64_t lane, const preci
     return cost;
 }
 
+/* Adds s^p x to sums[p * apart], p = 0, 1, 2. */
+static inline void add_powers(precise x, wide omega, int64_t apart, precise *sums) {
+    sums[0].re += x.re;
+    sums[0].im += x.im;
+    sums[apart].re -= omega * x.im;
+    sums[apart].im += omega * x.re;
+    sums[2 * apart].re -= omega * omega * x.re;
+    sums[2 * apart].im -= omega * omega * x.im;
+}
+
 /* Adds s^p times the sum of weight and column, elements of equal output together, to sums (3, n_b). */
 static void pull(const sizes *of, const precise *left, const precise *right, const precise *gain, const precise *whole,
                  const precise *weight, wide omega, precise *sums) {
-    int64_t n_1 = of->n_1, n_b = n_1 + of->n_2, n_e = of->n_e;
+    int64_t n_1 = of->n_1, n_12 = n_1 + of->n_2, n_b = n_12 + of->n_3, n_e = of->n_e;
     precise none = {{0}, {0}};
-    for (int64_t b = 0; b < n_b; b++) {
+    for (int64_t b = 0; b < n_1; b++) {
         precise total = none, sum = none;
-        if (b < n_1) {
-            for (int64_t e = 0; e < n_e;) {
-                int64_t i = of->outputs[e];
-                precise row = none;
-                for (; e < n_e && of->outputs[e] == i; e++)
-                    ADD_PRODUCT(row, weight[e], right[b * of->n_u + of->inputs[e]]);
-                ADD_PRODUCT(sum, row, left[b * of->n_y + i]);
-            }
-            ADD_PRODUCT(total, sum, *gain);
-        } else
-            for (int64_t e = 0; e < n_e; e++)
-                ADD_PRODUCT(total, weight[e], whole[(b - n_1) * n_e + e]);
-        sums[b].re += total.re;
-        sums[b].im += total.im;
-        sums[n_b + b].re -= omega * total.im;
-        sums[n_b + b].im += omega * total.re;
-        sums[2 * n_b + b].re -= omega * omega * total.re;
-        sums[2 * n_b + b].im -= omega * omega * total.im;
+        for (int64_t e = 0; e < n_e;) {
+            int64_t i = of->outputs[e];
+            precise row = none;
+            for (; e < n_e && of->outputs[e] == i; e++)
+                ADD_PRODUCT(row, weight[e], right[b * of->n_u + of->inputs[e]]);
+            ADD_PRODUCT(sum, row, left[b * of->n_y + i]);
+        }
+        ADD_PRODUCT(total, sum, *gain);
+        add_powers(total, omega, n_b, sums + b);
+    }
+    for (int64_t b = n_12; b < n_b; b++) {
+        precise total = none;
+        for (int64_t e = 0; e < n_e; e++)
+            ADD_PRODUCT(total, weight[e], whole[(b - n_12) * n_e + e]);
+        add_powers(total, omega, n_b, sums + b);
+    }
+}
+
+/* Adds s^p gain left^T weight right of the directions of the bases of a higher rank to sums (3, r, r). */
+static void pull_between(const sizes *of, const precise *left, const precise *right, const precise *gain,
+                         const precise *weight, wide omega, precise *sums) {
+    int64_t r = of->n_v, n_e = of->n_e, n_y = of->n_y, n_u = of->n_u;
+    precise none = {{0}, {0}}, row[n_y];
+    for (int64_t b = 0; b < r; b++) {
+        memset(row, 0, sizeof row);
+        for (int64_t e = 0; e < n_e; e++)
+            ADD_PRODUCT(row[of->outputs[e]], weight[e], right[b * n_u + of->inputs[e]]);
+        for (int64_t i = 0; i < n_y; i++) {
+            precise turned = none;
+            ADD_PRODUCT(turned, row[i], *gain);
+            row[i] = turned;
+        }
+        for (int64_t a = 0; a < r; a++) {
+            precise sum = none;
+            for (int64_t i = 0; i < n_y; i++)
+                ADD_PRODUCT(sum, left[a * n_y + i], row[i]);
+            add_powers(sum, omega, r * r, sums + a * r + b);
+        }
     }
 }

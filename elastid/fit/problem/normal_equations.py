@@ -49,8 +49,7 @@ class NormalEquations:
         precision: of these sums alone; single is enough for a step and takes less time. The derivatives of
         images of held torques, a thousandth of the others at a tenth of the rate, are in J^T r but not in J^T J.
         """
-        pieces, freq_hz = self.columns.pieces, self.columns.kernel.freq_hz
-        omega_0 = 2 * np.pi * freq_hz.max() if freq_hz.size else 1.0
+        pieces, omega_0 = self.columns.pieces, self.columns.omega_0
         # Columns of a size near one, whatever the units of the parameters: single precision does not reach far.
         size = np.abs(pieces.sigma @ self.columns.size(theta)) * omega_0**pieces.power
         size[size == 0] = 1.0
@@ -60,7 +59,7 @@ class NormalEquations:
         weights, R = [], self._compressed.R
         for part in self.columns.at(theta):
             constant, e = self._residual(part.block, part.G)
-            found = R.sums(part, e, scale, part.s.imag / omega_0, precision)
+            found = R.sums(part, e, scale, precision)
             V += constant + found.cost
             pull += found.pulled
             moments += found.moments

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem import line_loops
-from elastid.linear.response.derivatives import Sensitivity
+from elastid.linear.response.sensitivity import Sensitivity
 
 Complex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
 Precision: TypeAlias = type[np.floating[Any]]
@@ -54,9 +54,7 @@ class Full:
         """r = q - R g (F, n_e) of a block of lines."""
         return np.asarray(q - _times(self.R[block], G[:, :, None])[:, :, 0])
 
-    def sums(
-        self, part: Sensitivity, e: LineResiduals, scale: FloatArray, omega: FloatArray, precision: Precision
-    ) -> LineSums:
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """The sums of a block of lines; precision: of the moments."""
         q, G, slope = e
         R = self.R[part.block]
@@ -64,16 +62,15 @@ class Full:
         weight = np.asarray(R * r.conj() if R.ndim == 2 else (r.conj()[:, None, :] @ R)[:, 0])
         if slope is not None:
             weight = weight * slope
-        pulled = np.stack([np.ones_like(omega), 1j * omega, -(omega**2)]) @ part.pull(weight)
         U = part.columns(scale, precision)
         if slope is not None:
             U *= slope[:, :, None]
         V = _times(R.astype(U.dtype if R.ndim == 3 else U.real.dtype), U)
         gram = np.swapaxes(V.conj(), 1, 2) @ V
-        powers = (omega ** np.arange(5)[:, None]).astype(V.real.dtype)
+        powers = (part.omega ** np.arange(5)[:, None]).astype(V.real.dtype)
         found = (powers @ gram.reshape(len(V), -1).view(powers.dtype)).view(V.dtype).reshape(5, *gram.shape[1:])
         moments = np.stack([one.imag if p % 2 else one.real for p, one in enumerate(found)]).astype(np.float64)
-        return LineSums(float(np.vdot(r, r).real), weight, pulled, moments)
+        return LineSums(float(np.vdot(r, r).real), weight, part.pull(weight), moments)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,11 +84,9 @@ class Packed:
         """Of R (F, n_e, n_e) or its diagonal (F, n_e)."""
         return cls(line_loops.packed(R))
 
-    def sums(
-        self, part: Sensitivity, e: LineResiduals, scale: FloatArray, omega: FloatArray, precision: Precision
-    ) -> LineSums:
+    def sums(self, part: Sensitivity, e: LineResiduals, scale: FloatArray, precision: Precision) -> LineSums:
         """As `Full.sums`."""
-        return LineSums(*line_loops.sums(part, self.R, *e, scale, omega, precision))
+        return LineSums(*line_loops.sums(part, self.R, *e, scale, precision))
 
 
 def _times(R: npt.NDArray[np.inexact[Any]], U: Complex) -> Complex:

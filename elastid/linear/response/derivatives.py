@@ -13,28 +13,28 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.linear.linear_model import Slope
 from elastid.linear.response.kernel import Kernel
-from elastid.linear.response.rank_one_terms import rank_one_parts
+from elastid.linear.response.rank_one_terms import as_rank_one
+from elastid.linear.response.sensitivity import Sensitivity
 
 # Matrices of length one that differ by less than this are equal.
 EQUAL_TOLERANCE = 1e-12
-# So many lines of the products with bases of a higher rank stay in the cache.
-CACHED_LINES = 20
+# The product of two that may be.
+NEARLY_ONE = 1 - 1e-6
 
 
 @dataclass(frozen=True)
 class Pieces:
-    """dZ of the wanted parameters: E (n_b, n, n) of length one; base, power (n_t,) of each piece, sigma (n_t, P).
+    """dZ of the wanted parameters: base b is E[0, b] - omega^2 E[1, b], E (2, n_b, n, n), of a size near one.
 
-    A factor of the response (delay, chain, gain) or a parameter that moves C or T (geometry) has a column -dG / dp of
-    its own, behind the bases.
+    omega is over the highest of all lines, and E[1] zero where a base is of rank one.
+    base, power (n_t,) of each piece, sigma (n_t, P). A factor of the response (delay, chain, gain) or a parameter that
+    moves C or T (geometry) has a column -dG / dp of its own, behind the bases.
     """
 
     E: FloatArray
@@ -45,58 +45,12 @@ class Pieces:
 
 @dataclass(frozen=True)
 class Directions:
-    """Bases of rank one, +-E = y y^T: sign (n_1,), y (n, n_1); the others E = V S V^T: V (n, r), S (r, n_2 r)."""
+    """Bases of rank one, +-E = y y^T: sign (n_1,), y (n, n_1); the others E = V S V^T: V (n, r), S (2, n_2, r, r)."""
 
     sign: FloatArray
     y: FloatArray
     V: FloatArray
     S: FloatArray
-
-
-@dataclass(frozen=True)
-class Sensitivity:
-    """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
-
-    Images of held torques are in G, and in columns of factors; of the others `Columns.pull_images` has the derivatives.
-    left (F, n_y, n_1), right (F, n_u, n_1), sign (n_1,), gain (F,): W^T y and y^T X of the bases of rank one, and c.
-    whole (F, n_e, n_2): the columns of all others.  outputs, inputs (n_e,): output and input of each element.
-    """
-
-    block: slice
-    s: ComplexArray
-    gain: ComplexArray
-    G: ComplexArray
-    left: ComplexArray
-    right: ComplexArray
-    sign: FloatArray
-    whole: ComplexArray
-    outputs: IntArray
-    inputs: IntArray
-
-    @property
-    def is_alike(self) -> bool:
-        """Whether left and right are the same numbers, in the same memory."""
-        return self.left.shape == self.right.shape and self.left.ctypes.data == self.right.ctypes.data
-
-    def columns(
-        self, scale: FloatArray, precision: type[np.floating[Any]]
-    ) -> npt.NDArray[np.complexfloating[Any, Any]]:
-        """Columns (F, n_e, n_b), each times its scale (n_b,)."""
-        n_1 = len(self.sign)
-        found = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
-        right = self.right.astype(found.dtype)
-        left = right if self.is_alike else self.left.astype(found.dtype)
-        left = left * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(found.dtype)[:, None]
-        np.multiply(left.take(self.outputs, axis=1), right.take(self.inputs, axis=1), out=found[:, :, :n_1])
-        np.multiply(self.whole, scale[n_1:], out=found[:, :, n_1:], casting="same_kind")
-        return found
-
-    def pull(self, weight: ComplexArray) -> ComplexArray:
-        """sum_e weight_e U_eb (F, n_b) of the columns U, weight (F, n_e)."""
-        spread = np.zeros((len(weight), self.left.shape[1], self.right.shape[1]), complex)
-        spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
-        pulled = np.sum(self.left * (spread @ self.right), axis=1) * self.sign
-        return np.concatenate([pulled, (weight[:, None, :] @ self.whole)[:, 0]], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,26 +83,40 @@ class Columns:
         return np.asarray(rows, np.int64), np.asarray(columns, np.int64)
 
     @cached_property
+    def omega_0(self) -> float:
+        """The highest of all lines, 1 without any."""
+        return 2 * np.pi * float(self.kernel.freq_hz.max(initial=0.0)) or 1.0
+
+    @cached_property
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
         bases: list[FloatArray] = []
         found: list[tuple[int, int, int, float]] = []
         for place, name in enumerate(self.kernel.wanted):
             slope = self.kernel.model.slopes.get(name, Slope())
-            for power, matrix in enumerate((slope.K, slope.D, slope.M)):
-                if matrix is not None and np.any(matrix):
-                    base, sigma = _base(bases, matrix)
-                    found.append((place, base, power, sigma))
+            given = {
+                power: matrix
+                for power, matrix in enumerate((slope.K, slope.D, slope.M))
+                if matrix is not None and np.any(matrix)
+            }
+            if all(power in given and as_rank_one(given[power]) is None for power in (0, 2)):
+                both = np.stack([given.pop(0), self.omega_0**2 * given.pop(2)])
+                size = float(np.linalg.norm(both))
+                found.append((place, len(bases), 0, size))
+                bases.append(both / size)
+            for power, matrix in given.items():
+                base, sigma = _base(bases, matrix)
+                found.append((place, base, power, sigma))
         others = (*self.kernel.factors, *self.kernel.moved_outputs)
         found += [(self.kernel.wanted.index(name), len(bases) + i, 0, 1.0) for i, name in enumerate(others)]
-        order = sorted(range(len(bases)), key=lambda b: len(rank_one_parts(bases[b])) > 1)
+        order = sorted(range(len(bases)), key=lambda b: bases[b][1].any() or as_rank_one(bases[b][0]) is None)
         now_at = np.append(np.argsort(order), len(bases) + np.arange(len(others))).astype(np.int64)
         sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
         for t, (place, _, _, sigma) in enumerate(found):
             sigma_of[t, place] = sigma
         n = self.kernel.model.n
         return Pieces(
-            np.array(bases).reshape(-1, n, n)[order],
+            np.array(bases).reshape(-1, 2, n, n)[order].swapaxes(0, 1),
             now_at[[base for _, base, _, _ in found]],
             np.array([power for _, _, power, _ in found], np.int64),
             sigma_of,
@@ -156,21 +124,18 @@ class Columns:
 
     @cached_property
     def _directions(self) -> Directions:
-        n, E = self.kernel.model.n, self.pieces.E
-        parts = [rank_one_parts(one) for one in E]
-        single = [terms[0] for terms in parts if len(terms) == 1]
-        value, others = np.array([value for value, _ in single]), E[len(single) :]
-        y = np.array([y for _, y in single]).reshape(-1, n).T * np.sqrt(np.abs(value))
-        V, size, _ = np.linalg.svd(others.transpose(1, 0, 2).reshape(n, -1), full_matrices=False)
-        V = V[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)]
-        S = (V.T @ others @ V).transpose(1, 0, 2).reshape(V.shape[1], len(others) * V.shape[1])
-        return Directions(np.sign(value), y, V, S)
+        E, n = self.pieces.E, self.kernel.model.n
+        parts = [None if both[1].any() else as_rank_one(both[0]) for both in E.swapaxes(0, 1)]
+        single = [part for part in parts if part is not None]
+        others = E[:, len(single) :]
+        V = _span(others.reshape(-1, n, n))
+        sign, y = np.array([sign for sign, _ in single]), np.array([y for _, y in single]).reshape(-1, n).T
+        return Directions(sign, y, V, V.T @ others @ V)
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
         of, n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
-        n_1 = of.y.shape[1]
         images, of_images = self._of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             G = response[:, rows, columns]
@@ -185,12 +150,10 @@ class Columns:
             if images is not None and of_images is not None:
                 G = G + images[block][:, rows, columns]
                 factors = [one + more[block][:, rows, columns] for one, more in zip(factors, of_images, strict=True)]
-            whole = self._of_others(left[:, :, n_1:], gain[:, None, None] * right[:, :, n_1:])
-            if factors or len(moved):
-                others = [*factors, *moved[:, :, rows, columns]]
-                whole = np.concatenate([whole, -np.stack(others, axis=2)], axis=2)
-            left, right = left[:, :, :n_1], right[:, :, :n_1]
-            yield Sensitivity(block, s, gain, G, left, right, of.sign, whole, rows, columns)
+            others = [*factors, *moved[:, :, rows, columns]]
+            whole = -np.stack(others, axis=2) if others else np.zeros((*G.shape, 0), complex)
+            omega = s.imag / self.omega_0
+            yield Sensitivity(block, s, omega, gain, G, left, right, of.sign, of.S, whole, rows, columns)
 
     @cached_property
     def _asked(self) -> FloatArray:
@@ -201,20 +164,6 @@ class Columns:
     def _is_own(self) -> bool:
         """Whether the right sides are the outputs' directions, in their order."""
         return np.array_equal(self.kernel.output_columns, np.arange(self.kernel.model.B.shape[1]))
-
-    def _of_others(self, left: ComplexArray, right: ComplexArray) -> ComplexArray:
-        """Columns (F, n_e, n_2) of the bases of a higher rank from W^T V (F, n_y, r) and c X^T V (F, n_u, r)."""
-        (F, n_y, r), n_u, (rows, columns) = left.shape, right.shape[1], self.elements
-        if not r:
-            return np.zeros((F, len(rows), 0), complex)
-        n_2 = self._directions.S.shape[1] // r
-        place = ((rows[:, None] * n_2 + np.arange(n_2)) * n_u + columns[:, None]).ravel()
-        found = np.empty((F, len(rows), n_2), complex)
-        for few in (slice(start, start + CACHED_LINES) for start in range(0, F, CACHED_LINES)):
-            turned = (left[few].reshape(-1, r) @ self._directions.S).reshape(-1, n_y * n_2, r)
-            full = turned @ right[few].swapaxes(1, 2)
-            found[few] = full.reshape(len(full), -1).take(place, axis=1).reshape(-1, len(rows), n_2)
-        return found
 
     def pull_images(self, theta: FloatArray, weight: ComplexArray) -> FloatArray:
         """Re sum_fe weight_fe dG_fe (P,) of the images that are not in the columns, weight (F, n_e)."""
@@ -241,10 +190,18 @@ class Columns:
 def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
     """The place among the bases of a matrix, added where it is new, and its factor."""
     sigma = float(np.linalg.norm(matrix))
-    E = matrix / sigma
+    both = np.stack([matrix / sigma, np.zeros_like(matrix)])
     for place, other in enumerate(bases):
-        product = float(np.sum(E * other))
-        if np.abs(E - np.sign(product) * other).max() < EQUAL_TOLERANCE:
+        product = float(np.vdot(both, other))
+        if abs(product) > NEARLY_ONE and np.abs(both - np.sign(product) * other).max() < EQUAL_TOLERANCE:
             return place, sigma * float(np.sign(product))
-    bases.append(E)
+    bases.append(both)
     return len(bases) - 1, sigma
+
+
+def _span(matrices: FloatArray) -> FloatArray:
+    """Directions (n, r) that symmetric matrices (N, n, n) span: coordinates, or fewer by half that are a mixture."""
+    stacked = matrices.transpose(1, 0, 2).reshape(matrices.shape[1], -1)
+    U, size, _ = np.linalg.svd(stacked, full_matrices=False)
+    U, touched = U[:, size > EQUAL_TOLERANCE * size.max(initial=0.0)], np.flatnonzero(stacked.any(axis=1))
+    return U if 2 * U.shape[1] <= len(touched) else np.eye(len(stacked))[:, touched]

@@ -65,6 +65,18 @@ def rank_one_parts(matrix: FloatArray) -> list[tuple[float, FloatArray]]:
     return [(float(eigenvalues[i]), _with_sign(vectors[:, i])) for i in keep]
 
 
+def as_rank_one(matrix: FloatArray) -> tuple[float, FloatArray] | None:
+    """sigma = +-1 and y of a symmetric matrix sigma y y^T; None where it is of a higher rank."""
+    i = int(np.argmax(np.abs(matrix.diagonal())))
+    largest = float(matrix[i, i])
+    if not largest:
+        return None
+    y = matrix[:, i] / np.sqrt(abs(largest))
+    sigma = float(np.sign(largest))
+    is_all = np.abs(matrix - sigma * np.outer(y, y)).max() <= RANK_TOLERANCE * abs(largest)
+    return (sigma, y) if is_all else None
+
+
 def _with_sign(y: FloatArray) -> FloatArray:
     leading = y[np.argmax(np.abs(y) > 0.5 * np.abs(y).max())]
     return y if leading > 0 else -y

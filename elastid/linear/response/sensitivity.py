@@ -1,0 +1,94 @@
+"""The derivatives of one response on a block of lines by their factors, and their columns from these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+
+AnyComplex: TypeAlias = npt.NDArray[np.complexfloating[Any, Any]]
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """One block of lines: s = j omega (F,), G (F, n_e) of the elements, and the columns c W^T E_b X by their factors.
+
+    Images of held torques are in G, and in columns of factors; of the others `Columns.pull_images` has the derivatives.
+    omega (F,): over the highest of all lines.  gain (F,): c.
+    left (F, n_y, n_1 + r), right (F, n_u, n_1 + r): W^T [y, V] and [y, V]^T X; the bases are
+    sign y y^T of rank one, sign (n_1,), and V (S[0] - omega^2 S[1]) V^T, S (2, n_2, r, r) symmetric.
+    whole (F, n_e, n_3): the columns of all others.  outputs, inputs (n_e,): output and input of each element.
+    """
+
+    block: slice
+    s: ComplexArray
+    omega: FloatArray
+    gain: ComplexArray
+    G: ComplexArray
+    left: ComplexArray
+    right: ComplexArray
+    sign: FloatArray
+    S: FloatArray
+    whole: ComplexArray
+    outputs: IntArray
+    inputs: IntArray
+
+    @property
+    def is_alike(self) -> bool:
+        """Whether left and right are the same numbers, in the same memory."""
+        return self.left.shape == self.right.shape and self.left.ctypes.data == self.right.ctypes.data
+
+    def columns(self, scale: FloatArray, precision: type[np.floating[Any]]) -> AnyComplex:
+        """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
+        n_1, n_12 = len(self.sign), len(self.sign) + self.S.shape[1]
+        found = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
+        right = self.right.astype(found.dtype)
+        left = right if self.is_alike else self.left.astype(found.dtype)
+        one = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(found.dtype)[:, None]
+        one, other = one.take(self.outputs, axis=1), right[:, :, :n_1].take(self.inputs, axis=1)
+        np.multiply(one, other, out=found[:, :, :n_1])
+        if n_12 > n_1:
+            left = left[:, :, n_1:] * self.gain.astype(found.dtype)[:, None, None]
+            found[:, :, n_1:n_12] = self._of_matrices(left, right[:, :, n_1:], scale[n_1:n_12])
+        np.multiply(self.whole, scale[n_12:], out=found[:, :, n_12:], casting="same_kind")
+        return found
+
+    def _of_matrices(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
+        """left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
+        (F, n_u, r), n_2, real = right.shape, len(scale), right.real.dtype
+        # Rows of S by their row first, so that the matrices of a line stand side by side in one product with left.
+        S = (self.S * scale[:, None, None]).transpose(0, 2, 1, 3).reshape(2, r * n_2, r).astype(real)
+        lines = np.ascontiguousarray(right.swapaxes(1, 2)).view(real)
+        turned = S[0] @ lines
+        if S[1].any():
+            turned -= S[1] @ (lines * (self.omega**2).astype(real)[:, None, None])
+        full = left @ turned.view(right.dtype).reshape(F, r, n_2 * n_u)
+        place = ((self.outputs[:, None] * n_2 + np.arange(n_2)) * n_u + self.inputs[:, None]).ravel()
+        return np.asarray(full.reshape(F, -1).take(place, axis=1).reshape(F, len(self.outputs), n_2))
+
+    def pull(self, weight: ComplexArray) -> ComplexArray:
+        """sum over lines and elements of (j omega)^p weight U_b (3, n_b), p = 0, 1, 2, columns U; weight (F, n_e).
+
+        Of matrices S with an omega^2 of their own p = 0 alone.
+        """
+        spread = np.zeros((len(weight), self.left.shape[1], self.right.shape[1]), complex)
+        spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
+        powers = np.stack([np.ones_like(self.omega), 1j * self.omega, -(self.omega**2)])
+        rows, n_1, r = spread @ self.right, len(self.sign), self.S.shape[2]
+        single = powers @ np.sum(self.left[:, :, :n_1] * rows[:, :, :n_1], axis=1) * self.sign
+        many = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
+        between = self.left[:, :, n_1:].reshape(many.shape[1:]).T @ many
+        whole = powers @ (weight[:, None, :] @ self.whole)[:, 0]
+        return np.concatenate([single, self.pulled_by(between), whole], axis=1)
+
+    def pulled_by(self, between: ComplexArray) -> ComplexArray:
+        """The share of the matrices S in `pull` (3, n_2); between (3, r, r): of left^T weight right, as it has them."""
+        flat = between.reshape(3, between.shape[1] ** 2)
+        fixed, moved = self.S.reshape(*self.S.shape[:2], flat.shape[1])
+        pulled = flat @ fixed.T
+        pulled[0] += moved @ flat[2]
+        return np.asarray(pulled)
