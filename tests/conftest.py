@@ -1,5 +1,6 @@
 """A study small enough to be run many times: one elastic joint, simulated in a second."""
 
+import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,8 +45,16 @@ fit:
   parameters:
     k_1: {}
     d_1: {}
-report: {formats: [png]}
+report: {formats: []}
 """
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """One core for each of pytest's workers: what a command starts on all cores that it may use is one process."""
+    worker = getattr(config, "workerinput", {}).get("workerid", "")
+    if worker and hasattr(os, "sched_setaffinity"):
+        cores = sorted(os.sched_getaffinity(0))
+        os.sched_setaffinity(0, {cores[int(worker.removeprefix("gw")) % len(cores)]})
 
 
 @pytest.fixture

@@ -243,7 +243,7 @@ def refused(study: Path, code: int, capsys: pytest.CaptureFixture[str], *options
 
 def test_a_good_log_is_identified(tiny: Path, here: Path) -> None:
     """The bench of the following tests, unspoilt: the stiffness to 1 %."""
-    assert cli.run_command(["run", str(recorded(tiny, bench())), "-q"]) == 0
+    assert cli.run_command(["run", str(recorded(tiny, bench())), "--jobs", "1", "-q"]) == 0
     assert read_fit(here / "runs/tiny/fit.h5").values["k_1"] == pytest.approx(60, rel=0.01)
 
 
@@ -275,7 +275,8 @@ def test_data_that_cannot_be_used(
 def test_a_channel_of_opposite_sign_is_warned_of(tiny: Path, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """No passive mechanism moves against its own torque at its own motor."""
     logs = bench()
-    cli.run_command(["run", str(recorded(tiny, logs | {"motor": -logs["motor"], "arm": -logs["arm"]})), "-q"])
+    study = recorded(tiny, logs | {"motor": -logs["motor"], "arm": -logs["arm"]})
+    cli.run_command(["run", str(study), "--jobs", "1", "-q"])
     err = capsys.readouterr().err
     assert "Traceback" not in err
     assert any(line.startswith("warning: ") and "sign" in line and "motor 1" in line for line in err.splitlines()), err

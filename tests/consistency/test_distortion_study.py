@@ -30,6 +30,7 @@ def finished(
         f"excitation.period={PERIOD}",
         "experiment.realisations=1",
         f"estimator.friction={friction}",
+        "report.formats=[png]",
         "experiment.configurations={a: [0]}",
         "experiment.simulated.substeps=12",
         f"experiment.simulated.carrier={{amplitude: 3 deg, cycles: {cycles}}}",

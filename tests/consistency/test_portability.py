@@ -1,6 +1,7 @@
 """What only one kind of system has is not taken for granted, and every text is UTF-8."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import elastid
@@ -21,6 +22,7 @@ POSIX_NAMES = {
 PLACES = ("/tmp", "/proc", "/dev/", "/etc/")
 
 
+@cache
 def trees() -> list[tuple[Path, ast.Module]]:
     return [(path, ast.parse(path.read_text(encoding="utf-8"))) for path in SOURCES]
 
