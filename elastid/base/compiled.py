@@ -89,12 +89,17 @@ def call(library: ctypes.CDLL | None, name: str, *arguments: int | npt.NDArray[A
     if library is None:
         raise RuntimeError(f"the loops of {name} are not compiled; ask `loops` before")
     kept = [np.ascontiguousarray(one) if isinstance(one, np.ndarray) else one for one in arguments]
-    given = [
-        ctypes.c_void_p(one.ctypes.data) if isinstance(one, np.ndarray) else one if one is None else ctypes.c_int64(one)
-        for one in kept
-    ]
-    if getattr(library, name)(*given):
+    if getattr(library, name)(*map(_passed, kept)):
         raise MemoryError(f"no memory is left for the loops of {name}")
+
+
+def _passed(argument: int | npt.NDArray[Any] | None) -> object:
+    """What ctypes takes for an argument of `call`."""
+    if not isinstance(argument, np.ndarray):
+        return argument if argument is None else ctypes.c_int64(argument)
+    if argument.size and argument.flags.writeable:
+        return ctypes.byref(ctypes.c_char.from_buffer(argument.data))  # in a quarter of the time
+    return ctypes.c_void_p(argument.ctypes.data)
 
 
 def _processor() -> str:

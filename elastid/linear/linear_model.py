@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -95,7 +96,7 @@ class LinearModel:
         """Number of independent coordinates."""
         return int(self.M.shape[0])
 
-    @property
+    @cached_property
     def moved_outputs(self) -> tuple[str, ...]:
         """The parameters that move C or T."""
         return tuple(name for name, slope in self.slopes.items() if slope.C is not None or slope.T is not None)

@@ -116,14 +116,20 @@ static void whiten(const sizes *of, int64_t n_b, const number *T, number *U) {
     }
 }
 
-/* Adds omega^p times V_b^H V_c to sums (tiles, TILE, TILE, POWERS), tiles on and above the diagonal. */
-static void add_up(int64_t n_b, int64_t n_e, const number *V, lanes omega, lanes *sums) {
+/* Adds omega^p times V_b^H V_c to sums (tiles, TILE, TILE, POWERS), tiles on and above the diagonal; on the way `bytes`
+   at `next` come into the cache. */
+static void add_up(int64_t n_b, int64_t n_e, const number *V, lanes omega, const char *next, int64_t bytes,
+                   lanes *sums) {
+    int64_t tiles = (n_b + TILE - 1) / TILE, share = bytes / (tiles * (tiles + 1) / 2) + 1;
     lanes power[POWERS] = {(lanes){0} + 1};
     for (int p = 1; p < POWERS; p++)
         power[p] = power[p - 1] * omega;
     for (int64_t b = 0; b < n_b; b += TILE)
         for (int64_t c = b; c < n_b; c += TILE) {
             number gram[TILE][TILE] = {0};
+            for (int64_t at = 0; at < share; at += CACHE_LINE)
+                __builtin_prefetch(next + at);
+            next += share;
             const number *left = V + b * n_e, *right = V + c * n_e;
             for (int64_t e = 0; e < n_e; e++)
                 for (int i = 0; i < TILE; i++)
@@ -190,6 +196,7 @@ int sums(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t 
         single[i] = single[i - 1] + many[i - 1];
         twice[i] = twice[i - 1] + PARTS * many[i - 1];
     }
+    int64_t R_bytes = n_r * 2 * BATCH * (int64_t)sizeof(double);
     lanes *gram = (lanes *)(pulls_between + 3 * n_v * n_v);
     wide total = {0};
     for (int64_t f = 0; f < F; f += LANES) {
@@ -225,7 +232,7 @@ int sums(int64_t F, int64_t n_y, int64_t n_u, int64_t n_1, int64_t n_2, int64_t 
                 P, U);
         take(R_here, n_r, f % BATCH, T);
         whiten(&of, padded, T, U);
-        add_up(padded, n_e, U, w, gram);
+        add_up(padded, n_e, U, w, (const char *)(R + (f + LANES) / BATCH * n_r * 2 * BATCH), R_bytes, gram);
     }
     for (int64_t l = 0; l < WIDE; l++)
         *cost += total[l];

@@ -8,6 +8,7 @@
 #define WIDE ((int64_t)(WIDTH / sizeof(double)))
 #define PARTS (LANES / WIDE)
 #define POWERS 5
+#define CACHE_LINE 64
 
 typedef REAL lanes __attribute__((vector_size(WIDTH)));
 typedef double wide __attribute__((vector_size(WIDTH)));

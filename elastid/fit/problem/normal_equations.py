@@ -49,12 +49,11 @@ class NormalEquations:
         precision: of these sums alone; single is enough for a step and takes less time. The derivatives of
         images of held torques, a thousandth of the others at a tenth of the rate, are in J^T r but not in J^T J.
         """
-        pieces, omega_0 = self.columns.pieces, self.columns.omega_0
+        pieces, highest = self.columns.pieces, self.columns.omega_0**self.columns.pieces.power
         # Columns of a size near one, whatever the units of the parameters: single precision does not reach far.
-        size = np.abs(pieces.sigma @ self.columns.size(theta)) * omega_0**pieces.power
-        size[size == 0] = 1.0
         scale = np.zeros(pieces.base.max(initial=-1) + 1)
-        np.maximum.at(scale, pieces.base, size)
+        np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
+        scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
         weights, R = [], self._compressed.R
         for part in self.columns.at(theta):
@@ -64,23 +63,23 @@ class NormalEquations:
             pull += found.pulled
             moments += found.moments
             weights.append(found.weight)
-        g = size * pull[pieces.power, pieces.base].real
-        ratio = size / scale[pieces.base]
-        (order, first, second), sign = self._pairs
-        A = np.outer(ratio, ratio) * sign * moments[order, first, second]
-        sigma = pieces.sigma * (omega_0**pieces.power / size)[:, None]
-        return V, sigma.T @ g - self._of_images(theta, weights), sigma.T @ A @ sigma
+        places, sign = self._pairs
+        g = highest * pull[pieces.power, pieces.base].real
+        sigma = (highest / scale[pieces.base])[:, None] * pieces.sigma
+        A = sign * moments.take(places)
+        return V, pieces.sigma.T @ g - self._of_images(theta, weights), sigma.T @ A @ sigma
 
     @cached_property
-    def _pairs(self) -> tuple[tuple[IntArray, IntArray, IntArray], FloatArray]:
-        """Which of the moments, which are Hermitian, a pair of pieces (n_t, n_t) takes, and its sign there.
+    def _pairs(self) -> tuple[IntArray, FloatArray]:
+        """Which of the moments (5, n_b, n_b), which are Hermitian, a pair of pieces (n_t, n_t) takes, and its sign.
 
         It is the real part of (j omega)^k' of one piece times the conjugate (-j omega)^k of the other.
         """
         base, power = self.columns.pieces.base, self.columns.pieces.power
         order, apart = power + power[:, None], power - power[:, None]
         turned = np.where(base < base[:, None], -1.0, 1.0) ** order
-        places = order, np.minimum(base, base[:, None]), np.maximum(base, base[:, None])
+        n_b = base.max(initial=-1) + 1
+        places = (order * n_b + np.minimum(base, base[:, None])) * n_b + np.maximum(base, base[:, None])
         return places, turned * np.array([1.0, -1.0, -1.0, 1.0])[apart % 4]
 
     def _of_images(self, theta: FloatArray, weights: Sequence[ComplexArray]) -> FloatArray:
@@ -166,6 +165,7 @@ class NormalEquations:
             left = data.copy()
             left[:, first] -= Q[:, :, 0] * q
             left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
+        q = np.asfortranarray(q)  # element by element, as the loops take it
         return Compressed(form(R), q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
 
 

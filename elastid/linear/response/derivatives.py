@@ -136,9 +136,11 @@ class Columns:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
         of, n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
+        places = rows * n_u + columns
         images, of_images = self._of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
-            G = response[:, rows, columns]
+            # The loops leave the lines of an element side by side.
+            G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
             left, right = YX if self._is_own else YX[:, kernel.output_columns], YX[:, :n_u]
             if kernel.model.gains:
                 of_y, of_u = kernel.model.channel_gains(theta)

@@ -205,7 +205,7 @@ class Kernel:
         """Block by block at theta (n_theta,), with directions Y (n, n_d)."""
         M, D, K = self._matrices(theta)
         (C, T), tilted = self.model.readout(theta), self._sides.tilted
-        right = self._right_sides(C, T)
+        right = self._right_sides(C, T) if self.moved_outputs else self._fixed_sides
         n_d, n_y, n_u = Y.shape[1], len(C), self.model.B.shape[1]
         gains = np.outer(*self.model.channel_gains(theta)) if self.model.gains else None
         asked, n_t = np.hstack([Y, C.T, T[tilted].T, *self._moved_rows]), n_y + len(tilted)
@@ -274,6 +274,10 @@ class Kernel:
     def _right_sides(self, C: FloatArray, T: FloatArray) -> FloatArray:
         """[B, extra rows of C, tilted rows of T]."""
         return np.column_stack([*self.model.B.T, *C[self._sides.extra], *T[self._sides.tilted]])
+
+    @cached_property
+    def _fixed_sides(self) -> FloatArray:
+        return self._right_sides(self.model.C, self.model.tilt)
 
     @cached_property
     def _sides(self) -> Sides:

@@ -66,22 +66,21 @@ class Elimination:
 
         Raises LinAlgError where Z is singular.
         """
-        order = np.ix_(self.order, self.order)
-        later, many = self._later
+        later, many, places = self._later
         found = np.empty((Y.shape[1], B.shape[1], len(omega)), complex)
         smallest, sizes = np.empty(len(omega)), (len(omega), *B.shape, Y.shape[1])
         call(
             loops((SOURCE,)),
             "eliminate",
             *sizes,
-            M[order],
-            D[order],
-            K[order],
-            B[self.order],
+            M.take(places),
+            D.take(places),
+            K.take(places),
+            B.take(self.order, axis=0),
             omega,
             later,
             many,
-            Y[self.order],
+            Y.take(self.order, axis=0),
             found,
             smallest,
         )
@@ -91,6 +90,10 @@ class Elimination:
         return np.asarray(found.T)
 
     @cached_property
-    def _later(self) -> tuple[IntArray, IntArray]:
-        """The columns of each row of L^T that are not zero, the first of each row of (n, n), and how many (n,)."""
-        return np.argsort(~self.filled, axis=1, kind="stable").astype(np.int64), self.filled.sum(axis=1)
+    def _later(self) -> tuple[IntArray, IntArray, IntArray]:
+        """The columns of each row of L^T that are not zero, the first of each row of (n, n), and how many (n,).
+
+        Last, where each entry (n, n) of a matrix in this order stands in the matrix.
+        """
+        later = np.argsort(~self.filled, axis=1, kind="stable").astype(np.int64)
+        return later, self.filled.sum(axis=1), self.order[:, None] * len(self.order) + self.order
