@@ -383,12 +383,11 @@ def with_inertias(Q: int, F: int) -> ElasticFit:
 
 def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, ElasticFit]:
     """The fit in NumPy, the same without condensed leaves, and with INERTIAS free."""
-    none = np.zeros(0, np.int64)
     with patch("elastid.linear.response.kernel.is_worth_it", return_value=False):
         plain, x0 = assemble(Q, F)
         plain.rough(x0)
         inertial = with_inertias(Q, F)
-        with patch.object(Leaves, "of", lambda coupled: Leaves(none, np.arange(len(coupled)), none)):
+        with patch.object(Leaves, "of", lambda coupled: Leaves(np.arange(len(coupled)), 0)):
             whole, _ = assemble(Q, F)
             whole.rough(x0)
     return plain, whole, inertial

@@ -10,6 +10,7 @@ resonance without damping has no quotient; lines near one are solved whole.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -21,14 +22,10 @@ MIN_PIVOT = 1e-2
 
 @dataclass(frozen=True)
 class Leaves:
-    """Which coordinates are leaves (n_l,), the others (n_r,), and which of the others each leaf acts on (n_l,).
+    """The order (n,) of the coordinates: those on which one leaf each acts, the others, the n_l leaves as the first."""
 
-    No two leaves act on the same one.
-    """
-
-    leaf: IntArray
-    other: IntArray
-    on: IntArray
+    order: IntArray
+    n_l: int
 
     @classmethod
     def of(cls, coupled: BoolArray) -> Leaves:
@@ -41,43 +38,56 @@ class Leaves:
             if not taken[i] and not taken[neighbour]:
                 leaf.append(int(i))
                 taken[i] = taken[neighbour] = True
-        chosen = np.array(leaf, np.int64)
-        other = np.setdiff1d(np.arange(len(acts)), chosen)
-        return cls(chosen, other, np.searchsorted(other, acts[chosen].argmax(axis=1) if leaf else chosen))
+        on = [int(np.flatnonzero(acts[i])[0]) for i in leaf]
+        others = [i for i in range(len(acts)) if i not in {*leaf, *on}]
+        return cls(np.array([*on, *others, *leaf], np.int64), len(leaf))
 
     def products(
         self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray, Y: FloatArray
     ) -> ComplexArray:
-        """B^T Z^-1 Y (F, m, n_d) of real B (n, m), Y (n, n_d); other arguments as `solve`."""
-        X = np.ascontiguousarray(self.solve(M, D, K, omega, B).swapaxes(0, 1))
-        # Y is real: one product for the real and imaginary parts of all lines.
-        found = Y.T @ X.reshape(len(M), -1).view(np.float64)
-        return np.ascontiguousarray(found.view(np.complex128).reshape(Y.shape[1], *X.shape[1:]).transpose(1, 2, 0))
+        """B^T Z^-1 Y (F, m, n_d) of Z = K + j omega D - omega^2 M, real B (n, m), Y (n, n_d).
 
-    def solve(self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray) -> ComplexArray:
-        """X (F, n, m) of Z = K + j omega D - omega^2 M and real B (n, m); LinAlgError where Z is singular."""
-        if not self.leaf.size:
-            return _solved(_stiffness(M, D, K, omega), B)
-        leaf, other, on = self.leaf, self.other, self.on
-        n_l, n_r = leaf.size, other.size
-        rows, columns = (np.concatenate([many, leaf, leaf]) for many in (np.repeat(other, n_r), np.tile(other, n_r)))
-        columns[-n_l:] = other[on]
-        Z = _stiffness(M[rows, columns], D[rows, columns], K[rows, columns], omega)
-        Z_rr, own, z = Z[:, : n_r * n_r].reshape(-1, n_r, n_r), Z[:, n_r * n_r : -n_l], Z[:, -n_l:]
-        size = np.abs(K[leaf, leaf]) + omega[:, None] ** 2 * np.abs(M[leaf, leaf])
+        Raises LinAlgError where Z is singular.
+        """
+        B, Y = B.take(self.order, axis=0), Y.take(self.order, axis=0)
+        X = self._solved(M.take(self._places), D.take(self._places), K.take(self._places), omega, B)
+        if X is None:
+            there = np.ix_(self.order, self.order)
+            Z = _stiffness(M[there], D[there], K[there], omega)
+            X = np.ascontiguousarray(np.linalg.solve(Z, B.astype(complex)).swapaxes(0, 1))
+        # Y is real: one product for the real and imaginary parts of all lines.
+        found = (Y.T @ X.reshape(len(X), -1).view(np.float64)).view(np.complex128).reshape(-1, *X.shape[1:])
+        return np.ascontiguousarray(found.transpose(1, 2, 0))
+
+    def _solved(
+        self, M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray, B: FloatArray
+    ) -> ComplexArray | None:
+        """X (n, F, m) in this order, of the entries at `_places`; None where a leaf is near a resonance of its own."""
+        (n, m), n_l = B.shape, self.n_l
+        n_r, F = n - n_l, len(omega)
+        Z = _stiffness(M, D, K, omega)
+        leaf = slice(n_r * n_r, n_r * n_r + n_l)
+        Z_rr, own, z = Z[:, : n_r * n_r].reshape(F, n_r, n_r), Z[:, leaf], Z[:, leaf.stop :]
+        size = np.abs(K[leaf]) + omega[:, None] ** 2 * np.abs(M[leaf])
         if np.any(np.abs(own) < MIN_PIVOT * size):
-            return _solved(_stiffness(M, D, K, omega), B)
+            return None
         share = z / own
-        Z_rr[:, on, on] -= z * share
-        right = np.broadcast_to(B[other].astype(complex), (len(omega), n_r, B.shape[1])).copy()
-        i, j = np.nonzero(B[leaf])
-        right[:, on[i], j] -= share[:, i] * B[leaf[i], j]
-        X = np.empty((len(M), len(omega), B.shape[1]), complex).swapaxes(0, 1)  # row by row, as `products` takes it
-        solved = np.linalg.solve(Z_rr, right)
-        X[:, other] = solved
-        X[:, leaf] = -share[:, :, None] * solved[:, on]
-        X[:, leaf[i], j] += B[leaf[i], j] / own[:, i]
+        Z[:, : n_l * (n_r + 1) : n_r + 1] -= z * share  # the diagonal of Z_rr
+        right = np.empty((F, n_r, m), complex)
+        right[:] = B[:n_r]
+        right[:, :n_l] -= share[:, :, None] * B[n_r:]
+        X = np.empty((n, F, m), complex)
+        X[:n_r] = np.linalg.solve(Z_rr, right).swapaxes(0, 1)
+        np.multiply(-share.T[:, :, None], X[:n_l], out=X[n_r:])
+        X[n_r:] += (1 / own).T[:, :, None] * B[n_r:, None]
         return X
+
+    @cached_property
+    def _places(self) -> IntArray:
+        """Where in a matrix Z_rr, the leaves' diagonal and their other entries stand."""
+        n, n_l = len(self.order), self.n_l
+        rest, on, leaf = self.order[: n - n_l], self.order[:n_l], self.order[n - n_l :]
+        return np.concatenate([(rest[:, None] * n + rest).ravel(), leaf * n + leaf, leaf * n + on])
 
 
 def _stiffness(M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray) -> ComplexArray:
@@ -86,7 +96,3 @@ def _stiffness(M: FloatArray, D: FloatArray, K: FloatArray, omega: FloatArray) -
     parts[0, :, 0], parts[1, :, 1], parts[2, :, 0] = K.ravel(), D.ravel(), M.ravel()
     Z = np.stack([np.ones_like(omega), omega, -(omega**2)], axis=1) @ parts.reshape(3, -1)
     return Z.view(complex).reshape(len(omega), *M.shape)
-
-
-def _solved(Z: ComplexArray, B: FloatArray) -> ComplexArray:
-    return np.asarray(np.linalg.solve(Z, B.astype(complex)))

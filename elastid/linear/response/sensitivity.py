@@ -79,7 +79,9 @@ class Sensitivity:
         spread[:, self.outputs, self.inputs] = self.gain[:, None] * weight
         powers = np.stack([np.ones_like(self.omega), 1j * self.omega, -(self.omega**2)])
         rows, n_1, r = spread @ self.right, len(self.sign), self.S.shape[2]
-        single = powers @ np.sum(self.left[:, :, :n_1] * rows[:, :, :n_1], axis=1) * self.sign
+        products = self.left[:, :, :n_1] * rows[:, :, :n_1]
+        flat = products.reshape(len(rows), rows.shape[1] * n_1)
+        single = (powers @ flat).reshape(3, rows.shape[1], n_1).sum(axis=1) * self.sign
         many = (powers[:, :, None, None] * rows[:, :, n_1:]).reshape(3, rows.shape[0] * rows.shape[1], r)
         between = self.left[:, :, n_1:].reshape(many.shape[1:]).T @ many
         whole = powers @ (weight[:, None, :] @ self.whole)[:, 0]
