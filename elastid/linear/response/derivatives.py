@@ -62,7 +62,8 @@ class Columns:
     def size(self, theta: FloatArray) -> FloatArray:
         """|theta| (P,) of the wanted parameters, 1 where one is zero."""
         here = np.abs(theta[self.kernel.places])
-        return np.where(here > 0, here, 1.0)
+        here[here == 0] = 1.0
+        return here
 
     @cached_property
     def is_symmetric(self) -> bool:
@@ -141,7 +142,8 @@ class Columns:
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
             # The loops leave the lines of an element side by side.
             G = response.transpose(1, 2, 0).reshape(-1, len(s)).take(places, axis=0).T
-            left, right = YX if self._is_own else YX[:, kernel.output_columns], YX[:, :n_u]
+            right = YX if YX.shape[1] == n_u else YX[:, :n_u]
+            left = YX if self._is_own else YX[:, kernel.output_columns]
             if kernel.model.gains:
                 of_y, of_u = kernel.model.channel_gains(theta)
                 left, right = of_y[:, None] * left, of_u[:, None] * right

@@ -221,8 +221,10 @@ class Kernel:
                 over = 1 / s[:, None, None] ** 2
                 G[:, :, tilted] += gain[:, None, None] * over * moved[:, :, n_y:n_t]
                 YX = np.concatenate([YX, YX[:, self._sides.columns[tilted]] + over * YX[:, self._sides.tilts]], axis=1)
-            dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, len(self.moved_outputs), 2, n_y).transpose(3, 2, 0, 4, 1)
-            readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
+            readings = np.zeros((len(self.moved_outputs), len(s), n_y, n_u), complex)
+            if self.moved_outputs:
+                dC, dT = moved[:, :, n_t:].reshape(len(s), n_u, -1, 2, n_y).transpose(3, 2, 0, 4, 1)
+                readings = gain[:, None, None] * (dC + dT / s[:, None, None] ** 2)
             G = G.swapaxes(1, 2)
             if gains is not None:
                 G, readings = gains * G, gains * readings

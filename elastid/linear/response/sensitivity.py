@@ -39,8 +39,8 @@ class Sensitivity:
 
     @property
     def is_alike(self) -> bool:
-        """Whether left and right are the same numbers, in the same memory."""
-        return self.left.shape == self.right.shape and self.left.ctypes.data == self.right.ctypes.data
+        """Whether left and right are the same array."""
+        return self.left is self.right
 
     def columns(self, scale: FloatArray, precision: type[np.floating[Any]]) -> AnyComplex:
         """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
