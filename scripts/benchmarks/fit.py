@@ -70,6 +70,7 @@ BARE, FLOOR = "numpy.linalg.solve alone", "96 kflop a line by zgemm (floor)"
 EVALUATION = "cost, gradient, normal matrix"
 PLAIN, WHOLE = "the same, NumPy alone", "the same, NumPy, leaves not condensed"
 INERTIAL, PLAIN_INERTIAL = "ten inertial parameters more", "the same, NumPy"
+RELINEARISED = "the same, compiled, linearised anew"
 IDENTIFIED = ("k_*", "d_*", "fm_*", "Jm_*", "f_1", "f_2", "f_3", "f_4")
 # Together they make the linearisation local: with m c^2 in M, every stiffness moves the robot under gravity, too.
 INERTIAS = ("m_3", "m_4", "m_5", "m_6", "c_3_x", "c_4_z", "c_5_z", "I_3_xx", "I_4_yy", "I_6_zz")
@@ -134,11 +135,9 @@ def assemble(n_configurations: int, n_lines: int, full: bool = True) -> tuple[El
     return assembled(robot, measured(robot, n_configurations, np.linspace(2.0, 100.0, n_lines), full))
 
 
-def assembled(
-    robot: Robot, responses: Sequence[FrequencyResponse], identified: Sequence[str] = IDENTIFIED
-) -> tuple[ElasticFit, FloatArray]:
+def assembled(robot: Robot, responses: Sequence[FrequencyResponse]) -> tuple[ElasticFit, FloatArray]:
     """The fit of responses, and a start some 20 % off in every parameter."""
-    spec = FitSpec(parameters={name: ParameterSpec() for name in identified}, weights=WeightSpec(floor=0.0))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in IDENTIFIED}, weights=WeightSpec(floor=0.0))
     parameters = choose(spec, robot)
     fit = Assembly.of(responses, robot, spec, parameters).at(parameters.x, "complex")
     return fit, parameters.x + 0.2 * np.random.default_rng(1).standard_normal(len(parameters.x))
@@ -266,11 +265,12 @@ def growth(n_lines: int, n_configurations: int) -> dict[str, float]:
 
 
 def kernel_times(
-    fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, inertial: Sequence[ElasticFit], repeats: int
+    fit: ElasticFit, plain: ElasticFit, whole: ElasticFit, inertial: Sequence[LeastSquares], repeats: int
 ) -> dict[str, float]:
     """Seconds for one pass over all configurations.
 
-    plain: without compiled loops; whole: nor condensed leaves.  inertial: INERTIAS free, too, compiled and plain.
+    plain: without compiled loops; whole: nor condensed leaves.  inertial: INERTIAS free, too, compiled, plain, and
+    compiled and linearised anew at every x, as the search does it.
     """
     theta, x, more = fit.parameters.theta, fit.parameters.x, inertial[0].parameters.x
     points = sum(len(part.measured) for part in fit.parts)
@@ -284,8 +284,10 @@ def kernel_times(
             PLAIN: lambda: plain.rough(x),
             WHOLE: lambda: whole.rough(x),
             "the same, normal matrix in double": lambda: fit.evaluate(x),
-            INERTIAL: lambda: inertial[0].rough(more),
-            PLAIN_INERTIAL: lambda: inertial[1].rough(more),
+            **{
+                name: lambda problem=problem: problem.evaluate(more)
+                for name, problem in zip((INERTIAL, PLAIN_INERTIAL, RELINEARISED), inertial, strict=True)
+            },
         },
         repeats,
     )
@@ -298,7 +300,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
     """
     residuals, slopes = [], []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
-        columns, theta, known = part.normal.columns, fit.theta(part, x), with_R.normal._compressed
+        columns, theta, known = part.normal.columns, fit.theta(part, x), with_R.normal.residuals.compressed
         pieces, T = columns.pieces, fit._chain(part, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
@@ -315,7 +317,7 @@ def small_residual(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> FloatAr
     """The compressed residuals without their Jacobian."""
     found = []
     for part, with_R in zip(fit.parts, plain.parts, strict=True):
-        known, (rows, columns) = with_R.normal._compressed, part.normal.columns.elements
+        known, (rows, columns) = with_R.normal.residuals.compressed, part.normal.columns.elements
         G = part.kernel.response(fit.theta(part, x))[:, rows, columns]
         found.append(as_real(known.R.residual(slice(None), known.q, G)).ravel())
     return np.concatenate(found)
@@ -326,7 +328,7 @@ def fit_times(
 ) -> tuple[dict[str, list[float]], dict[str, float]]:
     """CPU seconds of a whole fit from every start, from the first by the slow ones; final costs there."""
     costs: dict[str, float] = {}
-    constant = sum(float(part.normal._compressed.constant.sum()) for part in plain.parts)
+    constant = sum(float(part.normal.residuals.compressed.constant.sum()) for part in plain.parts)
     casadi = casadi_problem(fit)
 
     def by_scipy(name: str, x0: FloatArray, residual: Callable[..., FloatArray], jac: object) -> None:
@@ -373,20 +375,23 @@ def resident_mb() -> float:
         return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def with_inertias(Q: int, F: int) -> ElasticFit:
-    """The fit with INERTIAS free, too; evaluated once, so that all is prepared."""
-    robot = build_robot()
-    fit, x0 = assembled(robot, measured(robot, Q, np.linspace(2.0, 100.0, F)), (*IDENTIFIED, *INERTIAS))
-    fit.rough(x0)
-    return fit
+def with_inertias(Q: int, F: int) -> tuple[LeastSquares, LeastSquares]:
+    """The fit with INERTIAS free, too, linearised once and anew at every x; evaluated once, so that all is prepared."""
+    robot, names = build_robot(), (*IDENTIFIED, *INERTIAS)
+    spec = FitSpec(parameters={name: ParameterSpec() for name in names}, weights=WeightSpec(floor=0.0))
+    parameters, responses = choose(spec, robot), measured(robot, Q, np.linspace(2.0, 100.0, F))
+    assembly = Assembly.of(responses, robot, spec, parameters)
+    fit = assembly.at(parameters.x, "complex")
+    fit.rough(parameters.x)
+    return fit.problem, assembly.search_problem(fit, "complex")
 
 
-def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, ElasticFit]:
+def without_compiled_loops(Q: int, F: int) -> tuple[ElasticFit, ElasticFit, LeastSquares]:
     """The fit in NumPy, the same without condensed leaves, and with INERTIAS free."""
     with patch("elastid.linear.response.kernel.is_worth_it", return_value=False):
         plain, x0 = assemble(Q, F)
         plain.rough(x0)
-        inertial = with_inertias(Q, F)
+        inertial, _ = with_inertias(Q, F)
         with patch.object(Leaves, "of", lambda coupled: Leaves(np.arange(len(coupled)), 0)):
             whole, _ = assemble(Q, F)
             whole.rough(x0)
@@ -420,6 +425,7 @@ def of_passes(kernel: dict[str, float]) -> dict[str, float]:
         "numpy_evaluation_over_floor": round(kernel[PLAIN] / kernel[FLOOR], 2),
         "inertial_evaluation_over_floor": round(kernel[INERTIAL] / kernel[FLOOR], 2),
         "numpy_inertial_evaluation_over_floor": round(kernel[PLAIN_INERTIAL] / kernel[FLOOR], 2),
+        "relinearised_evaluation_over_floor": round(kernel[RELINEARISED] / kernel[FLOOR], 2),
     }
 
 
@@ -444,7 +450,8 @@ def compare(Q: int, F: int, quick: bool, passes_only: bool) -> dict[str, float]:
     print(f"loops of the kernel: {'compiled' if compiled else 'NumPy; a C compiler compiles them'}\n")
 
     plain, whole, plain_inertial = without_compiled_loops(Q, F)
-    kernel = kernel_times(fit, plain, whole, (with_inertias(Q, F), plain_inertial), 3 if quick else 15)
+    inertial, relinearised = with_inertias(Q, F)
+    kernel = kernel_times(fit, plain, whole, (inertial, plain_inertial, relinearised), 3 if quick else 15)
     passes = {
         name: (f"{1e3 * value:.1f}", f"{value / kernel[BARE]:.1f}", f"{value / kernel[FLOOR]:.1f}")
         for name, value in kernel.items()

@@ -18,6 +18,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen
 from elastid.base.errors import StudyError
+from elastid.fit.problem.compressed_residuals import CompressedResiduals
 from elastid.fit.problem.inertia_barrier import BodyInertia, barrier, border_metric
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.problem.normal_equations import NormalEquations
@@ -40,7 +41,8 @@ class Part:
     """One configuration: measured G (F, n_y, n_u), the kernel of its model, and what its residuals are divided by.
 
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
-    gain e of a line whose elements err together; None where they count one by one.
+    gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
+    they are known from the same part linearised elsewhere.
     """
 
     kernel: Kernel
@@ -48,6 +50,7 @@ class Part:
     gain: FloatArray
     criterion: ResidualKind
     whitening: Whitening | None = None
+    compressed: CompressedResiduals | None = None
 
     @property
     def configuration(self) -> str:
@@ -62,7 +65,18 @@ class Part:
     @cached_property
     def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
-        return NormalEquations(Columns(self.kernel), self.measured, self.gain, self.criterion, self.whitening)
+        columns, known = Columns(self.kernel), self.compressed
+        if known is None or known.is_symmetric != columns.is_symmetric:
+            known = CompressedResiduals(
+                columns.elements,
+                columns.is_symmetric,
+                self.kernel.takes_compiled,
+                self.measured,
+                self.gain,
+                self.criterion,
+                self.whitening,
+            )
+        return NormalEquations(columns, known)
 
     @property
     def n_residuals(self) -> int:
@@ -78,6 +92,7 @@ class Part:
             measured=self.measured[keep],
             gain=self.gain[keep],
             whitening=self.whitening and self.whitening.lines(keep),
+            compressed=None,
         )
 
     def whitened(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:

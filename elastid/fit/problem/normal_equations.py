@@ -1,44 +1,33 @@
 r"""Cost, J^T r and J^T J of one configuration, worked out on as few numbers as they need.
 
-The elements G_ij and G_ji of a symmetric response are one number g, so that the weighted residuals of a line,
-L^-1 (Ghat - S g), have with the QR factors Q R of L^-1 S, found once for each line, the square
-
-.. math:: |L^{-1} \hat G|^2 - |q|^2 + |q - R g|^2, \qquad q = Q^H L^{-1} \hat G
-
-and 21 residuals instead of 36 for six motors. Their derivatives are few columns times powers of j omega (`Columns`).
-The logarithm has the same R, and q of its own at every g.
+The residuals are compressed (`compressed_residuals`), and their derivatives are few columns times powers of j omega
+(`Columns`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
-from elastid.fit.problem.line_loops import is_compiled
-from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
-from elastid.fit.problem.triangle import Full, LineResiduals, Packed
-from elastid.fit.weights.full_covariance import Whitening
+from elastid.base.arrays import ComplexArray, FloatArray, IntArray
+from elastid.fit.problem.compressed_residuals import CompressedResiduals
 from elastid.linear.response.derivatives import Columns
 
 
 @dataclass(frozen=True, eq=False)
 class NormalEquations:
-    """The normal equations of the residuals mixing (gain e) of one configuration; arguments as `Part`."""
+    """The normal equations of the residuals of one configuration, with the columns of their derivatives."""
 
     columns: Columns
-    measured: ComplexArray
-    gain: FloatArray
-    criterion: ResidualKind
-    whitening: Whitening | None
+    residuals: CompressedResiduals
 
     def __reduce__(self) -> tuple[type[NormalEquations], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
-        return NormalEquations, (Columns(self.columns.kernel), self.measured, self.gain, self.criterion, self.whitening)
+        return NormalEquations, (Columns(self.columns.kernel), self.residuals)
 
     def at(
         self, theta: FloatArray, precision: type[np.floating[Any]] = np.float64
@@ -55,9 +44,9 @@ class NormalEquations:
         np.maximum.at(scale, pieces.base, np.abs(pieces.sigma @ self.columns.size(theta)) * highest)
         scale[scale == 0] = 1.0
         V, pull, moments = 0.0, np.zeros((3, len(scale)), complex), np.zeros((5, len(scale), len(scale)))
-        weights, R = [], self._compressed.R
+        weights, R = [], self.residuals.compressed.R
         for part in self.columns.at(theta):
-            constant, e = self._residual(part.block, part.G)
+            constant, e = self.residuals.at(part.block, part.G)
             found = R.sums(part, e, scale, precision)
             V += constant + found.cost
             pull += found.pulled
@@ -87,96 +76,3 @@ class NormalEquations:
         if self.columns.kernel.model.hold is None or not weights:
             return np.zeros(len(self.columns.kernel.wanted))
         return self.columns.pull_images(theta, np.concatenate(weights))
-
-    def _residual(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
-        """The residuals of some lines, and a constant that V has beside |r|^2."""
-        known = self._compressed
-        if self.criterion == "complex":
-            return float(known.constant[block].sum()), LineResiduals(known.q[block], G)
-        whitened = self._whitened(
-            self._mixing, block, RESIDUALS[self.criterion](self.measured[block], self._full(G))[0]
-        )
-        slope = np.divide(1.0, G, out=np.zeros_like(G), where=self._counts[block])
-        r = self._projected(known.Q[block], whitened)
-        return float(np.vdot(whitened, whitened).real - np.vdot(r, r).real), LineResiduals(r, slope=slope)
-
-    def _full(self, G: ComplexArray) -> ComplexArray:
-        """G (F, n_y, n_u) of its elements (F, n_e)."""
-        rows, columns = self.columns.elements
-        full = np.empty((len(G), *self.measured.shape[1:]), complex)
-        full[:, rows, columns] = G
-        if self.columns.is_symmetric:
-            full[:, columns, rows] = G
-        return full
-
-    @cached_property
-    def _mixing(self) -> ComplexArray | None:
-        """`Part.mixing`, kept for the logarithm, which needs it at every x."""
-        return None if self.whitening is None else self.whitening.matrix
-
-    def _whitened(self, mixing: ComplexArray | None, block: slice, e: ComplexArray) -> ComplexArray:
-        """mixing gain e (F, n_y n_u) of some lines."""
-        gain = self.gain[block]
-        r = np.where(gain > 0, gain * np.where(gain > 0, e, 0.0), 0.0).reshape(len(e), -1)
-        return r if mixing is None else np.asarray((mixing[block] @ r[:, :, None])[:, :, 0])
-
-    def _projected(self, Q: ComplexArray | FloatArray, whitened: ComplexArray) -> ComplexArray:
-        """Q^H of whitened residuals (F, n_y n_u): (F, n_e)."""
-        if self.whitening is not None:
-            return np.asarray((np.swapaxes(Q, 1, 2).conj() @ whitened[:, :, None])[:, :, 0])
-        first, second = self._places
-        return Q[:, :, 0] * whitened[:, first] + Q[:, :, 1] * whitened[:, second]
-
-    @cached_property
-    def _places(self) -> tuple[IntArray, IntArray]:
-        """Where in a line, row by row, each element and its mirror image are."""
-        (rows, columns), n_u = self.columns.elements, self.measured.shape[2]
-        return rows * n_u + columns, columns * n_u + rows if self.columns.is_symmetric else rows * n_u + columns
-
-    @cached_property
-    def _counts(self) -> BoolArray:
-        """Elements (F, n_e) of which at least one measured number counts."""
-        used = (self.gain > 0).reshape(len(self.gain), -1)
-        first, second = self._places
-        return np.asarray(used[:, first] | used[:, second])
-
-    @cached_property
-    def _compressed(self) -> Compressed:
-        """R, and what of the data is left with it."""
-        first, second = self._places
-        form = Packed.of if self.columns.kernel.takes_compiled and is_compiled() else Full
-        mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
-        if mixing is None:
-            one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))
-            other = np.where(first == second, 0.0, other)
-            R: ComplexArray | FloatArray = np.hypot(one, other)
-            Q: ComplexArray | FloatArray = np.stack([one, other], axis=2) / np.where(R > 0, R, 1.0)[:, :, None]
-        else:
-            W = mixing * self.gain.reshape(len(self.gain), 1, -1)
-            mirrored = np.where(first == second, 0.0, 1.0)
-            Q, R = np.linalg.qr(W[:, :, first] + mirrored * W[:, :, second])
-        if self.criterion != "complex":
-            return Compressed(form(R), Q=Q)
-        data = self._whitened(mixing, slice(None), self.measured)
-        q = self._projected(Q, data)
-        if mixing is not None:
-            left = data - (Q @ q[:, :, None])[:, :, 0]
-        else:
-            left = data.copy()
-            left[:, first] -= Q[:, :, 0] * q
-            left[:, second] -= Q[:, :, 1] * q  # zero on the diagonal, where both places are the same
-        q = np.asfortranarray(q)  # element by element, as the loops take it
-        return Compressed(form(R), q=q, constant=np.sum(np.abs(left) ** 2, axis=1))
-
-
-@dataclass(frozen=True, eq=False)
-class Compressed:
-    """R; q (F, n_e) and |L^-1 Ghat|^2 - |q|^2 (F,) of the complex criterion.
-
-    Q: of the logarithmic one; of diagonal weights (F, n_e, 2), the shares of an element and of its mirror image.
-    """
-
-    R: Full | Packed
-    Q: ComplexArray | FloatArray = field(default_factory=lambda: np.zeros(0))
-    q: ComplexArray = field(default_factory=lambda: np.zeros(0, complex))
-    constant: FloatArray = field(default_factory=lambda: np.zeros(0))
