@@ -304,8 +304,7 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
         pieces, T = columns.pieces, fit._chain(part, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
-            R = known.R.R[block.block]
-            V = R @ block.columns(scale, np.float64)
+            V = known.R.times(block.block, block.columns(scale, np.float64)[:, 0])
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
             residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)).ravel())
