@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias, TypeVar, dataclass_transform, overload
+from typing import Any, TypeAlias, TypeVar, cast, dataclass_transform, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +16,10 @@ IntArray: TypeAlias = NDArray[np.int64]
 
 
 def frozen(array: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """A read-only copy of an array; what is mapped from a file and read-only already is not copied into memory."""
-    if isinstance(array, np.memmap) and not array.flags.writeable and array.dtype == dtype:
-        return array
+    """A read-only copy of an array, unless it is read-only already: a copy like that, or mapped from a file."""
+    is_frozen = isinstance(array, np.ndarray) and not array.flags.writeable and array.dtype == dtype
+    if is_frozen and (isinstance(array, np.memmap) or (type(array) is np.ndarray and array.flags.owndata)):
+        return cast(NDArray[Any], array)
     copy = np.array(array, dtype=dtype)
     copy.flags.writeable = False
     return copy

@@ -15,13 +15,14 @@ Degrees of freedom are complex: a variance with dof of them scatters by 1 / sqrt
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, MeanSpectra, Scatter
-from elastid.frf.matrices import added, adjoint, power, transposed
+from elastid.frf.matrices import added_error_products, adjoint, in_parts, positive, power
 from elastid.frf.methods import Estimate
 from elastid.response import Covariance
 
@@ -32,10 +33,13 @@ _MIN_DOF_RATIO = 2
 def equation_error(scatter: Scatter, G: ComplexArray) -> ComplexArray:
     """C_V (F, n_y, n_y) = Gamma C_Z Gamma^H, Gamma = [1, -G]."""
     n_y = G.shape[1]
-    S = scatter.S_Z
-    YU, UU = S[:, :n_y, n_y:], S[:, n_y:, n_y:]
-    cross = YU @ adjoint(G)
-    return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G @ UU @ adjoint(G)) / scatter.dof)
+
+    def of_lines(part: slice) -> ComplexArray:
+        S, B = scatter.S_Z[part], adjoint(G[part])
+        cross = S[:, :n_y, n_y:] @ B
+        return np.asarray((S[:, :n_y, :n_y] - cross - adjoint(cross) + G[part] @ (S[:, n_y:, n_y:] @ B)) / scatter.dof)
+
+    return in_parts(len(G), of_lines)
 
 
 def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexArray, dof: int) -> Covariance:
@@ -43,8 +47,8 @@ def noise_covariance(blocks: Sequence[Block], estimate: Estimate, C_V: ComplexAr
     P = np.concatenate([each.periods for each in blocks])
     if np.ptp(P) == 0:
         return kronecker(estimate.left / P[0], C_V, dof)
-    left = added(transposed(W) @ (W.conj() / each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True))
-    return kronecker(left, C_V, dof)
+    weighted = [W / np.sqrt(each.periods[:, None]) for each, W in zip(blocks, estimate.W, strict=True)]
+    return kronecker(replace(estimate, W=tuple(weighted)).left, C_V, dof)
 
 
 def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, int] | None:
@@ -61,9 +65,10 @@ def total_error(data: MeanSpectra, estimate: Estimate) -> tuple[ComplexArray, in
     K = len(data.periods)
     if len(data.blocks) < 2 or n_u >= K:
         return None
-    D = (each.Y - estimate.G @ each.U for each in data.blocks)
     expected = K - 2 * n_u + np.einsum("fba,fba->f", estimate.left, data.UU).real
-    return added(each @ adjoint(each) for each in D) / expected[:, None, None], K - n_u
+    D_squared = added_error_products([each.Y for each in data.blocks], estimate.G, [each.U for each in data.blocks])
+    D_squared /= expected[:, None, None]
+    return D_squared, K - n_u
 
 
 def total_covariance(blocks: Sequence[Block], estimate: Estimate, C_T: ComplexArray, dof: float) -> Covariance:
@@ -86,22 +91,20 @@ def distortion_covariance(noise: Covariance, total: Covariance, M: int) -> Covar
     """
     if total.left is not None and total.right is not None and noise.left is not None and noise.right is not None:
         share = np.einsum("fii->f", noise.left).real / np.einsum("fii->f", total.left).real
-        return kronecker(M * total.left, positive(total.right - share[:, None, None] * noise.right), total.dof)
+        of_total, of_noise, weight = M * total.right, noise.right, M * share[:, None, None]
+        of_total -= weight * of_noise
+        return kronecker(total.left, positive(of_total), total.dof)
     if total.matrix is not None:
         matrix = M * positive(total.matrix - noise.full())
         return full_covariance(matrix, total.variance.shape, total.dof)
     return Covariance(M * np.maximum(total.variance - noise.variance, 0.0), total.dof)
 
 
-def positive(A: ComplexArray) -> ComplexArray:
-    """The nearest positive semidefinite matrix of each Hermitian A (F, n, n)."""
-    value, vector = np.linalg.eigh(A)
-    return np.asarray((vector * np.maximum(value, 0.0)[:, None, :]) @ adjoint(vector))
-
-
 def kronecker(left: ComplexArray, right: ComplexArray, dof: float) -> Covariance:
     """left (x) right, or only its diagonal where fewer degrees of freedom than outputs leave right singular."""
     variance = power(right)[:, :, None] * power(left)[:, None, :]
+    for each in (left, right, variance):
+        each.flags.writeable = False  # so that nobody copies them
     return Covariance(variance, dof) if right.shape[1] > dof else Covariance(variance, dof, left, right)
 
 

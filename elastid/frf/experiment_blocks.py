@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from elastid.base.note import Note
-from elastid.frf.matrices import added, adjoint, squared_magnitude
+from elastid.frf.matrices import added_cross_products, adjoint, inverse, squared_magnitude
 from elastid.frf.negligible_transient import TotalError
 from elastid.frf.period_selection import trusted
 from elastid.frf.scatter import ScatterSum
@@ -49,13 +50,8 @@ class Block:
         """(F, E, n_u) with U W = 1: U^-1, or with more experiments than inputs U^H (U U^H)^-1."""
         _, n_u, E = self.U.shape
         if n_u == E:
-            return np.asarray(np.linalg.inv(self.U), dtype=np.complex128)
-        return adjoint(self.U) @ np.linalg.inv(self.UU)
-
-    @property
-    def UU(self) -> ComplexArray:
-        """U U^H (F, n_u, n_u)."""
-        return self.U @ adjoint(self.U)
+            return inverse(self.U)
+        return adjoint(self.U) @ inverse(self.U @ adjoint(self.U))
 
     @cached_property
     def input_rms(self) -> FloatArray:
@@ -104,7 +100,25 @@ class MeanSpectra:
     @cached_property
     def UU(self) -> ComplexArray:
         """U U^H (F, n_u, n_u) of all experiments."""
-        return added(each.UU for each in self.blocks)
+        U = [each.U for each in self.blocks]
+        return added_cross_products(U, U)
+
+    @property
+    def output_powers(self) -> tuple[FloatArray, FloatArray]:
+        """Sums (F, n_y) over experiments of |Y|^2, and of P |Y|^2."""
+        powers = [squared_magnitude(each.Y) for each in self.blocks]
+        plain: FloatArray = np.sum([each.sum(axis=2) for each in powers], axis=0)
+        if np.ptp(self.periods) == 0:
+            return plain, self.periods[0] * plain
+        return plain, np.sum([each @ block.periods for each, block in zip(powers, self.blocks, strict=True)], axis=0)
+
+    def of_periods(self, name: Literal["Y", "U"]) -> ComplexArray:
+        """Sum over experiments of P Y U^H (F, n_y, n_u), or of P U U^H (F, n_u, n_u), P periods each."""
+        U, X = [each.U for each in self.blocks], [getattr(each, name) for each in self.blocks]
+        if np.ptp(self.periods) > 0:
+            return added_cross_products([x * each.periods for x, each in zip(X, self.blocks, strict=True)], U)
+        found = self.UU if name == "U" else added_cross_products(X, U)
+        return np.asarray(self.periods[0] * found)
 
     @cached_property
     def every(self) -> Block:
@@ -136,15 +150,16 @@ def gather_spectra(
     notes: list[Note] = []
     for group in realisations:
         power, dof = sums.power(), sums.dof
-        means, R, periods = [], [], []
-        for each in group:
+        Z = np.empty((len(group), *sums.scale.shape[::-1]), np.complex128)
+        R, periods = [], []
+        for each, of_experiment in zip(group, Z, strict=True):
             kept, mean = _mean(each, everywhere, excited, spec, total, sums)
             notes += kept.notes
             periods.append(len(kept.periods))
-            means.append(mean)
+            of_experiment[:] = mean.T
             R.append(reference_spectrum(each, everywhere) if with_reference else None)
         noise = (sums.power() - power)[:, len(group[0].record.outputs) :] / (sums.dof - dof)
-        blocks.append(_block(means, R, periods, noise, sums.dof - dof))
+        blocks.append(_block(Z, R, periods, noise, sums.dof - dof))
     return MeanSpectra(tuple(blocks), Scatter(sums.collected(), sums.dof), tuple(notes))
 
 
@@ -172,18 +187,19 @@ def _mean(
 
 
 def _block(
-    means: Sequence[ComplexArray],
+    Z: ComplexArray,
     R: Sequence[ComplexArray | None],
     periods: Sequence[int],
     input_noise: FloatArray,
     dof: int,
 ) -> Block:
-    n_y = means[0].shape[1] - input_noise.shape[1]
+    """The block of mean spectra Z (E, n_y + n_u, F), which stay where they are in memory."""
+    n_y = Z.shape[1] - input_noise.shape[1]
     known = [each for each in R if each is not None]
     return Block(
-        U=np.stack([mean[:, n_y:] for mean in means], axis=2),
-        Y=np.stack([mean[:, :n_y] for mean in means], axis=2),
-        R=np.stack(known, axis=2) if len(known) == len(means) else None,
+        U=Z[:, n_y:].transpose(2, 1, 0),
+        Y=Z[:, :n_y].transpose(2, 1, 0),
+        R=np.stack(known, axis=2) if len(known) == len(R) else None,
         periods=np.array(periods, dtype=np.float64),
         input_noise=input_noise,
         dof=dof,

@@ -1,10 +1,10 @@
 r"""The estimators of the field: one function each, from the blocks of all realisations to G (F, n_y, n_u).
 
 Each takes blocks and the scatter of [Y; U] over their periods, of which only `errors_in_variables` needs the
-covariance C_Z in one period, and returns G with its weights W_m, so that to first order in the equation
-error V = Y - G U
+covariance C_Z in one period, and returns G with its weights W_m and their share s, so that to first order in the
+equation error V = Y - G U
 
-.. math:: \hat G - G = \sum_m V_m W_m, \quad \sum_m U_m W_m = 1
+.. math:: \hat G - G = s \sum_m V_m W_m, \quad s \sum_m U_m W_m = 1
 
 (Wernholt and Moberg, LiTH-ISY-R-2827, 2008; Guillaume, Pintelon and Schoukens, IEEE TIM 41(6), 1992; for H2 and Hv
 Maia and Silva, Theoretical and Experimental Modal Analysis, 1997.)
@@ -23,7 +23,7 @@ from elastid.base.arrays import BoolArray, ComplexArray
 from elastid.base.errors import DataError, StudyError
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import Block, Scatter, pooled
-from elastid.frf.matrices import added, adjoint, transposed
+from elastid.frf.matrices import added_cross_products, added_products, adjoint, transposed
 
 # Power of an element over its scatter (8 dB) above which its logarithm is safe.
 _MIN_LOG_SNR = 10**0.8
@@ -33,16 +33,18 @@ _MIN_NOISE_RATIO = 1e-14
 
 @dataclass(frozen=True)
 class Estimate:
-    """G (F, n_y, n_u), the weights W_m (F, E_m, n_u) of every block's equation error, and notes."""
+    """G (F, n_y, n_u), the weights s W_m, W_m (F, E_m, n_u), of every block's equation error, and notes."""
 
     G: ComplexArray
     W: tuple[ComplexArray, ...]
     notes: tuple[Note, ...] = ()
+    share: float = 1.0
 
     @cached_property
     def left(self) -> ComplexArray:
-        """sum_m W_m^T W_m^* (F, n_u, n_u): the input factor where every experiment's error has the same covariance."""
-        return added(transposed(W) @ W.conj() for W in self.W)
+        """s^2 sum_m W_m^T W_m^* (F, n_u, n_u): the input factor, where all errors V have the same covariance."""
+        W = [transposed(each) for each in self.W]
+        return self.share**2 * added_cross_products(W, W)
 
 
 Estimator: TypeAlias = Callable[[Sequence[Block], Scatter], Estimate]
@@ -50,15 +52,15 @@ Estimator: TypeAlias = Callable[[Sequence[Block], Scatter], Estimate]
 
 def arithmetic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = (1/M) sum_m G_m,  G_m = Y_m U_m^-1: each realisation keeps its pairing of u and y."""
-    G = added(each.Y @ each.W for each in blocks) / len(blocks)
-    return Estimate(G, _mean_weights(blocks))
+    W, share = _mean_weights(blocks)
+    return Estimate(share * added_products([each.Y for each in blocks], W), W, share=share)
 
 
 def harmonic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
     """G = [(1/M) sum_m G_m^-1]^-1, for n_y = n_u."""
     _square(blocks, "harmonic")
-    G, W = _each(blocks)
-    return Estimate(harmonic_mean(G), W)
+    W, share = _mean_weights(blocks)
+    return Estimate(harmonic_mean(_each(blocks)), W, share=share)
 
 
 def logarithmic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
@@ -66,7 +68,7 @@ def logarithmic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
 
     The logarithm of an element that is zero or below the noise means nothing.
     """
-    G, W = _each(blocks)
+    G, (W, share) = _each(blocks), _mean_weights(blocks)
     safe = log_is_safe(G)
     mean = arithmetic_mean(G)
     note = Note(
@@ -75,7 +77,7 @@ def logarithmic(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
         "than 8 dB above its scatter over the realisations",
         severity="information",
     )
-    return Estimate(np.where(safe, logarithmic_mean(G), mean), W, () if safe.all() else (note,))
+    return Estimate(np.where(safe, logarithmic_mean(G), mean), W, () if safe.all() else (note,), share)
 
 
 def h1(blocks: Sequence[Block], scatter: Scatter) -> Estimate:
@@ -175,29 +177,28 @@ def log_is_safe(G: ComplexArray) -> BoolArray:
     return np.asarray((np.abs(mean) ** 2 > _MIN_LOG_SNR * scatter) & (np.abs(G) > 0).all(axis=0))
 
 
-def _each(blocks: Sequence[Block]) -> tuple[ComplexArray, tuple[ComplexArray, ...]]:
-    """G_m (M, F, n_y, n_u) of every realisation, and the weights of their mean."""
-    G = np.stack([each.Y @ each.W for each in blocks])
-    return G, _mean_weights(blocks)
+def _each(blocks: Sequence[Block]) -> ComplexArray:
+    """G_m (M, F, n_y, n_u) of every realisation."""
+    return np.stack([each.Y @ each.W for each in blocks])
 
 
-def _mean_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
-    """W_m of the mean over realisations."""
-    return tuple(each.W / len(blocks) for each in blocks)
+def _mean_weights(blocks: Sequence[Block]) -> tuple[tuple[ComplexArray, ...], float]:
+    """W_m of the mean over realisations, and their share."""
+    return tuple(each.W for each in blocks), 1 / len(blocks)
 
 
 def _instrumental(blocks: Sequence[Block], instruments: Sequence[ComplexArray]) -> Estimate:
     """G = (sum Y A^H)(sum U A^H)^-1, W = A^H (sum U A^H)^-1."""
     pairs = list(zip(blocks, instruments, strict=True))
-    inverse = np.linalg.inv(np.sum([each.U @ adjoint(A) for each, A in pairs], axis=0))
-    W = tuple(adjoint(A) @ inverse for _, A in pairs)
+    of_inputs = np.linalg.inv(np.sum([each.U @ adjoint(A) for each, A in pairs], axis=0))
+    W = tuple(adjoint(A) @ of_inputs for _, A in pairs)
     G: ComplexArray = np.sum([each.Y @ w for each, w in zip(blocks, W, strict=True)], axis=0)
     return Estimate(G, W)
 
 
 def _least_squares_weights(blocks: Sequence[Block]) -> tuple[ComplexArray, ...]:
-    inverse = np.linalg.inv(np.sum([each.U @ adjoint(each.U) for each in blocks], axis=0))
-    return tuple(adjoint(each.U) @ inverse for each in blocks)
+    of_inputs = np.linalg.inv(np.sum([each.U @ adjoint(each.U) for each in blocks], axis=0))
+    return tuple(adjoint(each.U) @ of_inputs for each in blocks)
 
 
 def _square(blocks: Sequence[Block], method: str) -> None:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -82,6 +83,16 @@ class Compared:
         power = np.einsum("cpk,cpk->cp", X, X)
         squares = power[:, :, None] + power[:, None, others] - 2 * (X @ np.swapaxes(X[:, others], 1, 2))
         return cls(X, power, np.sqrt(np.maximum(squares, 0.0)), others)
+
+    @cached_property
+    def ratio(self) -> float:
+        """Largest over smallest distance of two periods, in the worst channel."""
+        apart = self.apart[:, np.arange(self.apart.shape[1])[:, None] != self.others]
+        return float(np.max(apart.max(axis=1) / np.maximum(apart.min(axis=1), 1e-300)))
+
+    def are_alike(self, outlier_sigma: float) -> bool:
+        """Whether none can be far, whichever are good: the largest distance is within the limit of the smallest."""
+        return self.ratio < 1 + outlier_sigma * _MIN_SPREAD
 
 
 def trusted(spectra: PeriodSpectra, spec: EstimatorSpec, total: TotalError | None = None) -> PeriodSpectra:
@@ -174,7 +185,7 @@ def _transient(spectra: PeriodSpectra, compared: Compared, outlier_sigma: float)
     """Number of periods at the start that are a transient."""
     P = len(spectra.periods)
     later = np.arange(P - max(2, -(-P // 2)), P)
-    if later[0] == 0:
+    if later[0] == 0 or compared.are_alike(outlier_sigma):
         return 0, ()
     found = distances(compared, later, outlier_sigma)
     leading = int(np.argmin(np.append(found.far[: later[0]], False)))
@@ -191,7 +202,7 @@ def _outliers(
 ) -> tuple[IntArray, tuple[Note, ...]]:
     """Those of the settled periods (indices) that are far from the others."""
     none = settled[:0]
-    if len(settled) < _MIN_PERIODS:
+    if len(settled) < _MIN_PERIODS or compared.are_alike(outlier_sigma):
         return none, ()
     found = distances(compared, settled, outlier_sigma)
     far = settled[found.far[settled]]

@@ -1,60 +1,21 @@
-/* The scatter of periods of `scatter.py`, BATCH lines side by side, real and imaginary parts apart. */
+/* The scatter of periods of `scatter.py`, behind `matrices.c`: BATCH lines side by side. */
 
 #define BATCH 8
-#define AHEAD 64
-#define LANES ((int64_t)(WIDTH / sizeof(double)))
-
-typedef double lanes __attribute__((vector_size(WIDTH)));
-typedef struct {
-    lanes re, im;
-} number;
-
-/* Some lines, `apart` complex numbers from each other; the lanes left over are zero. */
-static number load(const double *from, int64_t apart, int64_t used) {
-    double re[LANES] = {0}, im[LANES] = {0};
-    number found;
-    if (apart == 1 && used == LANES)
-        for (int64_t q = 0; q < LANES; q++) {
-            re[q] = from[2 * q];
-            im[q] = from[2 * q + 1];
-        }
-    else
-        for (int64_t q = 0; q < used; q++) {
-            re[q] = from[2 * apart * q];
-            im[q] = from[2 * apart * q + 1];
-        }
-    memcpy(&found.re, re, sizeof re);
-    memcpy(&found.im, im, sizeof im);
-    return found;
-}
-
-static void store(number from, int64_t used, double *to) {
-    const double *re = (const double *)&from.re, *im = (const double *)&from.im;
-    for (int64_t q = 0; q < used; q++) {
-        to[2 * q] = re[q];
-        to[2 * q + 1] = im[q];
-    }
-}
 
 /* Adds sum_p V_i conj(V_j), V (channels, P), to the pairs of S (n (n + 1) / 2, 2, BATCH) from a lane on. */
 static void add_products(int64_t P, int64_t n, const number *V, double *S) {
     for (int64_t i = 0; i < n; i += TILE)
         for (int64_t j = i; j < n; j += TILE) {
             number sums[TILE][TILE] = {0};
-            const number *left = V + i * P, *right = V + j * P;
-            for (int64_t p = 0; p < P; p++)
-                for (int a = 0; a < TILE; a++)
-                    for (int b = 0; b < TILE; b++) {
-                        number *sum = &sums[a][b], v = left[a * P + p], w = right[b * P + p];
-                        sum->re = sum->re + v.re * w.re + v.im * w.im;
-                        sum->im = sum->im + v.im * w.re - v.re * w.im;
-                    }
+            add_tile(P, V + i * P, V + j * P, sums);
             for (int a = 0; a < TILE; a++)
                 for (int b = 0; b < TILE; b++) {
                     int64_t row = i + a, column = j + b;
                     if (row <= column && column < n) {
                         double *pair = S + 2 * BATCH * (row * n - row * (row - 1) / 2 + column - row);
                         lanes re, im;
+                        __builtin_prefetch(pair + n * (n + 1) * BATCH, 1); /* of the next lines */
+                        __builtin_prefetch(pair + n * (n + 1) * BATCH + BATCH, 1);
                         memcpy(&re, pair, sizeof re);
                         memcpy(&im, pair + BATCH, sizeof im);
                         re += sums[a][b].re;
@@ -81,10 +42,6 @@ int add_scatter(int64_t P, int64_t F, int64_t n, const double *z, int64_t period
             number *v = V + c * P, sum = {{0}, {0}};
             for (int64_t p = 0; p < P; p++) {
                 const double *here = z + 2 * (p * periods_apart + f * lines_apart + c * channels_apart);
-                if (lines_apart == 1) { /* more streams than the processor follows by itself */
-                    __builtin_prefetch(here + AHEAD);
-                    __builtin_prefetch(here + AHEAD + 8);
-                }
                 v[p] = load(here, lines_apart, used);
                 sum.re += v[p].re;
                 sum.im += v[p].im;

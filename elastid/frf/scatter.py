@@ -3,25 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.compiled import call, loops
-from elastid.frf.matrices import adjoint
+from elastid.frf.matrices import SOURCES, adjoint, is_worth_it
 from elastid.frf.spectra import PeriodSpectra
 
-# Lines times channels squared, from which the second that compiling takes is won back.
-MIN_WORK = 20_000
 # Of `scatter.c`.
 BATCH = 8
-SOURCES = (Path(__file__).with_name("scatter.c"),)
-
-
-def is_worth_it(n_lines: int, n_channels: int) -> bool:
-    """Whether so much work wins back the second that compiling the loops takes, and they are there."""
-    return n_lines * n_channels**2 >= MIN_WORK and loops(SOURCES) is not None
 
 
 class FullSum:

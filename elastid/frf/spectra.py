@@ -169,9 +169,8 @@ class PeriodSpectra:
 
     def on(self, lines: BoolArray | slice) -> PeriodSpectra:
         """The same on some of its lines (F,)."""
-        if not isinstance(lines, slice) and lines.all():
-            return self
-        return replace(self, z=self.z[:, lines], scale=self.scale[lines])
+        index = lines if isinstance(lines, slice) else _wanted(np.flatnonzero(lines))
+        return replace(self, z=self.z[:, index], scale=self.scale[index])
 
     def only(self, keep: IntArray) -> PeriodSpectra:
         """The same of some of its periods."""
@@ -292,7 +291,7 @@ def _wanted(lines: IntArray) -> slice | IntArray:
     """Lines (F,) in order as an index, which copies nothing where they are evenly spaced."""
     steps = np.diff(lines)
     step = int(steps[0]) if len(steps) else 1
-    return slice(lines[0], lines[-1] + 1, step) if np.all(steps == step) else lines
+    return slice(lines[0], lines[-1] + 1, step) if len(lines) and np.all(steps == step) else lines
 
 
 def _computable(size: FloatArray) -> BoolArray:

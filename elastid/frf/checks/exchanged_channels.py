@@ -15,6 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
+from elastid.frf.matrices import inverse
 from elastid.record import MOTION_ORDER
 from elastid.response import FrequencyResponse
 
@@ -58,12 +59,12 @@ def _exchanged(response: FrequencyResponse, places: list[str]) -> dict[str, str]
     # Relative gains do not depend on scales; without this, units could make the matrix look singular.
     G = G / _geometric_scale(G)
     try:
-        inverse = np.linalg.inv(G)
+        inverse_G = inverse(G)
     except np.linalg.LinAlgError:
         return {}
-    if not np.max(np.linalg.norm(G, axis=(1, 2)) * np.linalg.norm(inverse, axis=(1, 2))) < 1 / np.finfo(float).eps:
+    if not np.max(np.linalg.norm(G, axis=(1, 2)) * np.linalg.norm(inverse_G, axis=(1, 2))) < 1 / np.finfo(float).eps:
         return {}
-    Lambda = np.median((G * np.swapaxes(inverse, 1, 2)).real, axis=0)
+    Lambda = np.median((G * np.swapaxes(inverse_G, 1, 2)).real, axis=0)
     if np.array_equal(Lambda.argmax(axis=1), np.arange(len(places))):
         return {}
     from scipy.optimize import linear_sum_assignment  # slow to load, for the few responses that look exchanged

@@ -10,7 +10,12 @@ from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.base.note import Note
 from elastid.frf.experiment_blocks import MeanSpectra
 from elastid.frf.lines import MIN_SNR
-from elastid.frf.matrices import added, adjoint, squared_magnitude
+from elastid.frf.matrices import (
+    inverse,
+    semidefinite_eigenvalues,
+    singular_values,
+    squared_magnitude,
+)
 from elastid.response import Levels, Quality
 
 # Power of an input over the noise of its mean (20 dB) below which it costs accuracy.
@@ -23,23 +28,20 @@ _MAX_CONDITION = 10.0
 
 def measured_quality(freq_hz: FloatArray, data: MeanSpectra, G: ComplexArray) -> Quality:
     """Quality of G (F, n_y, n_u), its nonlinear levels excepted."""
-    blocks, S_Z, n_y = data.blocks, data.scatter.S_Z, G.shape[1]
+    S_Z, n_y = data.scatter.S_Z, G.shape[1]
     spread = np.einsum("fii->fi", S_Z).real
     noise = spread / data.scatter.dof
-    # Of the outputs, weighted by periods and not, in one product.
-    weights = [np.stack([each.periods, np.ones(len(each.periods))], axis=1) for each in blocks]
-    products = [squared_magnitude(each.Y) @ weight for each, weight in zip(blocks, weights, strict=True)]
-    powers: FloatArray = np.sum(products, axis=0)
+    output_power, of_periods = data.output_powers
     coherence, multiple = coherences(
-        powers[:, :, 0] + spread[:, :n_y],
-        added(each.Y @ adjoint(each.U * each.periods) for each in blocks) + S_Z[:, :n_y, n_y:],
-        added(each.U @ adjoint(each.U * each.periods) for each in blocks) + S_Z[:, n_y:, n_y:],
+        of_periods + spread[:, :n_y],
+        data.of_periods("Y") + S_Z[:, :n_y, n_y:],
+        data.of_periods("U") + S_Z[:, n_y:, n_y:],
     )
-    amplitude = np.sqrt(powers[:, :, 1] / len(data.periods))
+    amplitude = np.sqrt(output_power / len(data.periods))
     return Quality(
         coherence=coherence,
         multiple_coherence=multiple,
-        singular_values=np.asarray(np.linalg.svd(G, compute_uv=False), dtype=np.float64),
+        singular_values=singular_values(G),
         input_singular_values=input_singular_values(data),
         input_noise=noise[:, n_y:],
         output_noise=noise[:, :n_y],
@@ -56,8 +58,7 @@ def relative_singular_values(S_U: ComplexArray) -> FloatArray:
     """Roots (F, n_u) of the eigenvalues of the inputs' spectra S_U (F, n_u, n_u), each over its RMS; largest first."""
     rms = np.sqrt(np.einsum("fii->fi", S_U).real.mean(axis=0))
     rms[rms == 0] = 1.0
-    power = np.linalg.eigvalsh(S_U / np.outer(rms, rms))
-    return np.asarray(np.sqrt(np.maximum(power[:, ::-1], 0.0)))
+    return np.sqrt(semidefinite_eigenvalues(S_U / np.outer(rms, rms)))
 
 
 def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[FloatArray, FloatArray]:
@@ -68,7 +69,8 @@ def coherences(yy: FloatArray, yu: ComplexArray, uu: ComplexArray) -> tuple[Floa
     """
     both = yy[:, :, None] * np.einsum("fii->fi", uu).real[:, None, :]
     ordinary = np.divide(squared_magnitude(yu), both, out=np.zeros(both.shape), where=both > 0)
-    explained = np.sum((yu @ np.linalg.inv(uu)) * yu.conj(), axis=2).real
+    response = yu @ inverse(uu)
+    explained = np.sum(response.real * yu.real + response.imag * yu.imag, axis=2)
     multiple = np.divide(explained, yy, out=np.zeros(explained.shape), where=yy > 0)
     return np.clip(ordinary, 0.0, 1.0), np.clip(multiple, 0.0, 1.0)
 

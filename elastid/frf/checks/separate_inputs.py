@@ -26,6 +26,8 @@ from elastid.record import Record
 _MIN_POWER_RATIO = 1e-12
 # Realisations whose inputs differ by less than this part have the same phases.
 _SAME_PHASES_DIFFERENCE = 0.2
+# So many lines, evenly taken, show that as well as all.
+_MAX_LINES = 1000
 
 
 def separated_lines(blocks: Sequence[Block], groups: Sequence[Sequence[Record]], method: str) -> BoolArray:
@@ -65,7 +67,8 @@ def _separated(block: Block, group: Sequence[Record]) -> BoolArray:
 def _weakest_at_least(block: Block, least: FloatArray) -> BoolArray:
     """Flags (F,) of the lines where 1 / tr(S_U^-1) exceeds the least power; none where some matrix has no inverse."""
     try:
-        trace = block.U.shape[2] * (squared_magnitude(block.W).sum(axis=1) @ block.input_rms**2)
+        E, n_u = block.W.shape[1:]
+        trace = E * (squared_magnitude(block.W).reshape(-1, E * n_u) @ np.tile(block.input_rms**2, E))
     except np.linalg.LinAlgError:
         return np.zeros(len(least), dtype=np.bool_)
     return np.asarray(least * trace < 1)
@@ -90,7 +93,7 @@ def same_phases_notes(blocks: Sequence[Block], groups: Sequence[Sequence[Record]
     """A note on each pair of realisations that were excited alike and so do not show nonlinear distortion."""
     notes = []
     for m in range(1, len(blocks)):
-        a, b = blocks[m - 1].U, blocks[m].U
+        a, b = (each.U[:: -(-len(each.U) // _MAX_LINES)] for each in (blocks[m - 1], blocks[m]))
         if a.shape == b.shape and np.linalg.norm(a - b) < _SAME_PHASES_DIFFERENCE * np.linalg.norm(a):
             notes.append(
                 Note(
