@@ -22,12 +22,14 @@ from elastid.app.run import Run, logged_in, run_all
 from elastid.base.errors import ElastidError, FitError, MisfitError, StudyError
 from elastid.base.execution import surviving
 from elastid.report.page.page_of_fleet import FleetContent, Outcome, write_page_of_fleet
-from elastid.store import replacing, text_file
+from elastid.store import changed_texts, keep_checksums, replacing, text_file
 from elastid.study import load
 from elastid.study.fleet import Fleet, Member
 from elastid.validation.fleet import FleetValue, find_changes
 
 MEMBERS = "members"
+# What is written beside the members' folders.
+WRITTEN = ("fleet.parquet", "fleet.csv", "fleet.html", "figures")
 # Layout of the table, counted up where a column changes.
 FORMAT = "1"
 # Times that a member is begun whose worker dies.
@@ -66,6 +68,8 @@ def run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
 
 
 def _run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
+    for name in changed_texts(folder, WRITTEN):
+        console.warn(f"{folder / name} has changed since it was written; it is made again")
     outcomes = _outcomes(fleet, folder, jobs, console)
     rows = [
         row
@@ -81,6 +85,7 @@ def _run_fleet(fleet: Fleet, folder: Path, jobs: int, console: Console) -> Path:
     units = {row.parameter: row.unit for row in rows}
     content = FleetContent(fleet.name, values, units, findings, outcomes, fleet.false_discovery_rate, software())
     page = write_page_of_fleet(content, folder)
+    keep_checksums(folder, WRITTEN)
     console.say(f"fleet: {content.verdict}")
     for path in (table, page):
         console.say(str(path))

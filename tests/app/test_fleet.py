@@ -64,7 +64,10 @@ def finished(tmp_path_factory: pytest.TempPathFactory, tiny_texts: tuple[str, st
 def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
     finished: tuple[Path, Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By name on page and terminal; the table is the same, whatever --jobs says and although a worker was killed."""
+    """By name on page and terminal; the table is the same, whatever --jobs says and although a worker was killed.
+
+    A bit of the table that flipped is told, and made right.
+    """
     path, folder = finished
     page = (folder / "fleet.html").read_text(encoding="utf-8")
     assert f"k_1 of {SOFT}" in page
@@ -72,8 +75,13 @@ def test_a_soft_gear_is_found_and_a_restart_keeps_what_is_done(
     stamps = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert len(stamps) == 6
     (folder / "members" / "r0_2026-01-31" / "fit.h5").unlink()
+    (folder / "fleet.parquet").write_bytes(first[:-1] + b"x")
+    assert run_command(["inspect", str(folder / "fleet.parquet")]) == 1
+    assert "fleet.parquet" in capsys.readouterr().err
     assert run_command(["fleet", str(path), "--run", str(folder), "--jobs", "1"]) == 0
-    assert f"k_1 of {SOFT} is -" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "fleet.parquet has changed since it was written; it is made again" in said.err
+    assert f"k_1 of {SOFT} is -" in said.out
     again = {file: file.stat().st_mtime_ns for file in folder.glob("members/*/fit.h5")}
     assert sum(again[file] != stamps[file] for file in stamps) == 1
     assert (folder / "fleet.parquet").read_bytes() == first
