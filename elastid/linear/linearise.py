@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -92,9 +92,9 @@ class Linearisation:
         model = self.model
         check_theta(theta, model.parameters)
         point = equilibrium(model, theta, configuration)
-        triangles, slopes = self.matrices(point.q, point.lambda_, theta)
+        triangles, jacobian = self.matrices(point.q, point.lambda_, theta)
         M, D, K = (_symmetric(column, model.n_q) for column in triangles.full().T)
-        slopes = slopes.full()
+        slopes = self._dense(jacobian)
         Z = motions(model, model.constraint_jacobian(point.q, theta).full())
         C, T = model.output_jacobian(point.q, outputs, theta), model.gravity_jacobian(point.q, outputs)
         if self.point is None:
@@ -122,6 +122,18 @@ class Linearisation:
             gains=tuple(name for name in model.parameters if name in model.robot.gains),
             sliding=model.robot.sliding((*model.inputs, *outputs)),
         )
+
+    def _dense(self, slopes: ca.DM) -> FloatArray:
+        """The Jacobian of `matrices` with its zeros; the numbers of a sparse one alone leave CasADi sooner."""
+        found = np.zeros(slopes.shape)
+        found[self._entries] = slopes.nonzeros()
+        return found
+
+    @cached_property
+    def _entries(self) -> tuple[IntArray, IntArray]:
+        """Rows and columns of what is not zero for every theta."""
+        rows, columns = self.matrices.sparsity_out(1).get_triplet()
+        return np.array(rows, np.int64), np.array(columns, np.int64)
 
 
 def _moves_with_parameters(model: ElasticModel) -> bool:
@@ -171,11 +183,14 @@ def _projected(Z: FloatArray, matrix: FloatArray) -> FloatArray:
 
 def _slopes(model: ElasticModel, jacobian: FloatArray, Z: FloatArray) -> dict[str, Slope]:
     """Slopes by name of the parameters that enter; jacobian (3 n (n + 1) / 2, n_theta)."""
-    slopes = {}
-    for name, column in zip(model.parameters, jacobian.T, strict=True):
-        if np.any(column):
-            M, D, K = (
-                _projected(Z, _symmetric(part, model.n_q)) if np.any(part) else None for part in np.split(column, 3)
+    triangles = jacobian.T.reshape(len(model.parameters), 3, -1)
+    enters = np.any(triangles, axis=2)
+    return {
+        model.parameters[p]: Slope(
+            *(
+                _projected(Z, _symmetric(part, model.n_q)) if is_one else None
+                for part, is_one in zip(triangles[p], enters[p], strict=True)
             )
-            slopes[name] = Slope(M, D, K)
-    return slopes
+        )
+        for p in np.flatnonzero(np.any(enters, axis=1))
+    }

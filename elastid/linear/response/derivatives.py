@@ -30,27 +30,19 @@ NEARLY_ONE = 1 - 1e-6
 
 @dataclass(frozen=True)
 class Pieces:
-    """dZ of the wanted parameters: base b is E[0, b] - omega^2 E[1, b], E (2, n_b, n, n), of a size near one.
+    """dZ of the wanted parameters: bases sign y y^T of rank one, then E[0, b] - omega^2 E[1, b], of a size near one.
 
-    omega is over the highest of all lines, and E[1] zero where a base is of rank one.
+    sign (n_1,), y (n, n_1), E (2, n_2, n, n); omega is over the highest of all lines.
     base, power (n_t,) of each piece, sigma (n_t, P). A factor of the response (delay, chain, gain) or a parameter that
     moves C or T (geometry) has a column -dG / dp of its own, behind the bases.
     """
 
+    sign: FloatArray
+    y: FloatArray
     E: FloatArray
     base: IntArray
     power: IntArray
     sigma: FloatArray
-
-
-@dataclass(frozen=True)
-class Directions:
-    """Bases of rank one, +-E = y y^T: sign (n_1,), y (n, n_1); the others E = V S V^T: V (n, r), S (2, n_2, r, r)."""
-
-    sign: FloatArray
-    y: FloatArray
-    V: FloatArray
-    S: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,52 +83,50 @@ class Columns:
     @cached_property
     def pieces(self) -> Pieces:
         """The pieces of all wanted parameters; bases of rank one first."""
-        bases: list[FloatArray] = []
+        n = self.kernel.model.n
+        bases = _Bases(np.empty((3 * len(self.kernel.wanted), 2 * n * n)), [])
         found: list[tuple[int, int, int, float]] = []
         for place, name in enumerate(self.kernel.wanted):
             slope = self.kernel.model.slopes.get(name, Slope())
             given = {
-                power: matrix
+                power: (np.stack([matrix, np.zeros_like(matrix)]), as_rank_one(matrix))
                 for power, matrix in enumerate((slope.K, slope.D, slope.M))
                 if matrix is not None and np.any(matrix)
             }
-            if all(power in given and as_rank_one(given[power]) is None for power in (0, 2)):
-                both = np.stack([given.pop(0), self.omega_0**2 * given.pop(2)])
-                size = float(np.linalg.norm(both))
-                found.append((place, len(bases), 0, size))
-                bases.append(both / size)
-            for power, matrix in given.items():
-                base, sigma = _base(bases, matrix)
+            if all(power in given and given[power][1] is None for power in (0, 2)):
+                moved, _ = given.pop(2)
+                given[0][0][1] = self.omega_0**2 * moved[0]
+            for power, (matrix, single) in given.items():
+                base, sigma = bases.add(matrix, single)
                 found.append((place, base, power, sigma))
         others = (*self.kernel.factors, *self.kernel.moved_outputs)
-        found += [(self.kernel.wanted.index(name), len(bases) + i, 0, 1.0) for i, name in enumerate(others)]
-        order = sorted(range(len(bases)), key=lambda b: bases[b][1].any() or as_rank_one(bases[b][0]) is None)
-        now_at = np.append(np.argsort(order), len(bases) + np.arange(len(others))).astype(np.int64)
+        found += [(self.kernel.wanted.index(name), len(bases.single) + i, 0, 1.0) for i, name in enumerate(others)]
+        order = sorted(range(len(bases.single)), key=lambda b: bases.single[b] is None)
+        now_at = np.append(np.argsort(order), len(order) + np.arange(len(others))).astype(np.int64)
         sigma_of = np.zeros((len(found), len(self.kernel.wanted)))
         for t, (place, _, _, sigma) in enumerate(found):
             sigma_of[t, place] = sigma
-        n = self.kernel.model.n
+        of_rank_one = [one for one in bases.single if one is not None]
         return Pieces(
-            np.array(bases).reshape(-1, 2, n, n)[order].swapaxes(0, 1),
+            np.array([sign for sign, _ in of_rank_one]),
+            np.array([y for _, y in of_rank_one]).reshape(-1, n).T,
+            bases.E[order[len(of_rank_one) :]].reshape(-1, 2, n, n).swapaxes(0, 1),
             now_at[[base for _, base, _, _ in found]],
             np.array([power for _, _, power, _ in found], np.int64),
             sigma_of,
         )
 
     @cached_property
-    def _directions(self) -> Directions:
+    def _directions(self) -> tuple[FloatArray, FloatArray]:
+        """V (n, r) and S (2, n_2, r, r) of the bases of a higher rank, E = V S V^T."""
         E, n = self.pieces.E, self.kernel.model.n
-        parts = [None if both[1].any() else as_rank_one(both[0]) for both in E.swapaxes(0, 1)]
-        single = [part for part in parts if part is not None]
-        others = E[:, len(single) :]
-        V = _span(others.reshape(-1, n, n))
-        sign, y = np.array([sign for sign, _ in single]), np.array([y for _, y in single]).reshape(-1, n).T
-        return Directions(sign, y, V, V.T @ others @ V)
+        V = _span(E.reshape(-1, n, n))
+        return V, V.T @ E @ V
 
     def at(self, theta: FloatArray) -> Iterator[Sensitivity]:
         """Block by block at theta (n_theta,)."""
         rows, columns = self.elements
-        of, n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
+        (_, S), n_u, kernel = self._directions, self.kernel.model.B.shape[1], self.kernel
         places = rows * n_u + columns
         images, of_images = self._of_factors.evaluate_images(theta) if kernel.is_held else (None, None)
         for block, s, gain, response, YX, moved in kernel.products(theta, self._asked):
@@ -157,12 +147,12 @@ class Columns:
             others = [*factors, *moved[:, :, rows, columns]]
             whole = -np.stack(others, axis=2) if others else np.zeros((*G.shape, 0), complex)
             omega = s.imag / self.omega_0
-            yield Sensitivity(block, s, omega, gain, G, left, right, of.sign, of.S, whole, rows, columns)
+            yield Sensitivity(block, s, omega, gain, G, left, right, self.pieces.sign, S, whole, rows, columns)
 
     @cached_property
     def _asked(self) -> FloatArray:
         """The directions of all bases (n, n_1 + r)."""
-        return np.hstack([self._directions.y, self._directions.V])
+        return np.hstack([self.pieces.y, self._directions[0]])
 
     @cached_property
     def _is_own(self) -> bool:
@@ -191,16 +181,25 @@ class Columns:
         )
 
 
-def _base(bases: list[FloatArray], matrix: FloatArray) -> tuple[int, float]:
-    """The place among the bases of a matrix, added where it is new, and its factor."""
-    sigma = float(np.linalg.norm(matrix))
-    both = np.stack([matrix / sigma, np.zeros_like(matrix)])
-    for place, other in enumerate(bases):
-        product = float(np.vdot(both, other))
-        if abs(product) > NEARLY_ONE and np.abs(both - np.sign(product) * other).max() < EQUAL_TOLERANCE:
-            return place, sigma * float(np.sign(product))
-    bases.append(both)
-    return len(bases) - 1, sigma
+@dataclass(frozen=True)
+class _Bases:
+    """Matrices E (2, n, n) of length one, a row each, in room for more; sign and y of those of rank one, or None."""
+
+    E: FloatArray
+    single: list[tuple[float, FloatArray] | None]
+
+    def add(self, both: FloatArray, single: tuple[float, FloatArray] | None) -> tuple[int, float]:
+        """The place of a matrix, which is added where it is new, and its factor; single: sign and y, of rank one."""
+        sigma, known = float(np.linalg.norm(both)), self.E[: len(self.single)]
+        E = both.ravel() / sigma
+        products = known @ E
+        for place in np.flatnonzero(np.abs(products) > NEARLY_ONE):
+            sign = float(np.sign(products[place]))
+            if np.abs(E - sign * known[place]).max() < EQUAL_TOLERANCE:
+                return int(place), sigma * sign
+        self.E[len(known)] = E
+        self.single.append(None if single is None else (single[0], single[1] / np.sqrt(sigma)))
+        return len(known), sigma
 
 
 def _span(matrices: FloatArray) -> FloatArray:
