@@ -304,7 +304,8 @@ def compressed(fit: ElasticFit, plain: ElasticFit, x: FloatArray) -> tuple[Float
         pieces, T = columns.pieces, fit._chain(part, x)
         scale = np.ones(pieces.base.max() + 1)
         for block in columns.at(theta):
-            V = known.R.times(block.block, block.columns(scale, np.float64)[:, 0])
+            R = known.R.R[block.block]
+            V = R @ block.columns(scale, np.float64)
             powers = block.s[:, None] ** np.arange(3)
             dr = (V[:, :, pieces.base] * powers[:, None, pieces.power]) @ (pieces.sigma @ T)
             residuals.append(as_real(known.R.residual(block.block, known.q[block.block], block.G)).ravel())

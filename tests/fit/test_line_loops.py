@@ -79,7 +79,7 @@ def test_loops_agree_with_numpy(is_diagonal, F, n_y, n_u, n_1, n_2, n_3, precisi
     upper = np.triu(np.ones((len(scale),) * 2))
     for G, of_e in ((part.G, None), (None, slope)):
         found = Packed.of(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
-        expected = Full.of(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
+        expected = Full(R).sums(part, LineResiduals(q, G, of_e), scale, precision)
         assert found.cost == pytest.approx(expected.cost, rel=1e-13)
         for one, other in ((found.weight, expected.weight), (found.pulled, expected.pulled)):
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(other).max(initial=1.0))

@@ -98,7 +98,7 @@ class CompressedResiduals:
     def compressed(self) -> Compressed:
         """R, and what of the data is left with it."""
         first, second = self._places
-        form = Packed.of if self.takes_compiled and is_compiled() else Full.of
+        form = Packed.of if self.takes_compiled and is_compiled() else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix
         if mixing is None:
             one, other = (self.gain.reshape(len(self.gain), -1)[:, place] for place in (first, second))

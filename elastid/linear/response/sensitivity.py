@@ -43,10 +43,9 @@ class Sensitivity:
         return self.left is self.right
 
     def columns(self, scale: FloatArray, precision: type[np.floating[Any]]) -> AnyComplex:
-        """Columns U, each times its scale (n_b,), n_b = n_1 + n_2 + n_3, and j U: (F, 2, n_e, n_b)."""
+        """Columns (F, n_e, n_b), n_b = n_1 + n_2 + n_3, each times its scale (n_b,)."""
         n_1, n_12 = len(self.sign), len(self.sign) + self.S.shape[1]
-        both = np.empty((len(self.s), 2, len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
-        found = both[:, 0]
+        found = np.empty((len(self.s), len(self.outputs), len(scale)), np.result_type(precision, np.complex64))
         right = self.right.astype(found.dtype)
         left = right if self.is_alike else self.left.astype(found.dtype)
         one = left[:, :, :n_1] * (self.gain[:, None] * (self.sign * scale[:n_1])).astype(found.dtype)[:, None]
@@ -56,8 +55,7 @@ class Sensitivity:
             left = left[:, :, n_1:] * self.gain.astype(found.dtype)[:, None, None]
             found[:, :, n_1:n_12] = self._of_matrices(left, right[:, :, n_1:], scale[n_1:n_12])
         np.multiply(self.whole, scale[n_12:], out=found[:, :, n_12:], casting="same_kind")
-        np.multiply(found, 1j, out=both[:, 1])
-        return both
+        return found
 
     def _of_matrices(self, left: AnyComplex, right: AnyComplex, scale: FloatArray) -> AnyComplex:
         """left (F, n_y, r) times each matrix S times right (F, n_u, r) of a line: (F, n_e, n_2)."""
