@@ -17,7 +17,7 @@ from elastid.linear.response.transfer import to_response
 from elastid.model.serial import serial
 from elastid.record import Configuration, HeldTorque
 from elastid.response import Covariance
-from elastid.robot import Chain, Frame, Placement
+from elastid.robot import Body, Chain, Frame, Joint, Motor, Placement, Robot, Spring
 
 NAMES = ("k_*", "d_*", "fm_*", "Jm_*", "m_fore", "c_fore_x", "delay", "torque_lag", "sensor_lag")
 TOOL = Frame("tool", "fore", Placement((0.9, 0.0, 0.1), (0.0, 0.3, 0.0)))
@@ -79,3 +79,40 @@ def test_cost_gradient_and_normal_matrix_are_those_of_the_stacked_residuals(cova
     expected = 2 * J.T @ J / np.outer(scale, scale)
     np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=tolerance)
     assert fit.parts[0].normal.columns.is_symmetric == (outputs == ("motor 1", "motor 2"))
+
+
+@pytest.mark.usefixtures("loops")
+def test_a_mass_without_gravity_acts_along_three_directions():
+    """However many joints carry it: derivatives along these three are those of every element."""
+    bodies = [
+        Body(
+            f"{i}",
+            f"{i - 1}" if i else "base",
+            Placement((0.3, 0.0, 0.1)),
+            (Joint(f"{i}", "zyxzyxz"[i], Spring(1e4 / (i + 1), 10.0), Motor(1e-3, 100.0, 1e-3)),),
+            mass=5.0,
+            center_of_mass=(0.1, 0.05, 0.1),
+            inertia=0.1,
+        )
+        for i in range(7)
+    ]
+    robot, rng = Robot("chain", tuple(bodies), (0.0, 0.0, 0.0)), np.random.default_rng(1)
+    model = serial(robot)
+    places = tuple(f"motor {i}" for i in range(7))
+    linear = Linearisation.of(model).at(
+        Configuration("c1", tuple(rng.uniform(-1, 1, 7))), model.theta, places, "velocity"
+    )
+    exact = to_response(linear, np.append(model.theta, 0.0), FREQ[::4])
+    std = 0.02 * np.abs(exact.G) + 1e-4 * np.abs(exact.G).max(axis=0)
+    response = replace(exact, G=exact.G + std * circular(rng, std.shape), noise=Covariance(std**2, np.inf))
+    spec = FitSpec(parameters={name: ParameterSpec() for name in ("m_6", "k_*")})
+    parameters = choose(spec, robot)
+    fit = Assembly.of([response], robot, spec, parameters).at(parameters.x, "complex")
+    x = parameters.x + 0.02 * rng.standard_normal(len(parameters.x))
+    here, (r, J) = fit.evaluate(x), fit.residual(x)
+    scale = 2 * np.linalg.norm(J, axis=0)
+    np.testing.assert_allclose(here.gradient / scale, 2 * J.T @ r / scale, atol=1e-9 * np.linalg.norm(r))
+    expected = 2 * J.T @ J / np.outer(scale, scale)
+    np.testing.assert_allclose(here.hessian / np.outer(scale, scale), expected, atol=1e-12)
+    part = next(fit.parts[0].normal.columns.at(fit.theta(fit.parts[0], x)))
+    assert part.S.shape == (2, 1, 3, 3)
