@@ -227,8 +227,7 @@ def write_torque(path: Path, plan: Plan, experiment: Experiment) -> None:
 
 
 def _write_csv(path: Path, columns: list[str], rows: Any, rate_hz: float, first_sample: int) -> None:
+    line = ",".join(["%.9g"] * (1 + len(columns))) + "\n"
     with text_file(path) as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["time_s", *columns])
-        for i, row in enumerate(rows.tolist()):
-            writer.writerow([f"{(i - first_sample) / rate_hz:.9g}", *(f"{value:.9g}" for value in row)])
+        csv.writer(file, lineterminator="\n").writerow(["time_s", *columns])
+        file.writelines(line % ((i - first_sample) / rate_hz, *row) for i, row in enumerate(rows.tolist()))
