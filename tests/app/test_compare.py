@@ -137,7 +137,7 @@ def test_a_model_without_variants_is_refused(tiny: Path) -> None:
 def test_the_report_shows_the_comparison(tiny: Path) -> None:
     """Once compared, the page has the table and the figure, and is current; other responses make it go."""
     option = 'compare.variants=[{name: heavy load, set: ["robot.bodies.0.inertia=1.3e-3"]}]'
-    run = Run(load(tiny, (option,)), tiny.parent / "run", 1, Console(-1))
+    run = Run(load(tiny, (option, "report.formats=[png]")), tiny.parent / "run", 1, Console(-1))
     run_all(run)
     assert "Comparison of models" not in run.path("report").read_text()
     compare(run)

@@ -28,6 +28,7 @@ ELASTIC = (
     "fit.profile=[k_1]",
     "validation.folds=2",
     "compare.variants=[{name: other weights, set: [fit.start_factor=2]}]",
+    "report.formats=[png]",
 )
 # The least that tells Coulomb and viscous friction.
 FRICTION = (
