@@ -366,7 +366,8 @@ def study(tiny: Path) -> Callable[[str], Path]:
 def test_a_study_without_configurations_runs_on_those_chosen(study: Callable[[str], Path], tmp_path: Path) -> None:
     """Plan, records, fit and page; another fit leaves them measured."""
     path, run = study(DESIGN), tmp_path / "run"
-    assert run_command(["run", str(path), "--run", str(run), "-q", "--jobs", "1"]) == 0
+    figures = ["--set", "report.formats=[png]"]
+    assert run_command(["run", str(path), "--run", str(run), "-q", "--jobs", "1", *figures]) == 0
     plan, told = read_plan(run / "plan.h5"), read_forecast(run / "plan.h5")
     assert sum(plan.realisations) == 4
     assert told is not None
