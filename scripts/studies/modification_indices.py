@@ -12,8 +12,7 @@ together.  The last line is one JSON object with the numbers of the
 table.
 
 One data set of each fault: 15 of 15 are named, and their steps are the true ones to 4 % (torque constants 20 % wrong:
-8 %), from one linearisation; 0.29 to 0.47 CPU s beside 0.29 of a clean fit, but 0.60 for exchanged postures, where no
-optimum of the search is near the truth.
+8 %), from one linearisation; 0.25 to 0.41 CPU s beside 0.23 of a clean fit.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
