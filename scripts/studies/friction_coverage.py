@@ -11,12 +11,12 @@ bias and the scatter of ln p over the standard deviation that the fit states. Th
 one of two axes costs 0.06 CPU seconds to simulate, 0.2 with `none` and 1.2 with `auto`, one of three axes 0.3, 0.4 and
 3. The last line is one JSON object.
 
-Found with `none`, without friction, at 0.05, 0.16 and 0.3, each with a carrier and at rest: two axes, 300 data sets each,
-96.8 and 96.3 +- 0.6 %, 95.6 and 95.4, 95.8 and 95.2, 95.3 and 95.0; three axes, 100 each, 95.8 and 95.9 +- 0.6 %, 95.9
-and 95.2, 96.0 and 95.9, 94.9 and 95.8; bias at most 0.51 of the stated deviations, the worst parameter at 89 %. With
-`auto`: two axes, 60 each, 97.5 and 95.6 +- 1.4 %, 96.9 and 95.8, 95.8 and 96.4, 95.6 and 94.4; three axes, 20 each,
-97.1 and 97.1 +- 1.4 %, 97.5 and 96.4, 97.5 and 95.4, 95.7 and 93.9; bias at most 0.89 of the stated deviations of
-0.002 to 0.06 %, the worst parameter at 70 % of 20.
+With `none`, at 0, 0.05, 0.16 and 0.3, each with a carrier and at rest: two axes, 300 data sets each, 96.8 and 96.3
++- 0.6 %, 95.6 and 95.4, 95.8 and 95.2, 95.3 and 95.0; three axes, 100 each, 95.8 and 95.9 +- 0.6 %, 95.9 and 95.2, 96.0
+and 95.9, 94.9 and 95.8; bias at most 0.51 of the stated deviations, the worst parameter at 89 %. With `auto`: two axes,
+60 each, 97.5 and 95.6 +- 1.4 %, 96.9 and 95.8, 95.8 and 96.4, 95.6 and 94.4; three axes, 20 each, 97.1 and 97.1 +- 1.4
+%, 97.5 and 96.4, 97.5 and 95.4, 95.7 and 93.9; bias at most 0.89 of the stated deviations of 0.002 to 0.06 %, the worst
+parameter at 70 % of 20.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
