@@ -44,6 +44,8 @@ from elastid.store.checksum import write_checksum
 
 MAX_S = 20.0
 HDF5 = (".h5", ".mat73")
+# With files as small as these, starting a second process costs more than it does.
+IN_RUN = ("study.yml", "--run", "run", "--jobs", "1")
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ def _logs(base: Path) -> list[Seed]:
         (folder / "study.yml").write_text(own, encoding="utf-8")
         shutil.copyfile(base / "log" / "logs" / "bench_2.csv", folder / "other.csv")
         write(folder / name)
-        found.append(Seed("log", folder, name, (("inspect", name), ("measure", "study.yml", "--run", "run"))))
+        found.append(Seed("log", folder, name, (("inspect", name), ("measure", *IN_RUN))))
     return found
 
 
@@ -139,7 +141,7 @@ def _responses(base: Path) -> list[Seed]:
                 own = own.replace(f"channel: {channel}", f"channel: {node}")
         (folder / "study.yml").write_text(own, encoding="utf-8")
         write(folder / name)
-        found.append(Seed("response", folder, name, (("inspect", name), ("estimate", "study.yml", "--run", "run"))))
+        found.append(Seed("response", folder, name, (("inspect", name), ("estimate", *IN_RUN))))
     return found
 
 
@@ -157,7 +159,7 @@ def _results(base: Path) -> list[Seed]:
         "records.h5": "estimate", "frf.h5": "fit", "fit.h5": "validate", "validation.h5": "report",
     }  # fmt: skip
     return [
-        Seed("result", folder, f"run/{name}", (("inspect", f"run/{name}"), (stage, "study.yml", "--run", "run")))
+        Seed("result", folder, f"run/{name}", (("inspect", f"run/{name}"), (stage, *IN_RUN)))
         for name, stage in reads.items()
     ]
 
