@@ -153,4 +153,6 @@ def _columns(stacks: Stacks) -> IntArray:
 
 def _places(stacks: Stacks) -> IntArray:
     """Where each lies: its address, and the numbers from line to line, row to row and column to column."""
+    if any(each.dtype != np.complex128 for each in stacks):
+        raise TypeError(f"the loops read complex128, not {', '.join(str(each.dtype) for each in stacks)}")
     return np.array([(each.ctypes.data, *(stride // each.itemsize for stride in each.strides)) for each in stacks])

@@ -112,3 +112,11 @@ def test_values_in_parts_are_those_of_all_lines() -> None:
     for F in (3, matrices.LINES_AT_ONCE, 2 * matrices.LINES_AT_ONCE + 1):
         A = circular(np.random.default_rng(F), (F, 2, 3))
         np.testing.assert_array_equal(matrices.in_parts(F, A.__getitem__), A)
+
+
+def test_the_loops_refuse_numbers_of_another_size() -> None:
+    """They would be read beyond their end."""
+    if loops(matrices.SOURCES) is None:
+        pytest.skip("no C compiler is installed")
+    with pytest.raises(TypeError, match="complex128, not float64"):
+        matrices.inverse(np.ones((5000, 6, 6)))  # type: ignore[arg-type]
