@@ -20,7 +20,8 @@ from elastid.app.console import Console
 from elastid.app.provenance import file_hash, software, stamps, upstream
 from elastid.app.stage_table import FRICTION, SIMULATED, Stage, function_of, module_of, stages_of, stages_of_study
 from elastid.base.errors import StudyError
-from elastid.base.execution import Execution, load_for_workers
+from elastid.base.execution import Execution
+from elastid.base.workers import lasting_workers, load_for_workers
 from elastid.store import (
     Stamp,
     changed_texts,
@@ -179,7 +180,7 @@ def logged_in(folder: Path, jobs: int, console: Console) -> Iterator[None]:
 def run_all(run: Run) -> None:
     """All stages in order, but for those whose result is current; FitError where the fit cannot be trusted."""
     _load_for_workers(run, [stage for name, stage in run.stages.items() if not run.is_current(name)])
-    with run.logged():
+    with run.logged(), lasting_workers():
         for name, stage in run.stages.items():
             if run.is_current(name):
                 run.console.say(f"{name}: nothing has changed, {run.path(name).name} is kept")
@@ -216,7 +217,7 @@ def run_stage(run: Run, name: str) -> None:
     stage = run.stages[name]
     run.require(name)
     _load_for_workers(run, [stage])
-    with run.logged():
+    with run.logged(), lasting_workers():
         function_of(stage.function)(run)
         keep_checksums(run.folder, stage.texts)
         if stage.conclude:

@@ -15,9 +15,9 @@ from elastid.app.compare import compare
 from elastid.app.console import Console
 from elastid.app.run import Run, run_stage
 from elastid.app.stage_table import STAGES, module_of
-from elastid.base import execution
+from elastid.base import execution, workers
 from elastid.base.cluster import on_dask
-from elastid.base.execution import load_for_workers
+from elastid.base.workers import load_for_workers
 from elastid.study import load
 
 # Friction is sought, starts, repetitions and refits are several: all that works in parallel.
@@ -151,7 +151,7 @@ def test_workers_that_start_anew_change_no_byte(
     runs: dict[str, Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, names: tuple[str, ...]
 ) -> None:
     """As on Windows, where there is no process to copy; each worker then loads its libraries, which takes seconds."""
-    monkeypatch.setattr(execution, "get_all_start_methods", lambda: ["spawn"])
+    monkeypatch.setattr(workers, "get_all_start_methods", lambda: ["spawn"])
     run = Run(runs[kind].loaded, Path(shutil.copytree(runs[kind].folder, tmp_path / "run")), 2, Console(-1))
     assert tuple(worked(run, names)) == names
     assert files(run.folder) == files(runs[kind].folder)
