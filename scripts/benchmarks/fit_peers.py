@@ -53,7 +53,7 @@ def casadi_problem(fit: ElasticFit) -> LeastSquares:
         V, g, A = (sum(one[i] for one in found) for i in range(3))
         return Evaluation(V, 2 * g, 2 * A)
 
-    return LeastSquares(fit.parameters, fit.n_residuals, evaluate, fit.residual)
+    return LeastSquares(fit.parameters, fit.n_residuals, evaluate)
 
 
 def jax_evaluation(fit: ElasticFit) -> Callable[[], object] | None:

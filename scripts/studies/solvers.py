@@ -104,36 +104,32 @@ def counted(problem: LeastSquares, calls: list[int]) -> LeastSquares:
         calls.append(1)
         return problem.evaluate(x)
 
-    def residual(x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        calls.append(1)
-        return problem.residual(x)
-
-    return replace(problem, evaluate=evaluate, residual=residual)
+    return replace(problem, evaluate=evaluate)
 
 
 def stages(problem: Problem, start: FloatArray, solver: Solver, calls: list[int]) -> float:
     """V at the end of both stages."""
     x = start
     for fit, tolerance, most in ((problem.first, NEAR, ROUGH_ITERATIONS), (problem.last, FINE, 200)):
-        given = counted(fit.problem, calls)
         if solver == "least_squares":
-            x, cost = by_scipy(given, x)
+            x, cost = by_scipy(fit, x, calls)
         else:
-            end = solve(given, x, tolerance, most, solver)
+            end = solve(counted(fit.problem, calls), x, tolerance, most, solver)
             x, cost = end.x, end.cost
     return cost
 
 
-def by_scipy(problem: LeastSquares, start: FloatArray) -> tuple[FloatArray, float]:
+def by_scipy(fit: ElasticFit, start: FloatArray, calls: list[int]) -> tuple[FloatArray, float]:
     """SciPy's trust-region reflective method; the Jacobian of a point is that of its residuals."""
     seen: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
     def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         if x.tobytes() not in seen:
-            seen[x.tobytes()] = problem.residual(x)
+            calls.append(1)
+            seen[x.tobytes()] = fit.residual(x)
         return seen[x.tobytes()]
 
-    lower, upper = problem.parameters.x_bounds
+    lower, upper = fit.parameters.x_bounds
     try:
         end = least_squares(lambda x: at(x)[0], start, lambda x: at(x)[1], (lower, upper), max_nfev=200)
     except (ValueError, np.linalg.LinAlgError) as error:

@@ -48,7 +48,7 @@ def test_a_profile_knows_that_data_only_bound_a_parameter():
         r, J = residual(x)
         return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
 
-    problem = LeastSquares(free, 3, evaluate, residual)
+    problem = LeastSquares(free, 3, evaluate)
     x = np.array([3.0, 0.1])
     variance = np.diag(np.linalg.inv(evaluate(x).hessian / 2))
     (profile,) = profiles(problem, x, variance, ["x"])
@@ -69,7 +69,7 @@ def linear_in_damping(relative: float, seen: float = 0.0) -> LeastSquares:
         r, J = residual(x)
         return Evaluation(float(r @ r), 2 * J.T @ r, 2 * J.T @ J)
 
-    return LeastSquares(free, 3, evaluate, residual)
+    return LeastSquares(free, 3, evaluate)
 
 
 @pytest.mark.parametrize("relative", [0.01, 0.1, 0.3])

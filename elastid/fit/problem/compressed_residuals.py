@@ -10,7 +10,7 @@ and 21 residuals instead of 36 for six motors. The logarithm has the same R, and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,7 +27,7 @@ class CompressedResiduals:
     """The residuals mixing (gain e) of one configuration; measured, gain, criterion and whitening as of `Part`.
 
     elements: rows and columns (n_e,) of the elements g, of `Columns`.  is_symmetric: whether G = G^T.
-    takes_compiled: whether loops in C are worth while.
+    takes_compiled: whether loops in C are worth while.  known: what `compressed` works out, where that is done already.
     """
 
     elements: tuple[IntArray, IntArray]
@@ -37,10 +37,18 @@ class CompressedResiduals:
     gain: FloatArray
     criterion: ResidualKind
     whitening: Whitening | None
+    known: Compressed | None = None
 
     def __reduce__(self) -> tuple[type[CompressedResiduals], tuple[object, ...]]:
         """To other processes without what is worked out again there."""
         return CompressedResiduals, tuple(getattr(self, one.name) for one in fields(self))
+
+    @property
+    def worked_out(self) -> CompressedResiduals:
+        """The same without the whitening, where that is not needed again."""
+        if self.criterion != "complex":
+            return self
+        return replace(self, whitening=None, known=self.compressed)
 
     def at(self, block: slice, G: ComplexArray) -> tuple[float, LineResiduals]:
         """The residuals of some lines with elements G (F, n_e), and a constant that V has beside |r|^2."""
@@ -97,6 +105,8 @@ class CompressedResiduals:
     @cached_property
     def compressed(self) -> Compressed:
         """R, and what of the data is left with it."""
+        if self.known is not None:
+            return self.known
         first, second = self._places
         form = Packed.of if self.takes_compiled and is_compiled() else Full
         mixing = self._mixing if self.criterion == "log" or self.whitening is None else self.whitening.matrix

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -83,6 +83,11 @@ class Part:
         """Real residuals, two an element."""
         return 2 * int(np.count_nonzero(self.gain))
 
+    @property
+    def for_sums(self) -> Part:
+        """The same for `normal` alone, without the covariances of its lines: a quarter of the numbers."""
+        return replace(self, whitening=None, compressed=self.normal.residuals.worked_out)
+
     def below(self, edge_hz: float) -> Part:
         """The same without the lines above a frequency."""
         keep = self.kernel.freq_hz <= edge_hz
@@ -108,7 +113,7 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class ElasticFit:
-    """The parts of all configurations over one set of parameters; it pickles, so that starts can run in processes.
+    """The parts of all configurations over one set of parameters; it pickles, so that processes can work with it.
 
     inertias: bodies whose inertia must stay one that a body can have.
     """
@@ -125,8 +130,8 @@ class ElasticFit:
     @property
     def problem(self) -> LeastSquares:
         """The problem of a solver."""
-        border = self.border if self.inertias else None
-        return LeastSquares(self.parameters, self.n_residuals, self.rough, self.residual, border)
+        border = partial(border_metric, self.inertias, self.parameters) if self.inertias else None
+        return LeastSquares(self.parameters, self.n_residuals, _Rough(self), border)
 
     def evaluate(self, x: FloatArray, precision: type[np.floating[Any]] = np.float64) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the model has no response."""
@@ -166,10 +171,6 @@ class ElasticFit:
             groups.setdefault((own, part.kernel.wanted), []).append(part)
         return tuple(map(tuple, groups.values()))
 
-    def border(self, x: FloatArray) -> FloatArray:
-        """D (n_x, n_x): bodies keep possible inertias over steps s with s^T D s < 1."""
-        return border_metric(self.inertias, self.parameters, x)
-
     def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """r (n_residuals + priors,) and J (n_residuals + priors, n_x) stacked."""
         rows = []
@@ -206,6 +207,19 @@ class ElasticFit:
         mean = [0.0 if p.prior is None else p.to_x(p.prior.mean) for p in self.parameters.free]
         slope = self.prior_slopes
         return (x - np.array(mean)) * slope, slope
+
+
+@dataclass(frozen=True, eq=False)
+class _Rough:
+    """`ElasticFit.rough`, which goes to other processes with no more than it needs."""
+
+    fit: ElasticFit
+
+    def __call__(self, x: FloatArray) -> Evaluation:
+        return self.fit.rough(x)
+
+    def __reduce__(self) -> tuple[type[_Rough], tuple[ElasticFit]]:
+        return _Rough, (replace(self.fit, parts=tuple(part.for_sums for part in self.fit.parts)),)
 
 
 def elastic_fit(

@@ -27,14 +27,12 @@ class Evaluation:
 class LeastSquares:
     """parameters: names, scale, bounds, start.  evaluate(x): all that Gauss-Newton needs, the Jacobian never stacked.
 
-    residual(x): r (n_residuals,) and J (n_residuals, n_x) stacked, for diagnostics and other solvers.  border(x): D
-    (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None without a barrier in V.
+    border(x): D (n_x, n_x) such that V is finite at x + s for s^T D s < 1, to first order; None without a barrier in V.
     """
 
     parameters: ParameterSet
     n_residuals: int
     evaluate: Callable[[FloatArray], Evaluation]
-    residual: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
     border: Callable[[FloatArray], FloatArray] | None = None
 
     @property

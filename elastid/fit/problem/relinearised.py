@@ -32,7 +32,7 @@ class RelinearisedFit:
     def problem(self) -> LeastSquares:
         """The problem of a solver; it pickles."""
         border = self.first.problem.border
-        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, self.residual, border)
+        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, border)
 
     def evaluate(self, x: FloatArray) -> Evaluation:
         """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand."""
@@ -40,10 +40,6 @@ class RelinearisedFit:
             return self.at(x).evaluate(x)
         except StudyError:
             return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
-
-    def residual(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """r and J stacked; StudyError where the robot cannot stand."""
-        return self.at(x).residual(x)
 
     def at(self, x: FloatArray) -> ElasticFit:
         """The fit at x; which elements count and how much stays as it is at the first start."""

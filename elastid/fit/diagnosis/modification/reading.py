@@ -76,7 +76,7 @@ def evaluated_at(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
         if part.n_residuals:
             G, slopes = part.kernel.evaluate(fit.theta(part, x))
             chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
-            found.append(Evaluated(part, G, np.tensordot(chain.T, slopes, axes=1), {}))
+            found.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
     return found
 
 
@@ -91,7 +91,7 @@ def read(
     A, b, V, count = np.diag(prior**2), np.zeros(n_x), 0.0, 0
     for i, one in enumerate(evaluated):
         other = evaluated[reading.order[i]] if reading.order else one
-        at = Evaluated(one.part, reading.change(one, other.G), other.free, {})
+        at = replace(one, G=reading.change(one, other.G))
         r, J = at.residual, -at.whitened(reading.change(one, other.free)) * free[:, None]
         A, b, V, count = A + J @ J.T, b + J @ r, V + float(r @ r), count + one.part.n_residuals
     near = V / max(count, 1) / std**2

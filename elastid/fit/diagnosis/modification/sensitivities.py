@@ -15,8 +15,7 @@ since torque and angle were referred to the link side by the wrong ratio.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -32,17 +31,16 @@ from elastid.robot import Robot, gain_name
 
 @dataclass(frozen=True, eq=False)
 class Evaluated:
-    """One configuration at x: G (F, n_y, n_u) of the model and its derivatives by name, to x or to ln p or p."""
+    """One configuration at x: G (F, n_y, n_u) of the model and its derivatives, to x and by name to ln p or p.
+
+    mixing: `Part.mixing`, for all that is whitened here.
+    """
 
     part: Part
+    mixing: ComplexArray | None
     G: ComplexArray
     free: ComplexArray
-    held: dict[str, ComplexArray]
-
-    @cached_property
-    def mixing(self) -> ComplexArray | None:
-        """`Part.mixing`, for all that is whitened here."""
-        return self.part.mixing
+    held: dict[str, ComplexArray] = field(default_factory=dict)
 
     def whitened(self, slopes: ComplexArray) -> FloatArray:
         """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
@@ -64,7 +62,7 @@ class Evaluated:
 def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
     flat = values.reshape(*values.shape[:2], -1)
     if mixing is not None:
-        flat = np.einsum("fab,nfb->nfa", mixing, flat, optimize=True)
+        flat = (mixing @ flat.transpose(1, 2, 0)).transpose(2, 0, 1)
     return as_real(flat.reshape(len(values), -1))
 
 
@@ -88,7 +86,7 @@ def evaluated(assembly: Assembly, held: HeldNumbers, fit: ElasticFit, x: FloatAr
                 free[k] += chain[i, k] * slope
         followed = {names[i] for i, _ in moved}
         own = {name: slope for name, slope in by_name.items() if name not in followed}
-        yield Evaluated(part, G, free, own | _further(robot, model, theta, kernel, G, by_name))
+        yield Evaluated(part, part.mixing, G, free, own | _further(robot, model, theta, kernel, G, by_name))
 
 
 def _further(

@@ -15,6 +15,7 @@ J is that without the spring, so V_k tells where it has a minimum rather than ho
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -46,7 +47,7 @@ def released_costs(
     b, V = np.zeros((len(stiffnesses), n_x + 1)), np.zeros(len(stiffnesses))
     for one, model in zip(evaluated, models, strict=True):
         for i, (dG, slope) in enumerate(released(model, one.part.kernel.freq_hz, name, stiffnesses, damping_ratio)):
-            at = Evaluated(one.part, one.G + dG, one.free, {})
+            at = replace(one, G=one.G + dG)
             r, J = at.residual, -at.whitened(np.concatenate([one.free, slope[None]]))
             A[i] += J @ J.T
             b[i] += J @ r
