@@ -20,7 +20,7 @@ from elastid.design.limit_use import QUANTITIES, LimitUse
 from elastid.design.limits import power_costs, within_limits
 from elastid.design.rehearsed_peaks import limits_of, nearest_run, nominal_rig, peaks_of_movement, peaks_of_run
 from elastid.experiment.plan.plan import Plan, make_plan
-from elastid.experiment.plan.references import references
+from elastid.experiment.plan.references import reference
 from elastid.experiment.simulated.closed_loop import closed_loop_of, feed_forward_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import CarrierSpec
@@ -136,11 +136,11 @@ def test_plan_and_peaks_come_back_from_their_file(tmp_path: Path) -> None:
     """plan.h5 holds plan, references and the use of the limits."""
     plan, limit_use, _ = within(CARRIERS[1], grid="odd-random")
     run = nearest_run(plan, limit_use.nearest, experiment(CARRIERS[1]), arm(), 1)
-    path = tmp_path / "plan.h5"
+    path, torque = tmp_path / "plan.h5", feed_forward_of(serial(arm()))
     write_plan(
         path,
         plan,
-        references=references(plan, CARRIERS[1], feed_forward_of(serial(arm()))),
+        references=tuple(reference(plan, CARRIERS[1], torque, each) for each in plan.configurations),
         peaks=limit_use,
         nearest=run,
     )

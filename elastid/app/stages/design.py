@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
+from pathlib import Path
 
 from elastid.app.run import Run
 from elastid.app.tables import forecast_table
 from elastid.base.errors import StudyError
-from elastid.design.design import Design
+from elastid.base.execution import Execution
 from elastid.design.design import design as design_experiments
 from elastid.design.problem import DesignProblem
-from elastid.experiment.plan.references import Reference, references
+from elastid.experiment.plan.plan import Plan
+from elastid.experiment.plan.references import Reference, reference
 from elastid.experiment.simulated.closed_loop import feed_forward_of
 from elastid.experiment.simulated.plant import model_of
+from elastid.experiment.specs.simulated import CarrierSpec
+from elastid.record import Configuration
 from elastid.response import FrequencyResponse
+from elastid.robot import Robot
 from elastid.store import read_fit, read_responses, write_movement, write_plan, write_torque
 from elastid.study import LoadedStudy
 from elastid.study.checks.design import responses_file
@@ -26,10 +32,8 @@ def design(run: Run) -> None:
     """
     with run.execution("design") as execution:
         found = design_experiments(design_problem(run.loaded), execution)
+        movements = _write_references(run, found.plan, execution)
     plan, forecast, limit_use = found.plan, found.forecast, found.limit_use
-    carrier = run.study.experiment.as_simulated().carrier
-    movements = references(plan, carrier, feed_forward_of(model_of(run.study.as_robot())))
-    _write_references(run, found, movements)
     write_plan(run.path("design"), plan, run.stamps["design"], movements, limit_use, forecast, found.nearest)
     run.console.notes(limit_use.notes)
     run.console.say(f"design: {limit_use.closest}")
@@ -43,13 +47,25 @@ def design(run: Run) -> None:
     run.console.notes(forecast.notes)
 
 
-def _write_references(run: Run, found: Design, movements: tuple[Reference, ...]) -> None:
-    plan, folder = found.plan, run.folder / "references"
+def _write_references(run: Run, plan: Plan, execution: Execution) -> tuple[Reference, ...]:
+    """references/*.csv; the movement in each configuration."""
+    folder = run.folder / "references"
     shutil.rmtree(folder, ignore_errors=True)
-    for movement in movements:
-        write_movement(folder / f"{movement.configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
+    carrier = run.study.experiment.as_simulated().carrier
+    write = partial(_write_configuration, folder, plan, carrier, run.study.as_robot())
+    return tuple(execution.ordered(write, plan.configurations))
+
+
+def _write_configuration(
+    folder: Path, plan: Plan, carrier: CarrierSpec | None, robot: Robot, configuration: Configuration
+) -> Reference:
+    """The files of one configuration; the movement in it."""
+    movement = reference(plan, carrier, feed_forward_of(model_of(robot)), configuration)
+    write_movement(folder / f"{configuration.name}-movement.csv", movement, plan.inputs, plan.sliding)
     for experiment in plan.experiments:
-        write_torque(folder / f"{experiment.name}.csv", plan, experiment)
+        if experiment.configuration.name == configuration.name:
+            write_torque(folder / f"{experiment.name}.csv", plan, experiment)
+    return movement
 
 
 def design_problem(loaded: LoadedStudy) -> DesignProblem:

@@ -45,11 +45,6 @@ class Reference:
         return np.asarray(self.scale[:, None] * period[sample % len(period)])
 
 
-def references(plan: Plan, carrier: CarrierSpec | None, feed_forward: FeedForward) -> tuple[Reference, ...]:
-    """The references of all configurations of a plan."""
-    return tuple(reference(plan, carrier, feed_forward, configuration) for configuration in plan.configurations)
-
-
 def reference(
     plan: Plan, carrier: CarrierSpec | None, feed_forward: FeedForward, configuration: Configuration
 ) -> Reference:

@@ -63,7 +63,7 @@ def _linearisation(robot: Robot) -> Linearisation:
 
 
 def feed_forward_of(model: ElasticModel) -> FeedForward:
-    """The feed-forward torque of a rigid robot, as `references` takes it."""
+    """The feed-forward torque of a rigid robot, as `reference` takes it."""
 
     def torque(configuration: Configuration, path: Movement) -> FloatArray:
         q0 = equilibrium(model, model.theta, configuration).q
