@@ -14,10 +14,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.execution import Execution
 from elastid.excitation.grids import line_frequencies
 from elastid.frf.friction.motion import folded, integrated, laplace, own_spectrum, whole_samples
 from elastid.frf.friction.result import FrictionTakenOut
@@ -53,17 +55,21 @@ def accelerance_of_lines(
 
 
 def with_inertial_accelerance(
-    friction: FrictionTakenOut, records: Sequence[Record], highest_hz: float
+    friction: FrictionTakenOut, records: Sequence[Record], highest_hz: float, execution: Execution | None = None
 ) -> FrictionTakenOut:
     """The friction with the accelerance by the first of some records in place of that at lines up to `highest_hz`.
 
-    Only of motors whose torque is held, with friction, where the regression is good.
+    Only of motors whose torque is held, with friction, where the regression is good.  execution: of the records.
     """
     accelerance = friction.accelerance.copy()
-    for m, place in enumerate(friction.places):
-        if place not in friction.taken_places() or accelerance[m] == 0 or not shows_images(records[0], place):
-            continue
-        parts = [_equations(record, place, friction, highest_hz) for record in records[:_MAX_RECORDS]]
+    motors = [
+        m
+        for m, place in enumerate(friction.places)
+        if place in friction.taken_places() and accelerance[m] != 0 and shows_images(records[0], place)
+    ]
+    work = partial(_equations, [friction.places[m] for m in motors], friction, highest_hz)
+    of_records = (execution or Execution()).ordered(work, records[:_MAX_RECORDS]) if motors else []
+    for m, *parts in zip(motors, *of_records, strict=True):
         X, y = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
         A = (X.conj() @ X.T).real
         found = np.linalg.solve(A, (X.conj() @ y).real)
@@ -74,17 +80,20 @@ def with_inertial_accelerance(
 
 
 def _equations(
-    record: Record, place: str, friction: FrictionTakenOut, highest_hz: float
-) -> tuple[ComplexArray, ComplexArray]:
-    """The columns of a and of b (2, F), and y (F,), at the lines of the period above `highest_hz`."""
+    places: Sequence[str], friction: FrictionTakenOut, highest_hz: float, record: Record
+) -> list[tuple[ComplexArray, ComplexArray]]:
+    """The columns of a and of b (2, F), and y (F,), of each place at the lines of the period above `highest_hz`."""
     n, rate_hz = whole_samples(record), record.rate_hz
     lowest = min(_ABOVE * highest_hz, _MAX_LOWEST * rate_hz)
     lines = np.arange(0, n // 2, n // record.period_samples)
     lines = lines[line_frequencies(lines, rate_hz, n) > lowest]
-    torque = held_spectrum(record.u[:n, record.inputs.index(place)])
-    torque -= friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
-    s = laplace(len(torque), n, rate_hz)
-    inertia = integrated(torque, s, 2)
-    spring = integrated(inertia, s / (2 * np.pi * lowest), 2)
-    Y, _, _ = own_spectrum(record, place)
-    return np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines]
+    found = []
+    for place in places:
+        torque = held_spectrum(record.u[:n, record.inputs.index(place)])
+        torque -= friction_spectrum(record, place, sharp_motion(record, place, friction), friction)
+        s = laplace(len(torque), n, rate_hz)
+        inertia = integrated(torque, s, 2)
+        spring = integrated(inertia, s / (2 * np.pi * lowest), 2)
+        Y, _, _ = own_spectrum(record, place)
+        found.append((np.array([folded(inertia, n)[lines], folded(spring, n)[lines]]), Y[lines]))
+    return found

@@ -52,13 +52,13 @@ def find_friction(
     frictions = [taken(levels, each.Phi, look.choice.motor_of, len(look.first.inputs)) for each in look.data]
     accelerance = accelerance_of_lines(look.data, frictions, spec.quantity)
     result = _result(look, look.choice, levels, accelerance, raw, found)
-    result = with_inertial_accelerance(result, look.last, look.highest_hz)
+    result = with_inertial_accelerance(result, look.last, look.highest_hz, execution)
     if len(look.choice.taken):
         choice = refined(look.choice, levels, look.first.inputs)
         data = execution.ordered(partial(_gathered, choice.shapes, spec, planned, result), measured)
         levels, found = find_levels(data, choice.motor_of, choice.taken)
         result = _result(look, choice, levels, result.accelerance, raw, found)
-        result = with_inertial_accelerance(result, look.last, look.highest_hz)
+        result = with_inertial_accelerance(result, look.last, look.highest_hz, execution)
     return replace(result, notes=(*result.notes, *look.limits))
 
 
