@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, MutableMapping, Sequence
 from concurrent.futures import CancelledError, as_completed
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
@@ -97,6 +97,11 @@ class Execution:
     jobs: int = 1
     progress: Progress = silent
     checkpoint: MutableMapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def untold(self) -> Execution:
+        """The same without progress: of short work within a stage."""
+        return replace(self, progress=silent)
 
     def ordered(self, function: Callable[[Item], Value], items: Sequence[Item]) -> list[Value]:
         """[function(item) for item in items]."""

@@ -68,7 +68,7 @@ def identify(
     assembly, starts, hits = _search(responses, robot, spec, model, execution)
     try:
         optimum, uncertainty, result = _estimate(assembly, starts, hits)
-        scores = score_held(assembly, optimum, result)
+        scores = score_held(assembly, optimum, result, execution.untold)
         judged = judge(result, assembly, optimum, uncertainty, scores)
         result = diagnose(judged, assembly, optimum, uncertainty, scores, _notes(assembly, optimum))
         return add_intervals(result, optimum, spec, execution)
@@ -85,7 +85,7 @@ def fit_parameters(
     """
     assembly, starts, hits = _search(responses, robot, spec, model, Execution())
     optimum, uncertainty, result = _estimate(assembly, starts, hits)
-    return judge(result, assembly, optimum, uncertainty, score_held(assembly, optimum, result))
+    return judge(result, assembly, optimum, uncertainty, score_held(assembly, optimum, result, Execution()))
 
 
 def _search(

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from elastid.base.arrays import FloatArray
+from elastid.base.execution import Execution
 from elastid.base.note import Note
 from elastid.fit.diagnosis.findings import findings, status_and_message
 from elastid.fit.diagnosis.frequency_unit import find_wrong_frequency_unit
@@ -45,12 +46,14 @@ def explained_share(fit: ElasticFit, x: FloatArray, noise_cost: float) -> float:
     return 1 - max(left - noise_cost, 0.0) / max(whole - noise_cost, 1e-300)
 
 
-def score_held(assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult) -> Scores | None:
+def score_held(
+    assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, execution: Execution
+) -> Scores | None:
     """The test of everything that the fit held; None where no noise is known and the responses are not suspect."""
     noise_cost = result.cost_expected if _noise_is_known(optimum) else 0.0
     if noise_cost == 0 and not result.exceeds_noise and not _is_suspect(result, optimum):
         return None
-    return score(assembly, optimum, result, noise_cost)
+    return score(assembly, optimum, result, noise_cost, execution)
 
 
 def judge(

@@ -14,7 +14,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
-from elastid.base.execution import Execution, in_order, silent
+from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import LeastSquares
 from elastid.fit.solve.ending import is_far_from_noise
 from elastid.fit.solve.local_optimum import LocalOptimum
@@ -85,7 +85,7 @@ def multistart(
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
     polish = _Polish(problems[-1], method)
     try:
-        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, replace(execution, progress=silent))
+        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.untold)
     except Interrupted:
         raise Interrupted(rough) from None
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))

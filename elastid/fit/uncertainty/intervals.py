@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from functools import partial
 
 import numpy as np
 
@@ -28,7 +29,9 @@ MAX_PROFILES = 6
 MAX_FAILED_SHARE = 0.05
 
 
-def interval_errors(problem: LeastSquares, x: FloatArray, variance: FloatArray) -> FloatArray:
+def interval_errors(
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
+) -> FloatArray:
     """The error of the ends of each symmetric interval (n_x,) as a share of it, V not being quadratic; 0 without one.
 
     At an end dx from the optimum a quadratic V has risen by g^T dx / 2, g being its gradient there: the share by which
@@ -37,19 +40,24 @@ def interval_errors(problem: LeastSquares, x: FloatArray, variance: FloatArray) 
     best = problem.evaluate(x)
     A_inverse = np.linalg.pinv(best.hessian / 2, hermitian=True)
     curvature = np.diag(A_inverse)
+    known = np.flatnonzero(np.isfinite(variance) & (variance > 0) & (curvature > 0))
+    half = [QUANTILE * np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i] for i in known]
     found = np.zeros(len(x))
-    lower, upper = problem.parameters.x_bounds
-    for i in np.flatnonzero(np.isfinite(variance) & (variance > 0) & (curvature > 0)):
-        v = np.sqrt(variance[i]) * A_inverse[:, i] / curvature[i]
-        for side in (-QUANTILE, QUANTILE):
-            end = np.clip(x + side * v, lower, upper)
-            there = problem.evaluate(end)
-            rise = there.cost - best.cost
-            if not (rise > 0 and np.isfinite(rise)):
-                found[i] = np.inf
-            else:
-                found[i] = max(found[i], abs(1 - 0.5 * float(there.gradient @ (end - x)) / rise))
+    found[known] = (execution or Execution()).ordered(partial(_error_of_ends, problem, x, best.cost), half)
     return found
+
+
+def _error_of_ends(problem: LeastSquares, x: FloatArray, cost: float, half: FloatArray) -> float:
+    """Of the interval x -+ half (n_x,), V at x being `cost`."""
+    lower, upper, worst = *problem.parameters.x_bounds, 0.0
+    for step in (-half, half):
+        end = np.clip(x + step, lower, upper)
+        there = problem.evaluate(end)
+        rise = there.cost - cost
+        if not (rise > 0 and np.isfinite(rise)):
+            return np.inf
+        worst = max(worst, abs(1 - 0.5 * float(there.gradient @ (end - x)) / rise))
+    return worst
 
 
 def add_intervals(
@@ -62,7 +70,7 @@ def add_intervals(
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, left = choose_profiles(problem, x, variance)
+        names, left = choose_profiles(problem, x, variance, execution.untold)
         notes += _profile_notes(names, left)
     else:
         names = match_names(spec.profile, result.parameters)
@@ -99,10 +107,10 @@ def profile_ends(
 
 
 def choose_profiles(
-    problem: LeastSquares, x: FloatArray, variance: FloatArray
+    problem: LeastSquares, x: FloatArray, variance: FloatArray, execution: Execution | None = None
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Parameters over whose interval V is not quadratic: those to profile, and those beyond the limit."""
-    off, free = interval_errors(problem, x, variance), problem.parameters.free_names
+    off, free = interval_errors(problem, x, variance, execution), problem.parameters.free_names
     worst = sorted(np.flatnonzero(off > MAX_INTERVAL_ERROR), key=lambda i: -off[i])
     chosen, left = sorted(worst[:MAX_PROFILES]), sorted(worst[MAX_PROFILES:])
     return tuple(free[i] for i in chosen), tuple(free[i] for i in left)

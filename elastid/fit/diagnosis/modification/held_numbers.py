@@ -24,12 +24,11 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
-from elastid.fit.problem.elastic import at_measured_places
 from elastid.fit.setup.assembly import Assembly
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
+from elastid.parameters import ParameterSet
 from elastid.record import Configuration
-from elastid.response import FrequencyResponse
 from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
 
 # rad: the step of finite differences over angles.
@@ -52,8 +51,11 @@ class HeldNumbers:
     rigid: dict[str, str]
 
     @classmethod
-    def of(cls, assembly: Assembly) -> HeldNumbers:
-        """Formulate the equations anew; without what they cannot have: torsions, a payload, geometry."""
+    def of(cls, assembly: Assembly, there: LinearModel) -> HeldNumbers:
+        """Formulate the equations anew; without what they cannot have: torsions, a payload, geometry.
+
+        there: the model of a configuration of the fit.
+        """
         robot = assembly.linearisation.model.robot
         channels = [gain_name("u", at) for at in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
@@ -67,7 +69,7 @@ class HeldNumbers:
         ):
             try:
                 found = cls(Linearisation.of_robot(extended[0], assembly.model, (*geometry, *channels)), extended[1])
-                found.at(assembly, assembly.responses[0], assembly.parameters.x)
+                found.at(assembly.parameters, there, assembly.parameters.x)
             except (ElastidError, ValueError) as error:
                 refused = error
             else:
@@ -81,32 +83,35 @@ class HeldNumbers:
         further = (f"{word}_{joint.name}" for word in ("angle", "loop") for joint in robot.driven)
         return (*self.linearisation.model.parameters, DELAY, *further, RATE)
 
-    def theta(self, assembly: Assembly, x: FloatArray, configuration: str) -> FloatArray:
+    def theta(self, fitted: ParameterSet, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
         model = self.linearisation.model
-        fitted = assembly.parameters
         here = dict(zip(fitted.names, fitted.expand(x, configuration).tolist(), strict=True))
         nominal = dict(zip(model.parameters, model.theta.tolist(), strict=True))
         return np.array([here.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
-    def at(self, assembly: Assembly, response: FrequencyResponse, x: FloatArray) -> tuple[LinearModel, FloatArray]:
-        """The linear model of a configuration with slopes to all of `parameters`, and theta (n,)."""
-        theta = self.theta(assembly, x, response.configuration.name)
+    def at(self, fitted: ParameterSet, there: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
+        """The linear model of a configuration with slopes to all of `parameters`, and theta (n,).
+
+        there: its model in the fit, whose inputs and outputs are those measured.
+        """
+        theta = self.theta(fitted, x, there.configuration.name)
         own = theta[: len(self.linearisation.model.parameters)]
 
         def model_at(configuration: Configuration) -> LinearModel:
-            model = self.linearisation.at(configuration, own, response.outputs, response.quantity)
-            return at_measured_places(model, response)
+            model = self.linearisation.at(configuration, own, there.outputs, there.quantity)
+            inputs = [model.inputs.index(name) for name in there.inputs]
+            return replace(model, B=model.B[:, inputs], inputs=there.inputs, hold=there.hold)
 
-        model = model_at(response.configuration)
+        model = model_at(there.configuration)
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
             slopes[name] = _times(slopes[name], -(k**2))
         for place, joint in enumerate(self.linearisation.model.robot.driven):
-            angles = np.array(response.configuration.angles)
+            angles = np.array(there.configuration.angles)
             angles[place] += ANGLE_STEP
-            moved = model_at(replace(response.configuration, angles=angles))
+            moved = model_at(replace(there.configuration, angles=angles))
             slopes[f"angle_{joint.name}"] = _difference(model, moved, ANGLE_STEP)
             slopes |= _position_loop(model, joint.name)
         theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])

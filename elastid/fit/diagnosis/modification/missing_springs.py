@@ -76,7 +76,7 @@ def missing_springs(
 def _models(held: HeldNumbers, assembly: Assembly, x: FloatArray) -> list[LinearModel]:
     """Of each configuration where x (n_x,) is the estimate, the rigid coordinates with stiff springs."""
     count = len(held.linearisation.model.parameters) + 1
-    thetas = [held.theta(assembly, x, one.configuration.name)[:count] for one in assembly.responses]
+    thetas = [held.theta(assembly.parameters, x, one.configuration.name)[:count] for one in assembly.responses]
     linear = (linear_model(held.linearisation, *one) for one in zip(assembly.responses, thetas, strict=True))
     return [replace(model, theta_ref=theta) for model, theta in zip(linear, thetas, strict=True)]
 

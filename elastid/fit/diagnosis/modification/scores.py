@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.special import chdtri
 
 from elastid.base.arrays import FloatArray
+from elastid.base.execution import Execution
 from elastid.fit.diagnosis.modification.candidates import candidates, held_number
 from elastid.fit.diagnosis.modification.held_numbers import HeldNumbers
 from elastid.fit.diagnosis.modification.reading import thinned
 from elastid.fit.diagnosis.modification.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.modification.sensitivities import Evaluated, evaluated
+from elastid.fit.diagnosis.modification.sensitivities import evaluated
+from elastid.fit.problem.elastic import Part
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
+from elastid.parameters import ParameterSet
 
 # Real residuals that are looked at: with more, every so many lines of each configuration are.
 MAX_RESIDUALS = 60_000
@@ -47,11 +51,24 @@ class Scores:
         return {n: max(self.level, 1e-300) * float(chdtri(n, tail)) for n in counts}
 
 
-def score(assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, noise_cost: float) -> Scores:
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """J^T J (n, n), J^T r (n,) and r^T r; held: names of the columns of J behind those of x (n_x,)."""
+
+    A: FloatArray
+    b: FloatArray
+    V: float
+    held: tuple[str, ...]
+
+
+def score(
+    assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, noise_cost: float, execution: Execution
+) -> Scores:
     """The test at the optimum; parameters at a bound stay there."""
-    held, fit, x = HeldNumbers.of(assembly), optimum.fit, optimum.end.x
-    thin = thinned(fit, MAX_RESIDUALS)
-    A, b, V, names = _sums(evaluated(assembly, held, thin, x), len(x))
+    fit, x = optimum.fit, optimum.end.x
+    held, thin = HeldNumbers.of(assembly, fit.parts[0].kernel.model), thinned(fit, MAX_RESIDUALS)
+    used = [part for part in thin.parts if part.n_residuals]
+    A, b, V, names = _sums(execution.ordered(partial(_sums_in, held, assembly.parameters, x), used), len(x))
     numbers, scale = _held_numbers(names, assembly, held, x)
     every = np.concatenate([np.ones(len(x)), scale])
     A, b = A * np.outer(every, every), b * every
@@ -69,7 +86,14 @@ def score(assembly: Assembly, optimum: RelinearisedOptimum, result: FitResult, n
     )
 
 
-def _sums(every: Iterable[Evaluated], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
+def _sums_in(held: HeldNumbers, fitted: ParameterSet, x: FloatArray, part: Part) -> _Sums:
+    """The sums over one configuration."""
+    one = evaluated(held, fitted, x, part)
+    J, r = -one.whitened(np.concatenate([one.free, np.stack(list(one.held.values()))])), one.residual
+    return _Sums(J @ J.T, J @ r, float(r @ r), tuple(one.held))
+
+
+def _sums(every: Iterable[_Sums], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
     """J^T J, J^T r and r^T r over all configurations, and the names of the columns behind those of x."""
     names: dict[str, int] = {}
     A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0
@@ -79,11 +103,9 @@ def _sums(every: Iterable[Evaluated], n_x: int) -> tuple[FloatArray, FloatArray,
         more = n_x + len(names) - len(b)
         A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
         places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in one.held]]).astype(int)
-        J = -one.whitened(np.concatenate([one.free, np.stack(list(one.held.values()))]))
-        r = one.residual
-        A[np.ix_(places, places)] += J @ J.T
-        b[places] += J @ r
-        V += float(r @ r)
+        A[np.ix_(places, places)] += one.A
+        b[places] += one.b
+        V += one.V
     return A, b, V, tuple(names)
 
 
@@ -91,7 +113,7 @@ def _held_numbers(
     names: Sequence[str], assembly: Assembly, held: HeldNumbers, x: FloatArray
 ) -> tuple[list[HeldNumber], FloatArray]:
     """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
-    theta = held.theta(assembly, x, assembly.responses[0].configuration.name)
+    theta = held.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
     at = dict(zip(held.parameters, theta.tolist(), strict=True))
     robot = held.linearisation.model.robot
     units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}

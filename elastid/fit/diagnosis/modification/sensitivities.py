@@ -14,18 +14,18 @@ since torque and angle were referred to the link side by the wrong ratio.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.modification.held_numbers import RATE, HeldNumbers
-from elastid.fit.problem.elastic import ElasticFit, Part
+from elastid.fit.problem.elastic import Part
 from elastid.fit.problem.residuals import RESIDUALS, as_real
-from elastid.fit.setup.assembly import Assembly
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.kernel import Kernel
+from elastid.parameters import ParameterSet
 from elastid.robot import Robot, gain_name
 
 
@@ -41,6 +41,16 @@ class Evaluated:
     G: ComplexArray
     free: ComplexArray
     held: dict[str, ComplexArray] = field(default_factory=dict)
+
+    @cached_property
+    def rows(self) -> FloatArray:
+        """J (n_x, N) of the free parameters."""
+        return -self.whitened(self.free)
+
+    @cached_property
+    def information(self) -> FloatArray:
+        """J J^T (n_x, n_x)."""
+        return self.rows @ self.rows.T
 
     def whitened(self, slopes: ComplexArray) -> FloatArray:
         """-dr (n, N) of changes of G (n, F, n_y, n_u), N real numbers: those that count and zeros."""
@@ -66,27 +76,23 @@ def _flat(mixing: ComplexArray | None, values: ComplexArray) -> FloatArray:
     return as_real(flat.reshape(len(values), -1))
 
 
-def evaluated(assembly: Assembly, held: HeldNumbers, fit: ElasticFit, x: FloatArray) -> Iterator[Evaluated]:
-    """Every configuration of a fit, on its lines, at x (n_x,)."""
-    robot = held.linearisation.model.robot
-    for part, response in zip(fit.parts, assembly.responses, strict=True):
-        if not part.n_residuals:
-            continue
-        model, theta = held.at(assembly, response, x)
-        known = {DELAY, *model.gains, *(element.name for element in model.chain), *model.slopes}
-        kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
-        G, dG = kernel.evaluate(theta)
-        by_name = dict(zip(kernel.wanted, dG, strict=True))
-        chain = assembly.parameters.jacobian(x, part.configuration)
-        names = assembly.parameters.names
-        moved = [(i, by_name[name]) for i, name in enumerate(names) if name in by_name and np.any(chain[i])]
-        free = np.zeros((chain.shape[1], *G.shape), complex)
-        for i, slope in moved:
-            for k in np.flatnonzero(chain[i]):
-                free[k] += chain[i, k] * slope
-        followed = {names[i] for i, _ in moved}
-        own = {name: slope for name, slope in by_name.items() if name not in followed}
-        yield Evaluated(part, part.mixing, G, free, own | _further(robot, model, theta, kernel, G, by_name))
+def evaluated(held: HeldNumbers, fitted: ParameterSet, x: FloatArray, part: Part) -> Evaluated:
+    """One configuration of a fit with these parameters, on its lines, at x (n_x,)."""
+    model, theta = held.at(fitted, part.kernel.model, x)
+    known = {DELAY, *model.gains, *(element.name for element in model.chain), *model.slopes}
+    kernel = Kernel(model, part.kernel.freq_hz, tuple(name for name in model.parameters if name in known))
+    G, dG = kernel.evaluate(theta)
+    by_name = dict(zip(kernel.wanted, dG, strict=True))
+    chain, names = fitted.jacobian(x, part.configuration), fitted.names
+    moved = [(i, by_name[name]) for i, name in enumerate(names) if name in by_name and np.any(chain[i])]
+    free = np.zeros((chain.shape[1], *G.shape), complex)
+    for i, slope in moved:
+        for k in np.flatnonzero(chain[i]):
+            free[k] += chain[i, k] * slope
+    followed = {names[i] for i, _ in moved}
+    own = {name: slope for name, slope in by_name.items() if name not in followed}
+    further = _further(held.linearisation.model.robot, model, theta, kernel, G, by_name)
+    return Evaluated(part, part.mixing, G, free, own | further)
 
 
 def _further(

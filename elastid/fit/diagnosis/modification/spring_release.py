@@ -48,10 +48,14 @@ def released_costs(
     for one, model in zip(evaluated, models, strict=True):
         for i, (dG, slope) in enumerate(released(model, one.part.kernel.freq_hz, name, stiffnesses, damping_ratio)):
             at = replace(one, G=one.G + dG)
-            r, J = at.residual, -at.whitened(np.concatenate([one.free, slope[None]]))
-            A[i] += J @ J.T
-            b[i] += J @ r
+            J = one if one.part.criterion == "complex" else at  # whose slopes are the same at every G
+            r, j = at.residual, -at.whitened(slope[None])[0]
+            A[i, :n_x, :n_x] += J.information
+            A[i, :n_x, n_x] += J.rows @ j
+            A[i, n_x, n_x] += j @ j
+            b[i] += np.append(J.rows @ r, j @ r)
             V[i] += float(r @ r)
+    A[:, n_x, :n_x] = A[:, :n_x, n_x]
     size = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
     scaled = A / (size[:, :, None] * size[:, None, :]) + REGULAR * np.eye(n_x + 1)
     steps = np.linalg.solve(scaled, (b / size)[:, :, None])[:, :, 0]
