@@ -65,9 +65,9 @@ def identify(
     were done, on Ctrl-C once the search has begun.
     """
     execution = execution or Execution()
-    assembly, starts, hits = _search(responses, robot, spec, model, execution)
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, execution)
     try:
-        optimum, uncertainty, result = _estimate(assembly, starts, hits)
+        optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.untold)
         scores = score_held(assembly, optimum, result, execution.untold)
         judged = judge(result, assembly, optimum, uncertainty, scores)
         result = diagnose(judged, assembly, optimum, uncertainty, scores, _notes(assembly, optimum))
@@ -83,15 +83,15 @@ def fit_parameters(
 
     Arguments and errors as `identify`.
     """
-    assembly, starts, hits = _search(responses, robot, spec, model, Execution())
-    optimum, uncertainty, result = _estimate(assembly, starts, hits)
+    assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
+    optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, Execution())
     return judge(result, assembly, optimum, uncertainty, score_held(assembly, optimum, result, Execution()))
 
 
 def _search(
     responses: Sequence[FrequencyResponse], robot: Robot, spec: FitSpec, model: ModelSpec, execution: Execution
-) -> tuple[Assembly, tuple[LocalOptimum, ...], int]:
-    """The assembled fit, where all starts ended, best first, and how many of them reached the best."""
+) -> tuple[Assembly, ElasticFit, tuple[LocalOptimum, ...], int]:
+    """The assembled fit, also at its start, where all starts ended, best first, and how many reached the best."""
     check_kind(spec, FitSpec, "spec", "FitSpec() has the defaults, and a study has one as study.seeded_fit")
     check_responses(responses, robot)
     parameters = choose(spec, robot, [response.configuration.name for response in responses])
@@ -109,7 +109,7 @@ def _search(
     problems += [assembly.search_problem(fit, spec.criterion)] if first is not fit else []
     drawn = spread(parameters, spec.starts, spec.start_factor, spec.seed or 0)
     starts, hits = multistart(problems, feasible_starts(drawn, fit.inertias, parameters), spec.solver, execution)
-    return assembly, starts, hits
+    return assembly, fit, starts, hits
 
 
 def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:
@@ -125,11 +125,12 @@ def _check_residuals(fit: ElasticFit, assembly: Assembly) -> None:
 
 
 def _estimate(
-    assembly: Assembly, starts: tuple[LocalOptimum, ...], hits: int
+    assembly: Assembly, first: ElasticFit, starts: tuple[LocalOptimum, ...], hits: int, execution: Execution
 ) -> tuple[RelinearisedOptimum, Uncertainty, FitResult]:
     """The best start relinearised, its uncertainty, and both as a result without a status."""
-    optimum = relinearise(assembly, starts[0], assembly.spec.criterion)
-    uncertainty = estimate_uncertainty(optimum.fit, optimum.responses, optimum.weights, optimum.end.x)
+    optimum = relinearise(assembly, starts[0], assembly.spec.criterion, first)
+    data = optimum.fit, optimum.responses, optimum.weights
+    uncertainty = estimate_uncertainty(*data, optimum.end.x, execution)
     return optimum, uncertainty, _result(optimum, uncertainty, starts, hits)
 
 

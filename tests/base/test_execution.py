@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from pickle import PicklingError
@@ -14,6 +15,7 @@ import pytest
 from elastid.base import workers
 from elastid.base.errors import ElastidError
 from elastid.base.execution import ordered, surviving
+from elastid.base.workers import lasting_workers
 
 
 class Heavy:
@@ -122,6 +124,43 @@ def dying_once(item: tuple[int, str]) -> int:
             return number**2
         os._exit(9)
     return number**2
+
+
+def process_of(item: float) -> int:
+    """The process that an item was worked out by, which takes a while."""
+    time.sleep(item)
+    return os.getpid()
+
+
+def wait_for_end(processes: Iterable[int]) -> None:
+    """Of each within 30 s: its parent, the process of which workers are copies, takes note of it in its own time."""
+    for process in processes:
+        for _ in range(3000):
+            try:
+                os.kill(process, 0)
+            except ProcessLookupError:
+                break
+            time.sleep(0.01)
+        else:
+            pytest.fail(f"process {process} is still there")
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="asks for processes as POSIX does")
+def test_lasting_workers_stay_for_the_next_work_and_no_longer():
+    """One that is killed between two works is replaced, and nobody's work is lost by that."""
+    with lasting_workers():
+        first = set(ordered(process_of, [0.2, 0.2], 2))
+        assert set(ordered(process_of, [0.2, 0.2], 2)) == first
+        killed = min(first)
+        os.kill(killed, signal.SIGKILL)
+        wait_for_end([killed])
+        assert dict(surviving(abs, [-1, -2, -3], 2)) == {0: 1, 1: 2, 2: 3}
+        with pytest.raises(ZeroDivisionError):
+            ordered((1).__divmod__, [1, 0], 2)
+        assert ordered(Heavy(), [1, 2], 2) == [1000, 2000]
+        last = set(ordered(process_of, [0.2, 0.2], 2))
+        assert len(last) == 2
+    wait_for_end(first | last)
 
 
 def test_work_of_a_worker_that_dies_is_done_anew(tmp_path: Path):

@@ -1,5 +1,6 @@
 """Weights beyond one variance for each element: full covariance, factors of the study, normalisation, robust losses."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,33 @@ def test_the_cost_is_the_mahalanobis_distance(form, criterion):
         part = e[k].T.ravel()[keep]
         V += 2 * (part.conj() @ np.linalg.solve(response.noise.full()[k][np.ix_(keep, keep)], part)).real
     assert fit.evaluate(x).cost == pytest.approx(V, rel=1e-9)
+
+
+@pytest.mark.parametrize("criterion", ["complex", "log"])
+def test_a_problem_in_another_process_is_the_same(criterion):
+    """It goes there without the covariances that its residuals were compressed with, where nobody needs them again."""
+    fit = fit_of(correlated(np.random.default_rng(0)), plant(OUTPUTS, INPUTS), FULL, criterion=criterion)
+    x, sent = parameters().x + 0.01, pickle.loads(pickle.dumps(fit.problem))
+    here, there = fit.problem.evaluate(x), sent.evaluate(x)
+    assert here.cost == there.cost
+    np.testing.assert_array_equal(here.gradient, there.gradient)
+    np.testing.assert_array_equal(here.hessian, there.hessian)
+    assert (sent.evaluate.fit.parts[0].whitening is None) == (criterion == "complex")
+
+
+def test_residuals_of_other_data_are_not_taken_over():
+    """What was worked out of a response serves its models alone: with other data or weights it is found anew."""
+    (one, other), model = (correlated(np.random.default_rng(seed)) for seed in (0, 1)), plant(OUTPUTS, INPUTS)
+    first, second = (fit_of(response, model, FULL) for response in (one, other))
+    x = parameters().x
+    again = first.with_residuals_of(first)
+    assert again.evaluate(x).cost == first.evaluate(x).cost
+    assert again.parts[0].normal.residuals is first.parts[0].normal.residuals
+    part = replace(again.parts[0], measured=second.parts[0].measured)
+    alone = replace(part, compressed=None)
+    assert replace(again, parts=(part,)).evaluate(x).cost == replace(again, parts=(alone,)).evaluate(x).cost
+    halved = replace(again.parts[0], gain=again.parts[0].gain / 2)
+    assert replace(again, parts=(halved,)).evaluate(x).cost == pytest.approx(first.evaluate(x).cost / 4)
 
 
 def test_full_weights_are_sharper_than_diagonal_ones_and_attain_the_cramer_rao_bound():

@@ -63,7 +63,7 @@ def test_the_factor_is_that_of_generalised_least_squares() -> None:
     weights = [weigh(response, NO_FLOOR)]
     fit = elastic_fit([response], [plant()], weights, parameters(), "complex")
     ((r, J),) = fit.blocks(x)
-    H = as_real(bias_slopes(fit.parts[0], response, find_factors([response]))).reshape(1, -1).T
+    H = as_real(bias_slopes(fit.parts[0], response, find_factors([response]), fit.parts[0].mixing)).reshape(1, -1).T
     rows, residual = as_real(J).reshape(len(x), -1).T, as_real(r).ravel()
     whole = np.eye(len(rows)) + H @ H.T
     gradient = rows.T @ np.linalg.solve(whole, residual)

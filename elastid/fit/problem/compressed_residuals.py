@@ -43,6 +43,15 @@ class CompressedResiduals:
         """To other processes without what is worked out again there."""
         return CompressedResiduals, tuple(getattr(self, one.name) for one in fields(self))
 
+    def is_of_the_same(self, other: CompressedResiduals) -> bool:
+        """Whether these are residuals of the very same data, with the very same weights."""
+        return (
+            self.measured is other.measured
+            and self.gain is other.gain
+            and self.whitening is other.whitening
+            and (self.criterion, self.is_symmetric) == (other.criterion, other.is_symmetric)
+        )
+
     @property
     def worked_out(self) -> CompressedResiduals:
         """The same without the whitening, where that is not needed again."""

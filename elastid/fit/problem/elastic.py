@@ -42,7 +42,7 @@ class Part:
 
     gain (F, n_y, n_u): sqrt(2) / sigma of the residual, 0 where an element is left out.  whitening: of
     gain e of a line whose elements err together; None where they count one by one.  compressed: the residuals, where
-    they are known from the same part linearised elsewhere.
+    they are known of the very same data and weights, from a model linearised elsewhere.
     """
 
     kernel: Kernel
@@ -65,18 +65,18 @@ class Part:
     @cached_property
     def normal(self) -> NormalEquations:
         """Cost, gradient and normal matrix without the derivatives of every element."""
-        columns, known = Columns(self.kernel), self.compressed
-        if known is None or known.is_symmetric != columns.is_symmetric:
-            known = CompressedResiduals(
-                columns.elements,
-                columns.is_symmetric,
-                self.kernel.takes_compiled,
-                self.measured,
-                self.gain,
-                self.criterion,
-                self.whitening,
-            )
-        return NormalEquations(columns, known)
+        columns = Columns(self.kernel)
+        own = CompressedResiduals(
+            columns.elements,
+            columns.is_symmetric,
+            self.kernel.takes_compiled,
+            self.measured,
+            self.gain,
+            self.criterion,
+            self.whitening,
+        )
+        known = self.compressed
+        return NormalEquations(columns, known if known is not None and known.is_of_the_same(own) else own)
 
     @property
     def n_residuals(self) -> int:
@@ -86,7 +86,18 @@ class Part:
     @property
     def for_sums(self) -> Part:
         """The same for `normal` alone, without the covariances of its lines: a quarter of the numbers."""
-        return replace(self, whitening=None, compressed=self.normal.residuals.worked_out)
+        residuals = self.normal.residuals.worked_out
+        return replace(self, whitening=residuals.whitening, compressed=residuals)
+
+    def with_residuals_of(self, other: Part) -> Part:
+        """The same with data and weights of another part, and what has been worked out of them."""
+        return replace(
+            self,
+            measured=other.measured,
+            gain=other.gain,
+            whitening=other.whitening,
+            compressed=other.normal.residuals,
+        )
 
     def below(self, edge_hz: float) -> Part:
         """The same without the lines above a frequency."""
@@ -100,14 +111,16 @@ class Part:
             compressed=None,
         )
 
-    def whitened(self, theta: FloatArray) -> tuple[ComplexArray, ComplexArray]:
-        """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each."""
+    def whitened(self, theta: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        """r (F, n_y, n_u) and dr/dtheta (P, F, n_y, n_u); real and imaginary parts have unit variance each.
+
+        mixing: that of the part.
+        """
         G, dG = self.kernel.evaluate(theta)
         e, slope = RESIDUALS[self.criterion](self.measured, G)
         used = self.gain > 0
         r = np.where(used, self.gain * e, 0.0)
         dr: ComplexArray = np.multiply(dG, np.where(used, -self.gain * slope, 0.0), out=dG)
-        mixing = self.mixing
         return (r, dr) if mixing is None else (mixed(mixing, r), mixed(mixing, dr))
 
 
@@ -121,6 +134,10 @@ class ElasticFit:
     parameters: ParameterSet
     parts: tuple[Part, ...]
     inertias: tuple[BodyInertia, ...] = ()
+
+    def with_residuals_of(self, other: ElasticFit) -> ElasticFit:
+        """The same with what another fit of the same data and weights has worked out of them."""
+        return replace(self, parts=tuple(map(Part.with_residuals_of, self.parts, other.parts)))
 
     @property
     def n_residuals(self) -> int:
@@ -185,9 +202,12 @@ class ElasticFit:
 
     def blocks(self, x: FloatArray) -> Iterator[tuple[ComplexArray, ComplexArray]]:
         """Whitened r (F, n_y, n_u) and dr/dx (n_x, F, n_y, n_u), configuration by configuration."""
-        for part in self.parts:
-            r, dr = part.whitened(self.theta(part, x))
-            yield r, np.tensordot(self._chain(part, x).T, dr, axes=1)
+        return (self.block(part, x, part.mixing) for part in self.parts)
+
+    def block(self, part: Part, x: FloatArray, mixing: ComplexArray | None) -> tuple[ComplexArray, ComplexArray]:
+        """The same of one part; mixing: `Part.mixing`, for whoever needs it again."""
+        r, dr = part.whitened(self.theta(part, x), mixing)
+        return r, np.tensordot(self._chain(part, x).T, dr, axes=1)
 
     def theta(self, part: Part, x: FloatArray) -> FloatArray:
         """theta (n_theta,) in the configuration of a part."""

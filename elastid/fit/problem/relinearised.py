@@ -49,5 +49,4 @@ class RelinearisedFit:
 
 def _weighed_as(part: Part, first: Part) -> Part:
     """The part on the lines of another, with its weights and what has been worked out of them."""
-    edge = first.kernel.freq_hz.max(initial=0.0)
-    return replace(part.below(edge), gain=first.gain, whitening=first.whitening, compressed=first.normal.residuals)
+    return part.below(first.kernel.freq_hz.max(initial=0.0)).with_residuals_of(first)

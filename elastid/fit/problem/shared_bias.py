@@ -69,13 +69,17 @@ def with_modelled_bias(response: FrequencyResponse, G: ComplexArray) -> Frequenc
     return replace(response, bias=G @ (inverse @ response.bias) @ (inverse @ G))
 
 
-def bias_slopes(part: Part, response: FrequencyResponse, factors: Sequence[Factor]) -> ComplexArray:
-    """-dr/dc (n_b, F, n_y, n_u) of whitened residuals r as they change with the factors c, taken out of Ghat."""
+def bias_slopes(
+    part: Part, response: FrequencyResponse, factors: Sequence[Factor], mixing: ComplexArray | None
+) -> ComplexArray:
+    """-dr/dc (n_b, F, n_y, n_u) of whitened residuals r as they change with the factors c, taken out of Ghat.
+
+    mixing: that of the part.
+    """
     used = part.gain > 0
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(used, part.gain * error_gain(part.criterion, part.measured), 0j)
     whitened = bias_of(response, factors) * gain
-    mixing = part.mixing
     return -whitened if mixing is None else -mixed(mixing, whitened)
 
 
@@ -86,8 +90,10 @@ def next_factors(fit: ElasticFit, responses: Sequence[FrequencyResponse], x: Flo
     n, known = len(x) + len(c), np.flatnonzero(slope)
     A, g = np.diag(np.concatenate([slope**2, np.ones(len(c))])), np.concatenate([np.zeros(len(x)), c])
     g[known] = slope[known] * r_priors
-    for part, response, (r, J) in zip(fit.parts, responses, fit.blocks(x), strict=True):
-        rows = as_real(np.concatenate([J, bias_slopes(part, response, factors)])).reshape(n, -1)
+    for part, response in zip(fit.parts, responses, strict=True):
+        mixing = part.mixing
+        r, J = fit.block(part, x, mixing)
+        rows = as_real(np.concatenate([J, bias_slopes(part, response, factors, mixing)])).reshape(n, -1)
         A += rows @ rows.T
         g += rows @ as_real(r).ravel()
     length = np.sqrt(np.maximum(np.diag(A), 1e-300))

@@ -161,8 +161,13 @@ class RelinearisedOptimum:
     factors: FloatArray = field(default_factory=lambda: np.zeros(0))
 
 
-def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind) -> RelinearisedOptimum:
-    """Linearise at the result, with systematic errors and the robust loss of there, and solve again until x stays."""
+def relinearise(
+    assembly: Assembly, start: LocalOptimum, criterion: ResidualKind, first: ElasticFit | None = None
+) -> RelinearisedOptimum:
+    """Linearise at the result, with systematic errors and the robust loss of there, and solve again until x stays.
+
+    first: the fit by this criterion as the assembly has it elsewhere.
+    """
     is_square = assembly.spec.weights.loss == "square"
     rounds = MAX_ROUNDS if is_square else MAX_ROUNDS_OF_LOSS
     end, c = start, np.zeros(len(find_factors(assembly.responses)))
@@ -173,6 +178,10 @@ def relinearise(assembly: Assembly, start: LocalOptimum, criterion: ResidualKind
                 there = there.with_modelled_bias(there.at(end.x, criterion), end.x)
                 c = next_factors(there.unbiased(c).at(end.x, criterion), there.responses, end.x, c)
             fit = there.unbiased(c).at(end.x, criterion)
+            if (
+                first is not None and there is assembly and criterion == "complex"
+            ):  # a logarithm counts other elements at each x
+                fit = fit.with_residuals_of(first)
         except StudyError as error:
             raise FitError(f"the best start ended where the robot cannot stand: {error}") from None
         tolerance = NEAR_ENOUGH if is_far_from_noise(end.cost, fit.problem.dof) else FINE

@@ -28,12 +28,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, frozen_value
+from elastid.base.execution import Execution
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.shared_bias import bias_slopes, find_factors
+from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.result import is_in_error
 from elastid.fit.uncertainty.blocks import block_variance, disagreement
 from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
@@ -69,18 +72,21 @@ class Uncertainty:
 
 
 def estimate_uncertainty(
-    fit: ElasticFit, responses: Sequence[FrequencyResponse], weights: Sequence[Weights], x: FloatArray
+    fit: ElasticFit,
+    responses: Sequence[FrequencyResponse],
+    weights: Sequence[Weights],
+    x: FloatArray,
+    execution: Execution | None = None,
 ) -> Uncertainty:
     """The covariance of x (n_x,), the optimum of `fit`."""
     factors, n_x = find_factors(responses), len(x)
     prior = np.concatenate([fit.prior_slopes, np.ones(len(factors))])
-    R, parts = np.diag(prior), []
-    for part, response, weight, (r, J) in zip(fit.parts, responses, weights, fit.blocks(x), strict=True):
-        if factors:
-            J = np.concatenate([J, bias_slopes(part, response, factors)])
-        parts.append(sum_lines(part, response, weight, r, J))
-        # R of the stacked J = Q R, configuration by configuration.
-        R = np.asarray(np.linalg.qr(np.vstack([R, parts[-1].rows]), mode="r"))
+    # To other processes each part goes by itself.
+    sums, each = partial(sum_lines, replace(fit, parts=()), x, factors), zip(fit.parts, responses, weights, strict=True)
+    parts = (execution or Execution()).ordered(sums, list(each))
+    R = np.diag(prior)
+    for part in parts:  # R of the stacked J = Q R, configuration by configuration
+        R = np.asarray(np.linalg.qr(np.vstack([R, part.rows]), mode="r"))
     A_inverse, singular_values, unreached = inverse_information(R)
     dof = fit.problem.dof
     meat, expected_cost, cost_dof = _noise(prior, dof, parts, A_inverse)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
-from elastid.fit.problem.elastic import Part
+from elastid.fit.problem.elastic import ElasticFit, Part
 from elastid.fit.problem.residuals import as_real, error_gain
+from elastid.fit.problem.shared_bias import Factor, bias_slopes
 from elastid.fit.uncertainty.blocks import Blocks, sum_blocks
 from elastid.fit.weights.smoothed_noise import SmoothedNoise
 from elastid.fit.weights.weights import Weights, vec
@@ -54,9 +55,19 @@ class LineSums:
         return 2 * int(np.count_nonzero(self.residual))
 
 
-def sum_lines(part: Part, response: FrequencyResponse, weights: Weights, r: ComplexArray, J: ComplexArray) -> LineSums:
-    """The sums of one configuration from its whitened r (F, n_y, n_u) and J (n_x, F, n_y, n_u)."""
-    T = _whitening(part)
+def sum_lines(
+    fit: ElasticFit, x: FloatArray, factors: Sequence[Factor], one: tuple[Part, FrequencyResponse, Weights]
+) -> LineSums:
+    """The sums of one configuration at x (n_x,); fit: whose parameters count.
+
+    factors: of systematic errors, which are further columns of J.
+    """
+    part, response, weights = one
+    mixing = part.mixing
+    r, J = fit.block(part, x, mixing)
+    if factors:
+        J = np.concatenate([J, bias_slopes(part, response, factors, mixing)])
+    T = _whitening(part, mixing)
     floor = vec(weights.floor * response.G)
     noise = weights.noise_covariance()
     S = None if noise is None else T @ noise @ _H(T)
@@ -98,12 +109,11 @@ def correlation_length(residuals: Sequence[ComplexArray]) -> float:
     return tau
 
 
-def _whitening(part: Part) -> ComplexArray:
+def _whitening(part: Part, mixing: ComplexArray | None) -> ComplexArray:
     """T (F, m, m), vec column-major: from errors of Ghat to whitened residuals."""
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(part.gain > 0, part.gain * error_gain(part.criterion, part.measured), 0j)
     t = vec(gain)
-    mixing = part.mixing
     if mixing is None:
         return np.asarray(t[:, :, None] * np.eye(t.shape[1]))
     n_y, n_u = part.measured.shape[1:]

@@ -98,12 +98,12 @@ class HeldNumbers:
         theta = self.theta(fitted, x, there.configuration.name)
         own = theta[: len(self.linearisation.model.parameters)]
 
-        def model_at(configuration: Configuration) -> LinearModel:
-            model = self.linearisation.at(configuration, own, there.outputs, there.quantity)
+        def model_at(configuration: Configuration, linearisation: Linearisation) -> LinearModel:
+            model = linearisation.at(configuration, own, there.outputs, there.quantity)
             inputs = [model.inputs.index(name) for name in there.inputs]
             return replace(model, B=model.B[:, inputs], inputs=there.inputs, hold=there.hold)
 
-        model = model_at(there.configuration)
+        model = model_at(there.configuration, self.linearisation)
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
@@ -111,7 +111,7 @@ class HeldNumbers:
         for place, joint in enumerate(self.linearisation.model.robot.driven):
             angles = np.array(there.configuration.angles)
             angles[place] += ANGLE_STEP
-            moved = model_at(replace(there.configuration, angles=angles))
+            moved = model_at(replace(there.configuration, angles=angles), self.linearisation.without_slopes)
             slopes[f"angle_{joint.name}"] = _difference(model, moved, ANGLE_STEP)
             slopes |= _position_loop(model, joint.name)
         theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
