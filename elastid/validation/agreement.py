@@ -15,7 +15,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.base.errors import StudyError
-from elastid.fit.weights.smoothed_noise import smooth_noise
+from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.weights.weights import vec
 from elastid.response import FrequencyResponse
 from elastid.validation.cross_validation import generalises
@@ -25,7 +25,7 @@ from elastid.validation.residual_tests import (
     autocorrelation,
     inside_expected,
     normality,
-    sigma_of,
+    sigma_of_noise,
 )
 from elastid.validation.resonances import (
     MIN_PROMINENCE_DB,
@@ -79,12 +79,13 @@ def agreement(
     """
     _check_pair(measured, modelled)
     Ghat, G = measured.G, modelled.G
-    sigma, dof = sigma_of(measured)
-    judged = above_2sigma(measured)
+    noise = smooth_noise(measured)
+    sigma, dof = sigma_of_noise(measured, noise)
+    judged = above_2sigma(measured, sigma)
     known = sigma > 0
     e = np.divide(Ghat - G, sigma, out=np.zeros_like(Ghat), where=known)
     r, bound = autocorrelation(e)
-    ratio, ratio_dof, white_p = _tests(measured, Ghat - G, shifts)
+    ratio, ratio_dof, white_p = _tests(measured, noise, Ghat - G, shifts)
     inside = np.where(known.any(axis=0), _mean(np.abs(e) <= 2, known), np.nan)
     return Agreement(
         configuration=measured.configuration.name,
@@ -107,9 +108,10 @@ def agreement(
     )
 
 
-def _tests(measured: FrequencyResponse, E: ComplexArray, shifts: ComplexArray | None) -> tuple[float, float, float]:
+def _tests(
+    measured: FrequencyResponse, noise: SmoothedNoise | None, E: ComplexArray, shifts: ComplexArray | None
+) -> tuple[float, float, float]:
     """Power of the errors E (F, n_y, n_u) over the noise with its degrees of freedom, and p of their whiteness."""
-    noise = smooth_noise(measured)
     if noise is None or not np.any(noise.variance > 0):
         return math.nan, 0.0, math.nan
     whiten = whitening(noise)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.weights.smoothed_noise import smooth_noise
+from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
 from elastid.fit.weights.smoothed_variance import MIN_DOF, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.noise_tests import LAGS
@@ -24,7 +24,11 @@ def sigma_of(measured: FrequencyResponse) -> tuple[FloatArray, float]:
 
     Zeros where the measurement came without an uncertainty.
     """
-    noise = smooth_noise(measured)
+    return sigma_of_noise(measured, smooth_noise(measured))
+
+
+def sigma_of_noise(measured: FrequencyResponse, noise: SmoothedNoise | None) -> tuple[FloatArray, float]:
+    """`sigma_of` where the smooth noise is there already."""
     if noise is None:
         return np.zeros(measured.G.shape), 0.0
     return np.sqrt(noise.variance), max(noise.measured.dof, MIN_DOF)
@@ -39,10 +43,14 @@ def smoothed_std(measured: FrequencyResponse, covariance: Covariance) -> tuple[F
     return np.sqrt(smooth), max(covariance.dof, MIN_DOF)
 
 
-def above_2sigma(measured: FrequencyResponse) -> BoolArray:
-    """Lines (F, n_y, n_u) of at least twice the measured uncertainty; without one, all that are not zero."""
+def above_2sigma(measured: FrequencyResponse, sigma: FloatArray | None = None) -> BoolArray:
+    """Lines (F, n_y, n_u) of at least twice the measured uncertainty; without one, all that are not zero.
+
+    sigma (F, n_y, n_u): of `sigma_of`, where it is there already.
+    """
     magnitude = np.abs(measured.G)
-    return np.asarray((magnitude >= 2 * sigma_of(measured)[0]) & (magnitude > 0))
+    sigma = sigma_of(measured)[0] if sigma is None else sigma
+    return np.asarray((magnitude >= 2 * sigma) & (magnitude > 0))
 
 
 def inside_expected(dof: float) -> float:
