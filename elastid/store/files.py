@@ -234,6 +234,11 @@ def attributes(group: Any) -> dict[str, Any]:
     return {name: _plain(value) for name, value in group.attrs.items()}
 
 
+def attribute(group: Any, name: str) -> Any:
+    """One of them: to read them all takes as many times as long."""
+    return _plain(group.attrs[name])
+
+
 def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 

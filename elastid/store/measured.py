@@ -17,6 +17,7 @@ from elastid.response import Covariance, FrequencyResponse
 from elastid.store.files import (
     NO_STAMP,
     Stamp,
+    attribute,
     attributes,
     created,
     key,
@@ -245,7 +246,7 @@ def _read_covariance(group: Any, name: str) -> Covariance | None:
         return None
     part = group[name]
     left, right, matrix = (part[name][:] if name in part else None for name in ("left", "right", "matrix"))
-    return Covariance(part["variance"][:], attributes(part)["dof"], left, right, matrix)
+    return Covariance(part["variance"][:], attribute(part, "dof"), left, right, matrix)
 
 
 def _write_repairs(group: Any, repairs: Mapping[str, int]) -> None:

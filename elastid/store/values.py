@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_
 
 import numpy as np
 
-from elastid.store.files import attributes, scale, texts
+from elastid.store.files import attribute, scale, texts
 
 T = TypeVar("T")
 _SCALARS = (bool, int, float, str)
@@ -70,9 +70,9 @@ def read_value(group: Any, name: str, kind: Any) -> Any:
         chosen = [option for option in arguments if option is not NoneType]
         return read_value(group, name, _stored_kind(group, name, chosen)) if present else None
     if origin is Literal:
-        return attributes(group)[name]
+        return attribute(group, name)
     if kind in _SCALARS:
-        return kind(attributes(group)[name])
+        return kind(attribute(group, name))
     if is_array(kind):
         return group[name][()]
     if origin is tuple:
