@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from scipy.special import digamma
@@ -16,7 +15,6 @@ from elastid.fit.spec import FitSpec
 from elastid.fit.weights.weights import Weights
 from elastid.linear.linear_model import LinearModel
 from elastid.linear.linearise import Linearisation
-from elastid.model.formulation import formulate
 from elastid.model.spec import ModelSpec
 from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
@@ -61,16 +59,10 @@ def linear_model(
 ) -> LinearModel:
     """The model of a measured response about parameters x (n_x,), its inputs and outputs in its order."""
     theta = parameters.expand(x)
-    model = linearisation_of(robot, formulation, parameters.names).at(
+    model = Linearisation.of_robot(robot, formulation, parameters.names).at(
         response.configuration, theta[:-1], response.outputs, response.quantity
     )
     return at_measured_places(model, response)
-
-
-@lru_cache(maxsize=4)
-def linearisation_of(robot: Robot, formulation: ModelSpec, geometry: tuple[str, ...] = ()) -> Linearisation:
-    """The linearisation of the fit's model, built once in a process; geometry: names that may be parameters of it."""
-    return Linearisation.of(formulate(robot, formulation, geometry))
 
 
 def variance_like(

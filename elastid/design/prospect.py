@@ -20,7 +20,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray, IntArray
 from elastid.base.errors import StudyError
-from elastid.design.expected_response import ExpectedResponse, linearisation_of
+from elastid.design.expected_response import ExpectedResponse
 from elastid.design.friction_effects import friction_level
 from elastid.design.optimal_powers import PowerSource
 from elastid.excitation.grids import line_frequencies
@@ -91,7 +91,7 @@ class Prospect:
     @property
     def linearisation(self) -> Linearisation:
         """The linearisation of the fit's model."""
-        return linearisation_of(self.robot, self.model, self.parameters.names)
+        return Linearisation.of_robot(self.robot, self.model, self.parameters.names)
 
     def expected(self, configuration: Configuration, x: FloatArray, realisations: int = 0) -> ExpectedResponse:
         """The response of a robot with parameters x (n_x,), measured in so many realisations of a configuration.
@@ -277,7 +277,7 @@ def _gains(
     robot: Robot, formulation: ModelSpec, angles: tuple[float, ...], spec: ControllerSpec
 ) -> tuple[FloatArray, ...]:
     """k_p, k_d and k_i (n_u,) of the simulated joint controller in a configuration."""
-    model = linearisation_of(robot, formulation).model
+    model = Linearisation.of_robot(robot, formulation).model
     q = rigid_posture(model, Configuration("", np.array(angles)))
     gains = tune(model, q, spec.bandwidth_hz, spec.damping_ratio, spec.velocity_integral_time)
     return gains.kp, gains.kd, gains.ki

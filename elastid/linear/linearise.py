@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -91,8 +91,8 @@ class Linearisation:
 
     @classmethod
     def of_robot(cls, robot: Robot, spec: ModelSpec = EXACT, geometry: Collection[str] = ()) -> Linearisation:
-        """Formulate a robot's equations and differentiate them; arguments and errors as `formulate`."""
-        return cls.of(formulate(robot, spec, geometry))
+        """A robot's equations, differentiated, built once in a process; arguments and errors as `formulate`."""
+        return _of_robot(robot, spec, tuple(name for name in robot.on_demand if name in geometry))
 
     def at(
         self, configuration: Configuration, theta: FloatArray, outputs: Sequence[str], quantity: Motion
@@ -154,6 +154,11 @@ def _moves_with_parameters(model: ElasticModel) -> bool:
     bent = any(joint.spring is not None and not joint.spring.is_linear for joint in robot.joints)
     series = any(box.is_in_series for box in robot.gearboxes)
     return bool(model.geometry) or (model.n_c == 0 and (bent or series))
+
+
+@lru_cache(maxsize=4)
+def _of_robot(robot: Robot, spec: ModelSpec, geometry: tuple[str, ...]) -> Linearisation:
+    return Linearisation.of(formulate(robot, spec, geometry))
 
 
 def linearise(
