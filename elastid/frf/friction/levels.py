@@ -54,10 +54,10 @@ def normal_equations(data: Sequence[ConfigurationSpectra], levels: FloatArray, m
         net = each.net(taken(levels, each.Phi, motor_of, n_m))
         of = each.excited[net.counts]
         shares[i] = 1 - n_m / each.U.shape[2] * of.mean() if of.size else 1.0
-        fold = _folds(each, net, realisations)
+        fold, of_shapes = _folds(each, net, realisations), np.moveaxis(net.X[net.counts], 1, 0)
         for motor in range(n_m):
             own = np.flatnonzero(motor_of == motor)
-            e, X = net.e[net.counts, motor], np.moveaxis(net.X[net.counts][:, own], 1, 0)
+            e, X = net.e[net.counts, motor], of_shapes[own]
             left = np.mean(np.abs(e - np.tensordot(levels[own], X, axes=1)) ** 2, axis=1)
             level[i, motor] = np.sqrt(np.median(left)) if left.size else 0.0
             w = np.sqrt(_weights(left, of))[:, None]

@@ -171,8 +171,8 @@ def _with_motions(
 def taken(levels: FloatArray, Phi: ComplexArray, motor_of: IntArray, n_m: int) -> ComplexArray:
     """Friction torque (F, n_m, K) of shapes (F, n_f, K) that act on motors motor_of (n_f,)."""
     torque = np.zeros((Phi.shape[0], n_m, Phi.shape[2]), dtype=np.complex128)
-    for f, motor in enumerate(motor_of):
-        torque[:, motor] += levels[f] * Phi[:, f]
+    for f in np.flatnonzero(levels):
+        torque[:, motor_of[f]] += levels[f] * Phi[:, f]
     return torque
 
 
