@@ -266,6 +266,21 @@ def test_sections_made_in_python_refuse_words_that_are_no_choice(measured) -> No
         elastid.identify(measured, arm(), asked)
 
 
+def test_sections_made_in_python_take_lists_and_arrays_for_tuples() -> None:
+    """A robot of lists is that of tuples: it is equal, and has a hash, by which its equations are kept."""
+    tuples = elastid.Body(
+        "link", joints=arm().bodies[0].joints, center_of_mass=(0.1, 0.0, 0.2), inertia=(3.0, 2.0, 2.0)
+    )
+    lists = elastid.Body(
+        "link",
+        joints=[*arm().bodies[0].joints],
+        center_of_mass=np.array([0.1, 0.0, 0.2]),
+        inertia=[3, 2, np.float64(2)],
+    )
+    assert elastid.Robot("arm", [lists]) == elastid.Robot("arm", (tuples,))
+    assert hash(elastid.Robot("arm", [lists])) == hash(elastid.Robot("arm", (tuples,)))
+
+
 def test_records_of_two_configurations_make_no_response(tmp_path) -> None:
     """They would be averaged into one of neither; records are read by their configuration."""
     one = steady_record()

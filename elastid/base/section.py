@@ -21,7 +21,8 @@ _CONFIG = {"extra": "forbid", "coerce_numbers_to_str": True, "allow_inf_nan": Fa
 def section(cls: type[T]) -> type[T]:
     """A frozen dataclass whose fields are the keys that a study may give.
 
-    Made in Python, it refuses a word that is none of its choices and a text in the place of a number, by ValueError.
+    Made in Python, it refuses a word that is none of its choices and a text in the place of a number, by ValueError,
+    and takes a list or an array for a tuple.
     """
     check: Callable[[T], None] | None = cls.__dict__.get("__post_init__")
 
@@ -30,7 +31,9 @@ def section(cls: type[T]) -> type[T]:
         kind: Any = type(self)
         for name, (words, expected) in _plain_fields(kind).items():
             value = getattr(self, name)
-            if isinstance(value, str) and value not in words:
+            if isinstance(value, list) or hasattr(value, "tolist"):
+                object.__setattr__(self, name, _plain(value))
+            elif isinstance(value, str) and value not in words:
                 raise ValueError(f"{kind.__name__}: {name} is '{value}'; give {expected}")
         if check is not None:
             check(self)
@@ -38,6 +41,12 @@ def section(cls: type[T]) -> type[T]:
     cls.__post_init__ = checked  # type: ignore[attr-defined]
     cls.__pydantic_config__ = _CONFIG  # type: ignore[attr-defined]
     return dataclass(frozen=True)(cls)
+
+
+def _plain(value: Any) -> Any:
+    """A list or an array as a tuple, an array's number as one of Python: what is in a section has a hash."""
+    value = value.tolist() if hasattr(value, "tolist") else value
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
 @cache
