@@ -8,8 +8,8 @@ covariance and the ends of the intervals, configuration by configuration or para
 weights and the equations of the robot are worked out by the first alone. Wants a machine with two quiet cores. Both
 must end in the same numbers. The last line is one JSON object; last_run.json has those of the last run.
 
-Measured: two processes take 1/1.3 (two_processes_8_starts) of the time of one from 8 starts, and 1/1.5
-(two_processes_32_starts) from 32.
+Measured: one process takes 1.2 (two_processes_8_starts) times as long as two from few starts, and 1.5
+(two_processes_32_starts) times as long from many.
 """
 
 # One BLAS thread must be asked for before NumPy is loaded.
