@@ -9,7 +9,7 @@ import numpy as np
 from plants.limited_arm import EXCITATION, arm, experiment
 
 from elastid.experiment.plan.plan import make_plan
-from elastid.experiment.plan.references import references
+from elastid.experiment.plan.references import reference
 from elastid.experiment.simulated.closed_loop import closed_loop_of, feed_forward_of
 from elastid.experiment.simulated.rig import SimulatedRig
 from elastid.experiment.specs.simulated import SimulatedSpec
@@ -42,7 +42,7 @@ def test_references_hold_the_robot_up_and_inject_the_plans_torque_under_a_ramp()
     """Feed-forward is the weight at rest; the injected torque is the period's, at the right sample."""
     spec = experiment(hold=0.1)
     plan = make_plan(replace(EXCITATION, torque_rms=10.0), spec, arm(), 0)
-    (one,) = references(plan, None, feed_forward_of(serial(arm())))
+    one = reference(plan, None, feed_forward_of(serial(arm())), plan.configurations[0])
     assert one.position.shape == (plan.run_samples, 2)
     np.testing.assert_allclose(one.feed_forward[:, 0], 0, atol=1e-9)
     weight = -9.81 * 40 * 0.3 * math.sin(0.4)  # gravity about the beam's axis; the motor holds against it
