@@ -278,6 +278,8 @@ def test_sections_made_in_python_take_lists_and_arrays_for_tuples() -> None:
         inertia=[3, 2, np.float64(2)],
     )
     assert elastid.Robot("arm", [lists]) == elastid.Robot("arm", (tuples,))
+    with pytest.raises(ValueError, match="FitSpec: criterion is 'complx'; give one of"):
+        elastid.FitSpec(criterion=np.str_("complx"))
     assert hash(elastid.Robot("arm", [lists])) == hash(elastid.Robot("arm", (tuples,)))
 
 

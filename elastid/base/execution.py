@@ -99,7 +99,7 @@ class Execution:
     checkpoint: MutableMapping[str, Any] = field(default_factory=dict)
 
     @property
-    def untold(self) -> Execution:
+    def quiet(self) -> Execution:
         """The same without progress: of short work within a stage."""
         return replace(self, progress=silent)
 

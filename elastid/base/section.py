@@ -30,10 +30,11 @@ def section(cls: type[T]) -> type[T]:
         """Check the words, then what the class itself checks."""
         kind: Any = type(self)
         for name, (words, expected) in _plain_fields(kind).items():
-            value = getattr(self, name)
-            if isinstance(value, list) or hasattr(value, "tolist"):
-                object.__setattr__(self, name, _plain(value))
-            elif isinstance(value, str) and value not in words:
+            given = getattr(self, name)
+            value = _plain(given)
+            if value is not given:
+                object.__setattr__(self, name, value)
+            if isinstance(value, str) and value not in words:
                 raise ValueError(f"{kind.__name__}: {name} is '{value}'; give {expected}")
         if check is not None:
             check(self)

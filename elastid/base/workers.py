@@ -90,7 +90,7 @@ def outcomes(
 
 def has_died(future: Future[Any]) -> bool:
     """Whether the worker died at the item."""
-    return isinstance(future.exception(), BrokenProcessPool | BrokenPipeError)
+    return isinstance(future.exception(), BrokenProcessPool)
 
 
 def load_for_workers(modules: Sequence[str]) -> None:
@@ -140,7 +140,8 @@ def _submitted(worker: Worker, function: Callable[..., Any], *given: Any) -> Fut
             found.append(worker.submit(function, *given))
         except BaseException as error:
             failed: Future[Any] = Future()
-            failed.set_exception(error)
+            # The pipe to a worker breaks where it dies while it starts.
+            failed.set_exception(BrokenProcessPool(error) if isinstance(error, BrokenPipeError) else error)
             found.append(failed)
 
     thread = Thread(target=submit)

@@ -67,8 +67,8 @@ def identify(
     execution = execution or Execution()
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution)
     try:
-        optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.untold)
-        scores = score_held(assembly, optimum, result, execution.untold)
+        optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
+        scores = score_held(assembly, optimum, result, execution.quiet)
         judged = judge(result, assembly, optimum, uncertainty, scores)
         result = diagnose(judged, assembly, optimum, uncertainty, scores, _notes(assembly, optimum))
         return add_intervals(result, optimum, spec, execution)

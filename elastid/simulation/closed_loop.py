@@ -24,7 +24,7 @@ from elastid.simulation.spec import StabilisationSpec
 # Samples between two checks of the result: a few hundredths of a second of computing, so that Ctrl-C is heard.
 CHUNK_SAMPLES = 1000
 
-# A chunk is four times four times ... a sample: CasADi builds that five times as fast as its own tens.
+# A chunk is four times four times ... a sample, which CasADi builds sooner than ten times ten times ..., its default.
 BY_FOURS = {"base": 4}
 
 # rad (or m) on the link side: a motor this far from its reference is lost.

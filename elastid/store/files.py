@@ -235,7 +235,7 @@ def attributes(group: Any) -> dict[str, Any]:
 
 
 def attribute(group: Any, name: str) -> Any:
-    """One of them: to read them all takes as many times as long."""
+    """One attribute of a group alone: a reader of many values need not read all of them for each."""
     return _plain(group.attrs[name])
 
 

@@ -2,11 +2,11 @@
 
     python scripts/benchmarks/processes.py [--quick]
 
-The problem is that of fit.py, 20 configurations x 200 lines with full covariances and 40 parameters, from 8 starts as a
-study takes by default, and from 32. Two processes share the starts, the test of everything that the fit held, the
-covariance and the ends of the intervals, configuration by configuration or parameter by parameter; the responses'
-weights and the equations of the robot are worked out by the first alone. Wants a machine with two quiet cores. Both
-must end in the same numbers. The last line is one JSON object; last_run.json has those of the last run.
+The problem is that of fit.py, 20 configurations x 200 lines with full covariances and 40 parameters, from 8 starts, as
+the template of `elastid new` asks for, and from 32. Two processes share the starts, the test of everything that the fit
+held, the covariance and the ends of the intervals, configuration by configuration or parameter by parameter; the
+responses' weights and the equations of the robot are worked out by the first alone. Wants a machine with two quiet
+cores. Both must end in the same numbers. The last line is one JSON object; last_run.json has that of the last run.
 
 Measured: one process takes 1.2 (two_processes_8_starts) times as long as two from few starts, and 1.5
 (two_processes_32_starts) times as long from many.

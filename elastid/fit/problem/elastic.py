@@ -85,7 +85,7 @@ class Part:
 
     @property
     def for_sums(self) -> Part:
-        """The same for `normal` alone, without the covariances of its lines: a quarter of the numbers."""
+        """The same for `normal` alone, without the covariances of its lines, most of its numbers."""
         residuals = self.normal.residuals.worked_out
         return replace(self, whitening=residuals.whitening, compressed=residuals)
 
@@ -269,8 +269,8 @@ def elastic_fit(
     return ElasticFit(parameters, tuple(parts))
 
 
-def at_measured_places(model: LinearModel, response: FrequencyResponse) -> LinearModel:
-    """The model with the inputs and outputs of a response, in its order, held and sampled as there."""
+def at_measured_places(model: LinearModel, response: FrequencyResponse | LinearModel) -> LinearModel:
+    """The model with the inputs and outputs of a response, or of its model, in its order, held and sampled as there."""
     for kind, wanted, there in (
         ("input", response.inputs, model.inputs),
         ("output", response.outputs, model.outputs),

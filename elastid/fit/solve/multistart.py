@@ -85,7 +85,7 @@ def multistart(
     hopeful = [i for i, end in enumerate(rough) if end.cost <= reach or _may_fall(end, best)]
     polish = _Polish(problems[-1], method)
     try:
-        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.untold)
+        polished = _kept(polish, {f"polished-{i}": rough[i] for i in hopeful}, execution.quiet)
     except Interrupted:
         raise Interrupted(rough) from None
     ends = {i: _stopped(end) for i, end in enumerate(rough)} | dict(zip(hopeful, polished, strict=True))

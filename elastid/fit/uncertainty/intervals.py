@@ -70,7 +70,7 @@ def add_intervals(
     x, notes = optimum.end.x, list(result.notes)
     problem, variance = optimum.fit.problem, np.diag(result.covariance)
     if spec.profile == "auto":
-        names, left = choose_profiles(problem, x, variance, execution.untold)
+        names, left = choose_profiles(problem, x, variance, execution.quiet)
         notes += _profile_notes(names, left)
     else:
         names = match_names(spec.profile, result.parameters)

@@ -24,6 +24,7 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import ElastidError
+from elastid.fit.problem.elastic import at_measured_places
 from elastid.fit.setup.assembly import Assembly
 from elastid.linear.linear_model import DELAY, LinearModel, Slope
 from elastid.linear.linearise import Linearisation
@@ -99,9 +100,7 @@ class HeldNumbers:
         own = theta[: len(self.linearisation.model.parameters)]
 
         def model_at(configuration: Configuration, linearisation: Linearisation) -> LinearModel:
-            model = linearisation.at(configuration, own, there.outputs, there.quantity)
-            inputs = [model.inputs.index(name) for name in there.inputs]
-            return replace(model, B=model.B[:, inputs], inputs=there.inputs, hold=there.hold)
+            return at_measured_places(linearisation.at(configuration, own, there.outputs, there.quantity), there)
 
         model = model_at(there.configuration, self.linearisation)
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}

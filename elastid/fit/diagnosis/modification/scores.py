@@ -68,7 +68,7 @@ def score(
     fit, x = optimum.fit, optimum.end.x
     held, thin = HeldNumbers.of(assembly, fit.parts[0].kernel.model), thinned(fit, MAX_RESIDUALS)
     used = [part for part in thin.parts if part.n_residuals]
-    A, b, V, names = _sums(execution.ordered(partial(_sums_in, held, assembly.parameters, x), used), len(x))
+    A, b, V, names = _added(execution.ordered(partial(_sums_in, held, assembly.parameters, x), used), len(x))
     numbers, scale = _held_numbers(names, assembly, held, x)
     every = np.concatenate([np.ones(len(x)), scale])
     A, b = A * np.outer(every, every), b * every
@@ -93,7 +93,7 @@ def _sums_in(held: HeldNumbers, fitted: ParameterSet, x: FloatArray, part: Part)
     return _Sums(J @ J.T, J @ r, float(r @ r), tuple(one.held))
 
 
-def _sums(every: Iterable[_Sums], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
+def _added(every: Iterable[_Sums], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
     """J^T J, J^T r and r^T r over all configurations, and the names of the columns behind those of x."""
     names: dict[str, int] = {}
     A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0

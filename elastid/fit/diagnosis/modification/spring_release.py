@@ -48,12 +48,12 @@ def released_costs(
     for one, model in zip(evaluated, models, strict=True):
         for i, (dG, slope) in enumerate(released(model, one.part.kernel.freq_hz, name, stiffnesses, damping_ratio)):
             at = replace(one, G=one.G + dG)
-            J = one if one.part.criterion == "complex" else at  # whose slopes are the same at every G
-            r, j = at.residual, -at.whitened(slope[None])[0]
-            A[i, :n_x, :n_x] += J.information
-            A[i, :n_x, n_x] += J.rows @ j
+            fitted = one if one.part.criterion == "complex" else at  # the slopes of a difference are those of any G
+            r, J, j = at.residual, fitted.rows, -at.whitened(slope[None])[0]
+            A[i, :n_x, :n_x] += fitted.information
+            A[i, :n_x, n_x] += J @ j
             A[i, n_x, n_x] += j @ j
-            b[i] += np.append(J.rows @ r, j @ r)
+            b[i] += np.append(J @ r, j @ r)
             V[i] += float(r @ r)
     A[:, n_x, :n_x] = A[:, :n_x, n_x]
     size = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
