@@ -13,17 +13,17 @@ Jacobian and normal matrix of one configuration. Alone: --passes, the first tabl
 and twice the configurations; --memory, resident memory of a fit with correlated weights. The last line is one JSON
 object with the numbers; last_run.json has those of the last run of each part.
 
-Measured (CPU time, medians in turn, a machine of two cores that had twice the work it can do): with loops in C one
-evaluation takes 0.7 (evaluation_over_solve) times the bare solves and 1.9 (evaluation_over_floor) times the floor, with
-NumPy alone 2.4 (numpy_evaluation_over_solve) and 7.0 (numpy_evaluation_over_floor) times; CasADi takes 206
+Measured (CPU time, medians in turn, a machine of two cores that worked at something else beside): with loops in C one
+evaluation takes 0.7 (evaluation_over_solve) times the bare solves and 1.8 (evaluation_over_floor) times the floor, with
+NumPy alone 2.4 (numpy_evaluation_over_solve) and 6.4 (numpy_evaluation_over_floor) times; CasADi takes 243
 (casadi_over_evaluation) times as long for one. With ten inertial parameters more, which move the robot under gravity
-with every stiffness, it is 5.4 (inertial_evaluation_over_floor) times the floor, with NumPy 18.6
-(numpy_inertial_evaluation_over_floor), and linearised anew at every point, as the search for them must, 34.4
+with every stiffness, it is 4.9 (inertial_evaluation_over_floor) times the floor, with NumPy 17.2
+(numpy_inertial_evaluation_over_floor), and linearised anew at every point, as the search for them must, 30.2
 (relinearised_evaluation_over_floor). Twice the lines take 0.94 (lines_doubled_over_twice) of twice the time, twice the
-configurations 1.02 (configurations_doubled_over_twice); a configuration with correlated weights takes 1.5
+configurations 0.97 (configurations_doubled_over_twice); a configuration with correlated weights takes 1.6
 (resident_mb_a_configuration) MB of memory. A whole fit is 36 (faster_than_same_jacobian) times faster than
-least_squares with the same Jacobian, at worst 23 (faster_than_same_jacobian_at_worst) times, 68
-(faster_than_finite_differences) times faster than with finite differences and 155 (faster_than_casadi) times faster
+least_squares with the same Jacobian, at worst 30 (faster_than_same_jacobian_at_worst) times, 58
+(faster_than_finite_differences) times faster than with finite differences and 154 (faster_than_casadi) times faster
 than with CasADi's derivatives.
 """
 
