@@ -17,8 +17,10 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import DataError, FitError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.fit.diagnosis.diagnosis import diagnose, judge, score_held
-from elastid.fit.diagnosis.findings import at_bound
+from elastid.fit.diagnosis.diagnosis import diagnose, judge
+from elastid.fit.diagnosis.estimate_notes import at_bound
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypothesis import Hypothesis
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.result import FitResult
@@ -55,11 +57,12 @@ def identify(
     *,
     model: ModelSpec = EXACT,
     execution: Execution | None = None,
+    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
 ) -> FitResult:
     """The parameters of `robot` that explain the responses of all configurations.
 
     model: the formulation of the equations.  execution: of the starts, profiles and repetitions of the bootstrap; the
-    result does not depend on it.
+    result does not depend on it.  hypotheses: the causes of residuals that the diagnosis considers.
     Raises StudyError for parameters, masks or places that do not exist; DataError where no data are left; FitError for
     a parameter without effect, gains without a scale, and where every start fails; Interrupted, with the starts that
     were done, on Ctrl-C once the search has begun.
@@ -68,9 +71,8 @@ def identify(
     assembly, fit, starts, hits = _search(responses, robot, spec, model, execution)
     try:
         optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, execution.quiet)
-        scores = score_held(assembly, optimum, result, execution.quiet)
-        judged = judge(result, assembly, optimum, uncertainty, scores)
-        result = diagnose(judged, assembly, optimum, uncertainty, scores, _notes(assembly, optimum))
+        evidence = judge(result, assembly, optimum, uncertainty, execution.quiet, hypotheses)
+        result = diagnose(evidence, _notes(assembly, optimum))
         return add_intervals(result, optimum, spec, execution)
     except KeyboardInterrupt:
         raise Interrupted(starts) from None
@@ -85,7 +87,7 @@ def fit_parameters(
     """
     assembly, fit, starts, hits = _search(responses, robot, spec, model, Execution())
     optimum, uncertainty, result = _estimate(assembly, fit, starts, hits, Execution())
-    return judge(result, assembly, optimum, uncertainty, score_held(assembly, optimum, result, Execution()))
+    return judge(result, assembly, optimum, uncertainty, Execution()).result
 
 
 def _search(

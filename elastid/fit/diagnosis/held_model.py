@@ -1,6 +1,6 @@
-r"""The numbers that a fit holds, as parameters of its linear models: those of the robot, its posture and its logs.
+r"""HeldModel: linear models of a fit with the numbers that it held as parameters, of robot, postures and logs.
 
-Beside the robot's own numbers, its geometry and the gains of its channels there are some that no fit has:
+Apart from the robot's own numbers, its geometry and the gains of its channels these are:
 
 - angle_2: an offset of the angle at which axis 2 stood, in all configurations; angle_2@c1: in one.
 - payload: a point mass at the tool, where the robot carries none.
@@ -8,10 +8,9 @@ Beside the robot's own numbers, its geometry and the gains of its channels there
 - loop_2: the square of the bandwidth omega_2 of a position loop of motor 2, which makes a spring of omega_2^2 M_22
   between it and the ground; where the torque that was logged is the loop's reference.
 - rate: a sampling rate 1 + e of the stated one. Frequencies are then 1 + e of those read, and motions that were
-  differentiated from positions (1 + e)^2:
+  differentiated from positions (1 + e)^2 (`sensitivities`):
 
-.. math:: \frac{dG}{d\epsilon} = \omega \frac{\partial G}{\partial \omega} - 2 G, \qquad
-          \omega \frac{\partial}{\partial \omega}: \quad dK = -2 K\, d\epsilon, \; dD = -D\, d\epsilon
+.. math:: \omega \frac{\partial}{\partial \omega}: \quad dK = -2 K\, d\epsilon, \; dD = -D\, d\epsilon
 
 A stiff spring stands in for a rigid coordinate: dK = -k^2 dc (...).
 """
@@ -34,7 +33,7 @@ from elastid.robot import Body, Joint, Payload, Robot, Spring, gain_name
 
 # rad: the step of finite differences over angles.
 ANGLE_STEP = 1e-5
-# A spring that stands in for a rigid coordinate, beside the stiffest of the robot, or beside this in N*m/rad.
+# A spring that stands in for a rigid coordinate: times the stiffest of the robot, or N*m/rad where there is none.
 STIFF_FACTOR = 1e5
 STIFF_DEFAULT = 1e6
 RATE = "rate"
@@ -42,7 +41,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
-class HeldNumbers:
+class HeldModel:
     """linearisation: of the robot with its geometry, gains, a payload and stiff springs among the parameters.
 
     rigid: the parameters of the stiff springs, k_arm_x, and the name of the compliance that each stands for.
@@ -52,29 +51,29 @@ class HeldNumbers:
     rigid: dict[str, str]
 
     @classmethod
-    def of(cls, assembly: Assembly, there: LinearModel) -> HeldNumbers:
-        """Formulate the equations anew; without what they cannot have: torsions, a payload, geometry.
+    def of(cls, assembly: Assembly, fitted: LinearModel) -> HeldModel:
+        """Formulate the extended equations; without what they cannot have: torsions, a payload, geometry.
 
-        there: the model of a configuration of the fit.
+        fitted: the model of a configuration of the fit.
         """
         robot = assembly.linearisation.model.robot
         channels = [gain_name("u", at) for at in robot.motor_locations]
         outputs = {place for response in assembly.responses for place in response.outputs}
         channels += [gain_name("y", at) for at in sorted(outputs) if at in robot.locations]
         refused: ElastidError | ValueError | None = None
-        for extended, geometry in (
+        for (extended, rigid), geometry in (
             (_with_torsions(_with_payload(robot)), tuple(robot.geometry)),
             ((_with_payload(robot), {}), tuple(robot.geometry)),
             ((_with_payload(robot), {}), assembly.parameters.names),
             ((robot, {}), assembly.parameters.names),
         ):
             try:
-                found = cls(Linearisation.of_robot(extended[0], assembly.model, (*geometry, *channels)), extended[1])
-                found.at(assembly.parameters, there, assembly.parameters.x)
+                held = cls(Linearisation.of_robot(extended, assembly.model, (*geometry, *channels)), rigid)
+                held.at(assembly.parameters, fitted, assembly.parameters.x)
             except (ElastidError, ValueError) as error:
                 refused = error
             else:
-                return found
+                return held
         raise refused or AssertionError
 
     @property
@@ -87,30 +86,31 @@ class HeldNumbers:
     def theta(self, fitted: ParameterSet, x: FloatArray, configuration: str) -> FloatArray:
         """The numbers (n,) in SI where x (n_x,) is the estimate."""
         model = self.linearisation.model
-        here = dict(zip(fitted.names, fitted.expand(x, configuration).tolist(), strict=True))
+        estimates = dict(zip(fitted.names, fitted.expand(x, configuration).tolist(), strict=True))
         nominal = dict(zip(model.parameters, model.theta.tolist(), strict=True))
-        return np.array([here.get(name, nominal.get(name, 0.0)) for name in self.parameters])
+        return np.array([estimates.get(name, nominal.get(name, 0.0)) for name in self.parameters])
 
-    def at(self, fitted: ParameterSet, there: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
+    def at(self, fitted: ParameterSet, measured: LinearModel, x: FloatArray) -> tuple[LinearModel, FloatArray]:
         """The linear model of a configuration with slopes to all of `parameters`, and theta (n,).
 
-        there: its model in the fit, whose inputs and outputs are those measured.
+        measured: its model in the fit, whose inputs and outputs are those measured.
         """
-        theta = self.theta(fitted, x, there.configuration.name)
+        theta = self.theta(fitted, x, measured.configuration.name)
         own = theta[: len(self.linearisation.model.parameters)]
 
         def model_at(configuration: Configuration, linearisation: Linearisation) -> LinearModel:
-            return at_measured_places(linearisation.at(configuration, own, there.outputs, there.quantity), there)
+            places = linearisation.at(configuration, own, measured.outputs, measured.quantity)
+            return at_measured_places(places, measured)
 
-        model = model_at(there.configuration, self.linearisation)
+        model = model_at(measured.configuration, self.linearisation)
         slopes = dict(model.slopes) | {RATE: Slope(D=-model.D, K=-2 * model.K)}
         for name in self.rigid:
             k = model.number(np.append(own, 0.0), name)
             slopes[name] = _times(slopes[name], -(k**2))
         for place, joint in enumerate(self.linearisation.model.robot.driven):
-            angles = np.array(there.configuration.angles)
+            angles = np.array(measured.configuration.angles)
             angles[place] += ANGLE_STEP
-            moved = model_at(replace(there.configuration, angles=angles), self.linearisation.without_slopes)
+            moved = model_at(replace(measured.configuration, angles=angles), self.linearisation.without_slopes)
             slopes[f"angle_{joint.name}"] = _difference(model, moved, ANGLE_STEP)
             slopes |= _position_loop(model, joint.name)
         theta_ref = np.concatenate([own, np.zeros(len(self.parameters) - len(own))])
@@ -118,7 +118,7 @@ class HeldNumbers:
 
 
 def _with_payload(robot: Robot) -> Robot:
-    """The same with a payload of no mass at its tool, or at its last body, where it carries none."""
+    """The robot with a payload of no mass at its tool, or at its last body, where it carries none."""
     if robot.payload is not None:
         return robot
     tools = [frame.name for frame in robot.frames if frame.name == "tool"]
@@ -126,7 +126,7 @@ def _with_payload(robot: Robot) -> Robot:
 
 
 def _with_torsions(robot: Robot) -> tuple[Robot, dict[str, str]]:
-    """The same with stiff springs in rigid gears and about the free axes of bodies outside loops; their parameters."""
+    """The robot with stiff springs in rigid gears and about the free axes of bodies outside loops; their parameters."""
     springs = [joint.spring.stiffness for joint in robot.joints if joint.spring is not None and not joint.slides]
     stiff = Spring(STIFF_FACTOR * max(springs, default=STIFF_DEFAULT / STIFF_FACTOR))
     within = {robot.joints[i].name for i in robot.joints_in_loops}
@@ -171,11 +171,12 @@ def _difference(model: LinearModel, moved: LinearModel, step: float) -> Slope:
     W = np.linalg.lstsq(Z_moved, Z)[0]
     W += np.linalg.pinv(moved.B.T) @ (model.B.T - moved.B.T @ W)
 
-    def slope(one: FloatArray, other: FloatArray) -> FloatArray | None:
-        change = (other - one) / step
-        return change if np.any(np.abs(change) > 1e-9 * max(np.abs(one).max(initial=0.0), 1e-300)) else None
+    def slope(before: FloatArray, after: FloatArray) -> FloatArray | None:
+        change = (after - before) / step
+        return change if np.any(np.abs(change) > 1e-9 * max(np.abs(before).max(initial=0.0), 1e-300)) else None
 
     return Slope(
         *(slope(getattr(model, letter), W.T @ getattr(moved, letter) @ W) for letter in "MDK"),
-        *(slope(one, other @ W) for one, other in ((model.C, moved.C), (model.tilt, moved.tilt))),
+        slope(model.C, moved.C @ W),
+        slope(model.tilt, moved.tilt @ W),
     )

@@ -1,4 +1,4 @@
-r"""Score test: what one Gauss-Newton step would do that frees numbers which the fit held.
+r"""Score test (Rao) of numbers that a fit held: the drop of V by one Gauss-Newton step that frees them.
 
 With the residuals r and their derivatives J to what is free and J_h to what was held, all at the optimum,
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, FloatArray, IntArray
 
-# Of the information on a number the share that must be left beside the free parameters.
+# The least share of the information on a number that the free parameters may leave.
 MIN_INFORMATION_LEFT = 1e-7
 # Of the largest power of a set of numbers the least that is not rounding.
 MIN_POWER = 1e-13
@@ -37,7 +37,7 @@ class HeldNumber:
     """
 
     name: str
-    group: str
+    family: str
     value: float
     unit: str
     log: bool
@@ -51,7 +51,7 @@ class Candidate:
     """Numbers that are freed together: their places among all, and the directions (n_m, n_d) in which they may go."""
 
     name: str
-    group: str
+    family: str
     places: IntArray
     directions: FloatArray
 
@@ -94,14 +94,14 @@ class ScoreTest:
         return cls(tuple(numbers), S * np.outer(scale, scale), g * scale, response, known)
 
     def step(self, candidate: Candidate) -> Step:
-        """Of one candidate, shortened where it would leave what is plausible; zero where the data do not tell.
+        """The step of a candidate, shortened to what is plausible; zero where the data do not constrain it.
 
         Several numbers have a prior of the width of what is plausible, which decides where the data do not.
         """
         D, places = candidate.directions, candidate.places
         if not self.known[places].any():
             return Step(np.zeros(len(D)), 0.0)
-        S, g = self._of(candidate)
+        S, g = self._along(candidate)
         if len(g) == 1 and S[0, 0] <= 0:
             return Step(np.zeros(len(D)), 0.0)
         steps = D[:, 0] * (-g[0] / S[0, 0]) if len(g) == 1 else self._bounded(places, S, g)
@@ -110,16 +110,16 @@ class ScoreTest:
         return Step(steps, max(float(drop), 0.0))
 
     def std(self, candidate: Candidate) -> float:
-        """Of the first number's step, for residuals of unit variance."""
-        S, D = self._of(candidate)[0], candidate.directions
+        """The standard deviation of the first number's step, for residuals of unit variance."""
+        S, D = self._along(candidate)[0], candidate.directions
         return float(np.sqrt(max(D[0] @ np.linalg.pinv(S, hermitian=True) @ D[0], 0.0)))
 
     def correlations(self, candidates: Sequence[Candidate]) -> FloatArray:
-        """Squared correlations (n_c, n_c) of their effects beside the free parameters; 0 of several directions."""
+        """Squared correlations (n_c, n_c) of effects that free parameters leave; 0 of several directions."""
         D = np.zeros((len(self.numbers), len(candidates)))
-        for i, one in enumerate(candidates):
-            if one.directions.shape[1] == 1 and self.known[one.places].any():
-                D[one.places, i] = one.directions[:, 0]
+        for i, candidate in enumerate(candidates):
+            if candidate.directions.shape[1] == 1 and self.known[candidate.places].any():
+                D[candidate.places, i] = candidate.directions[:, 0]
         products = D.T @ self.S @ D
         size = np.diag(products)
         both = np.outer(size, size)
@@ -133,7 +133,7 @@ class ScoreTest:
         """The test of all numbers with a candidate at its step and free."""
         D, places = candidate.directions, candidate.places
         columns = self.S[:, places] @ D
-        back = columns @ np.linalg.pinv(self._of(candidate)[0], hermitian=True)
+        back = columns @ np.linalg.pinv(self._along(candidate)[0], hermitian=True)
         g = self.g + self.S[:, places] @ self.step(candidate).steps
         S = self.S - back @ columns.T
         known = self.known & (np.diag(S) > 1e-6 * np.diag(self.S))
@@ -141,7 +141,7 @@ class ScoreTest:
         return replace(self, S=S, g=g - back @ (D.T @ g[places]), response=response, known=known)
 
     def _bounded(self, places: IntArray, S: FloatArray, g: FloatArray) -> FloatArray:
-        """Of several numbers (n_m,), within their limits, which are the widths of priors, too."""
+        """The step of several numbers (n_m,) within their limits, which are the widths of priors, too."""
         limits = np.array([(self.numbers[i].lower, self.numbers[i].upper) for i in places]).T
         width = np.maximum(np.abs(limits).min(axis=0), MIN_WIDTH)
         size = np.sqrt(np.diag(S) + width**-2)
@@ -159,7 +159,7 @@ class ScoreTest:
     def _block(self, candidate: Candidate) -> FloatArray:
         return self.S[np.ix_(candidate.places, candidate.places)]
 
-    def _of(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
+    def _along(self, candidate: Candidate) -> tuple[FloatArray, FloatArray]:
         """S (n_d, n_d) and g (n_d,) along the directions of a candidate."""
         D = candidate.directions
         return D.T @ self._block(candidate) @ D, D.T @ self.g[candidate.places]
@@ -168,7 +168,7 @@ class ScoreTest:
         """The part of the steps that stays within all limits, at most 1."""
         part = 1.0
         for step, place in zip(steps, candidate.places, strict=True):
-            one = self.numbers[place]
-            limit = one.upper if step > 0 else -one.lower
+            number = self.numbers[place]
+            limit = number.upper if step > 0 else -number.lower
             part = min(part, limit / abs(step)) if step != 0 else part
         return max(part, 0.0)

@@ -1,0 +1,63 @@
+r"""Quantiles and tests that several rooms share: normal, t, chi-square and F; robust scale; false discovery control."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import chdtrc, chdtri, fdtrc, ndtri, stdtrit
+
+from elastid.base.arrays import BoolArray, FloatArray
+
+# 95 % of a normal distribution lie within so many standard deviations of its mean.
+QUANTILE_95 = 1.959964
+# The standard deviation of a normal distribution over its median absolute deviation.
+STD_OVER_MAD = 1.4826
+
+
+def small_sample_factor(n: int) -> float:
+    """The 95 % quantile of Student's t with n - 1 degrees of freedom over that of the normal distribution.
+
+    It widens a standard deviation that was estimated from n values.
+
+    >>> round(small_sample_factor(4), 3)
+    1.624
+    """
+    return float(stdtrit(n - 1, 0.975) / ndtri(0.975))
+
+
+def chi_square_limit(dof: int, tail: float) -> float:
+    """The value that a chi-square variable of `dof` degrees of freedom exceeds with probability `tail`.
+
+    >>> round(chi_square_limit(1, 0.05), 3)
+    3.841
+    """
+    return float(chdtri(dof, tail))
+
+
+def chi_square_tail(value: float, dof: float) -> float:
+    """The probability that a chi-square variable of `dof` degrees of freedom exceeds `value`."""
+    return float(chdtrc(dof, value))
+
+
+def f_test(drop: float, added: int, left: float, dof: float) -> float:
+    """The p-value of `added` further parameters that lower a sum of squares by `drop` to `left` with `dof` left.
+
+    >>> round(f_test(4.0, 1, 10.0, 10), 3)
+    0.073
+    """
+    return float(fdtrc(added, dof, (drop / added) / max(left / dof, 1e-300)))
+
+
+def robust_std(values: FloatArray) -> float:
+    """The standard deviation of normal values (n,) by their median absolute deviation, which outliers do not move."""
+    return STD_OVER_MAD * float(np.median(np.abs(values - np.median(values))))
+
+
+def discoveries(p_values: FloatArray, rate: float) -> BoolArray:
+    """Tests (n,) that are rejected at a false discovery rate (Benjamini and Hochberg 1995, by SciPy).
+
+    >>> discoveries(np.array([0.001, 0.02, 0.6]), 0.05).tolist()
+    [True, True, False]
+    """
+    from scipy.stats import false_discovery_control  # slow to load, and seldom needed
+
+    return np.asarray(false_discovery_control(p_values) <= rate)

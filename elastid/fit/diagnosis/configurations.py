@@ -1,0 +1,252 @@
+r"""Configurations that disagree: two groups with different parameters, as of two robots, and single foreign ones.
+
+.. math:: \min_{S} \Big[ \min_x \sum_{c \in S} V_c(x) + \min_x \sum_{c \notin S} V_c(x) \Big]
+
+The search for two groups starts with the two configurations whose own parameters describe all of them best, and
+alternates: fit each group, move every configuration to the group that describes it better, until none moves.  Where own
+parameters hardly describe a configuration better than common ones, no grouping does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, FloatArray
+from elastid.base.errors import FitError
+from elastid.base.note import Note
+from elastid.fit.diagnosis.hypothesis import Evidence
+from elastid.fit.diagnosis.prediction import as_read, settle, thinned
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.parameters import Parameter, Prior
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Thresholds of the judgement of configurations; false-alarm rates: not measured.
+
+    explained_share: of the excess of V; where a cause explains more, no configurations are sought that differ.
+    residual_ratio: of a configuration's residuals to the median of all, beyond which it is unlike the others.
+    removed_share, removed_alone: of V beyond the noise that two groups, and own parameters of each configuration,
+    remove.  cost_ratio, cost_ratio_alone: V of the others without foreign configurations over V with them, and the same
+    with own parameters.  difference: of a parameter between groups, in standard deviations.
+    """
+
+    explained_share: float = 0.8
+    residual_ratio: float = 5.0
+    removed_share: float = 0.8
+    removed_alone: float = 0.5
+    cost_ratio: float = 0.1
+    cost_ratio_alone: float = 0.5
+    difference: float = 5.0
+
+
+LIMITS = Limits()
+# Of the search for two groups: rounds, iterations of each fit, and the standard deviation (of ln p) of the prior about
+# the common optimum, since one configuration does not determine everything.
+MAX_ROUNDS, MAX_ITERATIONS, PRIOR_STD = 4, 40, 0.3
+# Steps that lower V by less than this part end a fit without foreign configurations; with up to so many
+# configurations, two are left out at once.
+MIN_DECREASE = 0.1
+MAX_CONFIGURATIONS_IN_PAIRS = 6
+# A note names at most so many parameters.
+MAX_NAMED = 3
+
+
+def find_disagreement(evidence: Evidence) -> tuple[Note, ...]:
+    """Notes on configurations unlike the others; else on two groups of them; else on foreign ones."""
+    result, fit, x = evidence.result, evidence.optimum.fit, evidence.optimum.end.x
+    unlike = find_unlike_configurations(fit, x) if result.model_error > 1 else ()
+    if unlike or not evidence.is_unexplained or evidence.best_share >= LIMITS.explained_share:
+        return unlike
+    groups, alone = tuple[Note, ...](), costs_alone(fit, x)
+    if result.exceeds_noise and alone is not None:
+        robots = evidence.assembly.spec.robots
+        groups = find_two_groups(fit, x, alone, evidence.optimum.end.cost, result.cost_expected, robots)
+    return groups or (find_foreign_configurations(fit, x, alone) if evidence.is_suspect else ())
+
+
+def find_unlike_configurations(fit: ElasticFit, x: FloatArray) -> tuple[Note, ...]:
+    """A note on each configuration that the model at x explains far worse than the others."""
+    fit = measured(fit)
+    if len(fit.parts) < 3:
+        return ()
+    counts = np.array([part.n_residuals for part in fit.parts])
+    level = np.sqrt(np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts]) / counts)
+    ratios = level / float(np.median(level))
+    return tuple(
+        Note(
+            "unlike-configuration",
+            f"its residuals are {ratio:.0f} times those of the other configurations; is it of "
+            "the same robot, with the same load, at the stated angles?",
+            f"configuration {part.configuration}",
+        )
+        for part, ratio in zip(fit.parts, ratios, strict=True)
+        if ratio > LIMITS.residual_ratio
+    )
+
+
+def find_foreign_configurations(fit: ElasticFit, x: FloatArray, alone: FloatArray | None = None) -> tuple[Note, ...]:
+    """A note on one configuration, or two of a few, without which the model explains the others far better.
+
+    alone: of `costs_alone`, where it is known; others that own parameters do not describe better are skipped.
+    """
+    fit = measured(fit)
+    thin, Q = thinned(fit), len(fit.parts)
+    own = np.zeros(Q) if alone is None else np.diag(alone)
+    common = np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts])
+    free = np.ones(len(x), dtype=bool)
+    for size in range(1, 3 if Q <= MAX_CONFIGURATIONS_IN_PAIRS else 2):
+        ratios: dict[tuple[int, ...], float] = {}
+        for left_out in combinations(range(Q), size) if Q - size >= 2 else ():
+            others = [i for i in range(Q) if i not in left_out]
+            if own[others].sum() > LIMITS.cost_ratio_alone * common[others].sum():
+                continue
+            rest = replace(thin, parts=tuple(thin.parts[i] for i in others))
+            before = rest.evaluate(x).cost
+            V = min(settle(as_read(), rest, start, free, MIN_DECREASE)[0] for start in (x, fit.parameters.x))
+            if LIMITS.cost_ratio * before >= V:
+                ratios[left_out] = V / before
+        if ratios:
+            best = min(ratios, key=lambda left_out: ratios[left_out])
+            names = " and ".join(fit.parts[i].configuration for i in best)
+            return (
+                Note(
+                    "foreign-configuration",
+                    f"without configuration {names} the model fits the others far better (V of these falls to "
+                    f"{100 * ratios[best]:.2g} %): are they of the same robot, with the same load, at the "
+                    "stated angles?",
+                ),
+            )
+    return ()
+
+
+def costs_alone(fit: ElasticFit, x: FloatArray) -> FloatArray | None:
+    """V_c (Q, Q) of each configuration, by column, with the parameters of each one's own, near x (n_x,).
+
+    None for fewer than two configurations, and where one of them cannot be fitted.
+    """
+    fit = measured(fit)
+    if len(fit.parts) < 2:
+        return None
+    values = dict(zip(fit.parameters.free_names, x.tolist(), strict=True))
+
+    def near(p: Parameter) -> Parameter:
+        """The parameter with a loose prior at x, if it has none and is logarithmic."""
+        if p.name not in values or p.prior is not None or not p.log:
+            return p
+        return replace(p, prior=Prior(math.exp(values[p.name]), PRIOR_STD))
+
+    parameters = replace(fit.parameters, parameters=tuple(map(near, fit.parameters.parameters)))
+    try:
+        return np.array(
+            [_costs(fit, _solve(replace(fit, parameters=parameters, parts=(part,)), x)) for part in fit.parts]
+        )
+    except FitError:
+        return None
+
+
+def measured(fit: ElasticFit) -> ElasticFit:
+    """The fit without configurations that are left out as a whole."""
+    return replace(fit, parts=tuple(part for part in fit.parts if part.n_residuals))
+
+
+@dataclass(frozen=True)
+class _Split:
+    """in_second (Q,): of the configurations.  first, second (n_x,): their parameters.  cost: V of both together."""
+
+    in_second: BoolArray
+    first: FloatArray
+    second: FloatArray
+    cost: float
+
+
+def find_two_groups(
+    fit: ElasticFit,
+    x: FloatArray,
+    alone: FloatArray,
+    cost: float,
+    noise_cost: float,
+    robots: Mapping[str, Sequence[str]],
+) -> tuple[Note, ...]:
+    """A note where two groups of configurations agree with parameters of their own, and not with common ones.
+
+    x (n_x,): the optimum of all, cost: V there.  alone: of `costs_alone`.  noise_cost: V by the noise alone.
+    robots: of fit.robots.
+    """
+    fit = measured(fit)
+    if float(np.trace(alone)) - noise_cost > (1 - LIMITS.removed_alone) * (cost - noise_cost):
+        return ()
+    try:
+        split = _split(fit, x, alone)
+    except FitError:
+        return ()
+    if split is None or split.cost - noise_cost > (1 - LIMITS.removed_share) * (cost - noise_cost):
+        return ()
+    groups = _group(fit, ~split.in_second), _group(fit, split.in_second)
+    first, second = ([part.configuration for part in group.parts] for group in groups)
+    members = f"configurations {', '.join(first)} on the one side and {', '.join(second)} on the other disagree"
+    left = f"fitted apart they leave V = {split.cost:.4g} instead of {cost:.4g}{_differences(fit, split)}"
+    return (Note("two-groups", f"{members}: {left}; {_advice(first, second, robots)}"),)
+
+
+def _advice(first: Sequence[str], second: Sequence[str], robots: Mapping[str, Sequence[str]]) -> str:
+    known, others = ([name for name, members in robots.items() if set(members) & set(g)] for g in (first, second))
+    if robots and not set(known) & set(others):
+        return f"these are the robots {', '.join(known)} and {', '.join(others)}: give what differs `per: robot`"
+    return (
+        "are they of two robots of one type, or with two loads? name them in fit.robots and give what differs `per: "
+        "robot`, or fit one of them alone"
+    )
+
+
+def _split(fit: ElasticFit, x: FloatArray, costs: FloatArray) -> _Split | None:
+    """The best two groups, from V (Q, Q) of `costs_alone`; None where one of them loses all its configurations."""
+    both = np.minimum(costs[:, None, :], costs[None, :, :]).sum(axis=2)
+    a, b = np.unravel_index(int(np.argmin(both)), both.shape)
+    in_second = costs[b] < costs[a]
+    for _ in range(MAX_ROUNDS):
+        if in_second.all() or not in_second.any():
+            return None
+        first, second = (_solve(_group(fit, group), x) for group in (~in_second, in_second))
+        of_first, of_second = _costs(fit, first), _costs(fit, second)
+        split = _Split(in_second, first, second, float(np.where(in_second, of_second, of_first).sum()))
+        moved = of_second < of_first
+        if np.array_equal(moved, in_second):
+            break
+        in_second = moved
+    return split
+
+
+def _group(fit: ElasticFit, members: BoolArray) -> ElasticFit:
+    return replace(fit, parts=tuple(part for part, member in zip(fit.parts, members, strict=True) if member))
+
+
+def _solve(fit: ElasticFit, x: FloatArray) -> FloatArray:
+    return solve(fit.problem, x, ROUGH, MAX_ITERATIONS).x
+
+
+def _costs(fit: ElasticFit, x: FloatArray) -> FloatArray:
+    """V_c (Q,) of each configuration at x."""
+    with np.errstate(all="ignore"):
+        costs = np.array([part.normal.at(fit.theta(part, x))[0] for part in fit.parts])
+    return np.where(np.isfinite(costs), costs, np.inf)
+
+
+def _differences(fit: ElasticFit, split: _Split) -> str:
+    """The parameters that differ most, with both values."""
+    variance = sum(
+        np.diag(np.linalg.pinv(_group(fit, group).evaluate(x).hessian / 2, hermitian=True))
+        for group, x in ((~split.in_second, split.first), (split.in_second, split.second))
+    )
+    z = np.abs(split.first - split.second) / np.sqrt(np.maximum(variance, 1e-300))
+    far = [i for i in np.argsort(-z)[:MAX_NAMED] if z[i] > LIMITS.difference]
+    first, second = (fit.parameters.as_dict(x) for x in (split.first, split.second))
+    free = fit.parameters.free
+    words = [f"{free[i].name} {first[free[i].name]:.4g} against {second[free[i].name]:.4g} {free[i].unit}" for i in far]
+    return f", with {', '.join(words)}" if words else ""

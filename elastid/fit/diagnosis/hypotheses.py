@@ -1,0 +1,230 @@
+r"""HYPOTHESES: every kind of cause that a diagnosis considers, with its usual size, its words and its plausibility.
+
+To add one, write a function and an entry.  An entry may be put into this list, or handed to `identify`:
+
+    def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
+        "Derivative to the share of motor 2's torque that is logged with that of motor 1."
+        return {"crosstalk_1": -response.G @ np.array([[0, 0], [1, 0]])}
+
+    MINE = Hypothesis("crosstalk", ("crosstalk",), Size(0.05, 0.5, unit="1"), columns=crosstalk,
+                      advice="check the wiring of the current sensors")
+    identify(responses, robot, spec, hypotheses=(MINE, *HYPOTHESES))
+
+`hypothesis` describes the fields.  All plausibilities are 1: causes are ranked by their share of the excess of V alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+from elastid.fit.diagnosis.configurations import find_disagreement
+from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size
+from elastid.fit.diagnosis.lateness import find_lateness
+from elastid.fit.diagnosis.misreadings import (
+    directions,
+    exchanged_channels,
+    exchanged_parts,
+    exchanged_postures,
+    find_misreading,
+    find_wrong_frequency_unit,
+    negated_phases,
+    quantities,
+    signs,
+)
+from elastid.fit.diagnosis.missing_springs import find_missing_springs
+from elastid.fit.diagnosis.sensitivities import channel_delays, gear_ratios, posture_angles, rate_column
+from elastid.fit.diagnosis.sentences import CHECK_OR_PRIOR, relative
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.result import FitResult
+
+
+def _gain(index: ModificationIndex) -> str:
+    _, role, where = index.name.split("_", 2)
+    signals, factor = "torques" if role == "u" else "motions", relative(math.exp(float(index.steps[0])))
+    if where == "*":
+        return f"{signals} of all channels that read {factor}"
+    return f"{signals[:-1]} at {where.replace('_', ' ')} that reads {factor}"
+
+
+def _gain_advice(index: ModificationIndex, _: FitResult) -> str:
+    advice = CHECK_OR_PRIOR.partition(",")[0] if index.name.endswith("*") else CHECK_OR_PRIOR
+    usual = (GAIN_U if index.name.startswith("gain_u") else GAIN_Y).usual
+    text = advice.format(name=index.name, usual=usual)
+    return text.replace("check it", "check torque constants, units and scales of the channels", 1)
+
+
+def _angle(index: ModificationIndex) -> str:
+    axis, _, configuration = index.name.partition("_")[2].partition("@")
+    where = f"in configuration {configuration}" if configuration else "in all configurations"
+    return f"an angle of axis {axis} {math.degrees(float(index.steps[0])):+.2g} deg {where}"
+
+
+def _rate(index: ModificationIndex) -> str:
+    return f"a sampling rate {relative(1 + float(index.steps[0]))} (and motions from positions)"
+
+
+def _compliance(index: ModificationIndex) -> str:
+    kind, _, where = index.name.partition("_")
+    k = 1 / index.changed[0] if index.changed[0] > 0 else math.inf
+    if kind == "gear":
+        return f"elasticity in the gear of axis {where} of {k:.2g} N*m/rad"
+    body, _, axis = where.rpartition("_")
+    return f"an elastic rotation of body {body} about its {axis} axis of {k:.2g} N*m/rad"
+
+
+def _position_loop(index: ModificationIndex) -> str:
+    where = index.name.partition("_")[2]
+    whose = "all motors" if where == "*" else f"motor {where}"
+    return f"a position loop of {math.sqrt(max(index.changed[0], 0.0)) / (2 * math.pi):.2g} Hz around {whose}"
+
+
+def _payload(index: ModificationIndex) -> str:
+    """Mass, centre and inertia of a body together; as a further mass where they are one."""
+    body = index.name.partition("_")[2]
+    mass, new = float(index.values[0]), index.changed[0]
+    more = new - mass
+    centres = {
+        name[-1]: (new * changed - mass * float(value))
+        for name, value, changed in zip(index.members, index.values, index.changed, strict=True)
+        if name[0] == "c"
+    }
+    if not more > 0 or len(centres) < 3:
+        return f"mass, centre of mass and inertia of {body} ({mass:.4g} to {new:.4g} kg)"
+    centre = ", ".join(f"{centres[axis] / more:.2g}" for axis in "xyz")
+    return f"{more:.2g} kg more on {body}, about [{centre}] m in its axes"
+
+
+def _late(index: ModificationIndex) -> str:
+    T = float(index.steps[0])
+    form = next(form for form in ("delay", "low_pass", "hold") if index.name.startswith(form))
+    role, _, place = index.name.removeprefix(form).lstrip("_").partition("_")
+    on = f" of {role} at {place.replace('_', ' ')}" if role else ""
+    if form == "delay":
+        return f"a delay of {T / 1e-3:.3g} ms{on}"
+    if form == "low_pass":
+        size = f"a low pass of first order of {abs(T) / 1e-3:.3g} ms ({1 / (2 * math.pi * abs(T)):.3g} Hz){on}"
+        return size if T > 0 else f"{size} that was taken out where there is none"
+    if T < 0:
+        return f"a torque that acts {-T / 2e-3:.3g} ms earlier than it was taken to{on}"
+    return f"a torque that acts {T / 2e-3:.3g} ms late, held for {T / 1e-3:.3g} ms{on}"
+
+
+def _late_advice(index: ModificationIndex, result: FitResult) -> str:
+    delay, names = "free delay (fit.parameters: {delay: {}})", (index.name, *index.alike)
+    hold = next((each for each in result.indices if each.name == "hold" and each.name in names), None)
+    if hold is not None and hold.steps[0] < 0:
+        return "leave hold: zero-order out where u was measured, and check the delay"
+    if hold is not None:
+        text = (
+            f"where u is a command that the drive holds, a sample at {1 / float(hold.steps[0]):.4g} Hz, say hold: "
+            "zero-order in experiment.recorded (with rate_hz in experiment.responses)"
+        )
+        return f"{text}; where the torque loop or a log delays it, {delay}" if "delay" in names else text
+    if index.name == "delay":
+        return f"{delay}, or give the robot's chain its lags"
+    if index.name == "low_pass":
+        return "give the robot's chain the sensor_lag of its encoders, or the torque_lag of its drives"
+    return "check the filter and the time stamps of this channel; a log leads to the fit once all channels are in time"
+
+
+GAIN_U, GAIN_Y = Size(0.05, math.log(2), True, "1"), Size(0.01, math.log(2), True, "1")
+_STIFFNESSES = ("k", "km", "ki", "kc", "k2", "k2s", "k3")
+_LENGTHS = ("p", "pj", "p1", "p2", "pc1", "pc2", "l", "L0")
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Hypothesis("frequency unit", notes=find_wrong_frequency_unit),
+    # Channels and clocks.
+    Hypothesis("gain", ("gain_u",), GAIN_U, True, _gain, _gain_advice),
+    Hypothesis("gain", ("gain_y",), GAIN_Y, True, _gain, _gain_advice),
+    Hypothesis("rate", ("rate",), Size(0.005, 0.2, unit="1"), False, _rate, "check rate_hz", columns=rate_column),
+    Hypothesis(
+        "time",
+        ("delay", "low", "hold"),
+        Size(5e-4, 0.05, unit="s"),
+        phrase=_late,
+        advice=_late_advice,
+        columns=channel_delays,
+        search=find_lateness,
+    ),
+    Hypothesis("time", ("torque", "sensor", "differentiator"), Size(0.3, math.log(10), True)),
+    Hypothesis(
+        "gear ratio",
+        ("ratio",),
+        Size(0.005, math.log(1.5), True, "1"),
+        is_common=True,
+        advice="check the ratios in the robot's file",
+        columns=gear_ratios,
+    ),
+    Hypothesis(
+        "angle",
+        ("angle",),
+        Size(0.02, 0.6, unit="rad"),
+        phrase=_angle,
+        advice="check the zero of the axis, and the angles that the configurations have",
+        columns=posture_angles,
+    ),
+    # The robot's file.
+    Hypothesis("motor inertia", ("Jm",), Size(0.05, math.log(3), True), is_common=True),
+    Hypothesis("mass", ("m",), Size(0.05, math.log(3), True)),
+    Hypothesis("centre of mass", ("c",), Size(0.02, 0.3)),
+    Hypothesis("centre of mass", ("a",), Size(0.05, 0.5)),
+    Hypothesis("inertia", ("I",), Size(0.15, math.log(5), True)),
+    Hypothesis("stiffness", _STIFFNESSES, Size(0.3, math.log(30), True)),
+    Hypothesis("damping", ("d", "dm", "f", "fm"), Size(0.5, math.log(100), True)),
+    Hypothesis("length", _LENGTHS, Size(0.005, 0.2)),
+    Hypothesis(
+        "payload",
+        phrase=_payload,
+        advice="is a payload forgotten? give it as payload in the robot's file, or check body {where}",
+    ),
+    # How the torque was logged.
+    Hypothesis(
+        "position loop",
+        ("loop",),
+        Size(math.inf, math.inf, unit="1/s^2", grows=True),
+        is_common=True,
+        phrase=_position_loop,
+        advice="is the torque that was logged the reference of a controller? log the torque or current of the drive",
+    ),
+    # How the responses were read.
+    Hypothesis("sign", changes=signs, advice="check sign, scale and gear ratio of the channel"),
+    Hypothesis(
+        "direction",
+        changes=directions,
+        advice="check the axis of its joint, the sign of its ratio and the signs of its channels",
+    ),
+    Hypothesis("exchanged channels", changes=exchanged_channels, advice="check which channel is which"),
+    Hypothesis(
+        "exchanged postures",
+        changes=exchanged_postures,
+        advice="check which record is of which posture, and the angles of both",
+    ),
+    Hypothesis(
+        "phase",
+        changes=negated_phases,
+        advice="they were written with the convention exp(-j omega t); take their complex conjugates",
+    ),
+    Hypothesis("parts", changes=exchanged_parts, advice="check which column or field is which"),
+    Hypothesis(
+        "quantity",
+        changes=quantities,
+        advice="check the quantity (position, velocity, acceleration) of the y channels",
+    ),
+    Hypothesis(
+        SCALE,
+        phrase=lambda index: f"channels in another scale ({index.name})",
+        advice="check unit, scale, side (link or motor) and gear ratio of the channels, and the inertias of the robot",
+        search=find_misreading,
+    ),
+    # What the robot's file lacks.
+    Hypothesis(
+        "compliance",
+        ("torsion", "gear"),
+        Size(math.inf, math.inf, unit="rad/(N*m)", grows=True),
+        phrase=_compliance,
+        advice="add it to the robot's file with a spring, and let elastid compare --search judge it",
+        search=find_missing_springs,
+    ),
+    Hypothesis("configurations", notes=find_disagreement),
+    Hypothesis("number", ("*",), Size(0.1, 1.0, True)),
+)

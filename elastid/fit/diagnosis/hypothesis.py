@@ -1,0 +1,182 @@
+"""Hypothesis: a kind of cause for residuals beyond the noise; Evidence: the fit and score test that it is judged by.
+
+A hypothesis proposes its causes in one of these ways, each a plain function:
+
+- `columns`: derivatives of the response to numbers that the fit held; one score test judges them all.
+- `changes`: other readings of the responses, as changes of the model's, judged by V after a step with each.
+- `search`: causes that no derivative at the optimum describes, such as a resonance within the band.
+- `notes`: sentences on causes that V does not rank.
+
+A number that is a parameter of the equations needs none of them: its name, its usual size and words are enough.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.note import Note
+from elastid.base.statistics import chi_square_limit
+from elastid.fit.diagnosis.held_model import HeldModel
+from elastid.fit.diagnosis.prediction import Reading
+from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
+from elastid.fit.diagnosis.sensitivities import Evaluated, HeldResponse
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.problem.residuals import error_gain
+from elastid.fit.result import FitResult
+from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
+from elastid.fit.uncertainty.covariance import Uncertainty
+
+Columns: TypeAlias = Callable[[HeldResponse], Mapping[str, ComplexArray]]
+
+# Responses may have been misread beyond this model error or, where the noise is unknown, where the model explains a
+# smaller share of them.  False-alarm rate: not measured.
+SUSPECT_MODEL_ERROR = 10.0
+SUSPECT_EXPLAINED_SHARE = 0.9
+# Probability that any of the candidates has so large a drop by the noise alone; measured: 3 of 300 clean fits
+# (scripts/studies/modification_indices.py).  Bonferroni over all candidates, not a false discovery rate: a single
+# false cause in a report is one too many, and their drops are strongly correlated.
+FALSE_ALARM_RATE = 0.01
+# The family of channels in another unit, whose readings follow from the size of the responses.
+SCALE = "scale"
+
+
+@dataclass(frozen=True)
+class Size:
+    """usual, limit: of a change, of ln p where log and the value is positive, else SI.  grows: only upwards, from 0."""
+
+    usual: float
+    limit: float
+    log: bool = False
+    unit: str = ""
+    grows: bool = False
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """family: the noun for its causes.  numbers: how their names begin, up to an underscore.
+
+    size: of a plausible step of its numbers.  is_common: one mistake may scale all of them by one factor.
+    phrase, advice: the cause as a clause, and the next action; `{name}`, `{where}` and `{usual}` are filled in.
+    plausibility: prior weight of the family, by which its share of the excess is multiplied when causes are ranked.
+    """
+
+    family: str
+    numbers: tuple[str, ...] = ()
+    size: Size | None = None
+    is_common: bool = False
+    phrase: Callable[[ModificationIndex], str] | None = None
+    advice: str | Callable[[ModificationIndex, FitResult], str] = ""
+    plausibility: float = 1.0
+    columns: Columns | None = None
+    changes: Callable[[Sequence[Evaluated], FloatArray], Iterator[Reading]] | None = None
+    search: Callable[[list[ModificationIndex], Evidence, Scores], list[ModificationIndex]] | None = None
+    notes: Callable[[Evidence], tuple[Note, ...]] | None = None
+
+    def number(self, name: str, value: float, unit: str = "") -> HeldNumber:
+        """A held number of its own with the steps that are plausible; a positive quantity of value 0 only grows."""
+        size = self.size or Size(0.1, 1.0, log=True)
+        unit = unit or size.unit
+        if size.log and value > 0:
+            return HeldNumber(name, self.family, value, unit, True, -size.limit, size.limit, size.usual)
+        is_product_of_inertia = name.startswith("I_") and name[-3:] in ("_xy", "_xz", "_yz")
+        if size.grows or (size.log and value == 0 and not is_product_of_inertia):
+            return HeldNumber(name, self.family, value, unit, False, 0.0, math.inf, math.inf)
+        if size.log:
+            return HeldNumber(name, self.family, value, unit, False, -math.inf, math.inf, math.inf)
+        lower = -value if name == "delay" else -size.limit
+        return HeldNumber(name, self.family, value, unit, False, lower, size.limit, size.usual)
+
+
+def hypothesis_of(name: str, hypotheses: Sequence[Hypothesis]) -> Hypothesis:
+    """The hypothesis of a number by the beginning of its name; the last one that has numbers where none fits."""
+    first, second = (*name.split("_", 2), "")[:2]
+    by_number = {number: hypothesis for hypothesis in hypotheses for number in hypothesis.numbers}
+    return by_number.get(f"{first}_{second}") or by_number.get(first) or by_number["*"]
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """The score test of all candidates on thinned lines.
+
+    excess: of V over the noise.  level: of the residuals' variance by the noise.  lines: share of all residuals.
+    noise: V by the noise alone, of all residuals.  held: the model with what is freed.
+    """
+
+    held: HeldModel
+    test: ScoreTest
+    candidates: tuple[Candidate, ...]
+    excess: float
+    level: float
+    lines: float
+    noise: float
+
+    @property
+    def significant(self) -> dict[int, float]:
+        """The drop that one of all candidates has by the noise alone at the false-alarm rate, by its directions."""
+        counts = {candidate.directions.shape[1] for candidate in self.candidates}
+        tail = FALSE_ALARM_RATE / max(len(self.candidates), 1)
+        return {n: max(self.level, 1e-300) * chi_square_limit(n, tail) for n in counts}
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """A fit that ended, the hypotheses it is judged by, and the scores of what it held where they are known."""
+
+    assembly: Assembly
+    optimum: RelinearisedOptimum
+    uncertainty: Uncertainty
+    result: FitResult
+    hypotheses: tuple[Hypothesis, ...]
+    scores: Scores | None = None
+
+    @property
+    def noise_is_measured(self) -> bool:
+        """True if any response came with a measured noise."""
+        return any(weights.noise is not None for weights in self.optimum.weights)
+
+    @property
+    def noise_cost(self) -> float:
+        """V by the noise alone; where none was measured, residuals are its only estimate, and it excuses nothing."""
+        return self.result.cost_expected if self.noise_is_measured else 0.0
+
+    @cached_property
+    def explained(self) -> float:
+        """The share of the responses that the model explains, known noise aside; negative if it is worse than none."""
+        fit, x = self.optimum.fit, self.optimum.end.x
+        left, total = 0.0, 0.0
+        for part in fit.parts:
+            weight = part.gain * np.abs(error_gain(part.criterion, part.measured))
+            used = part.gain > 0
+            error = np.where(used, weight * (part.measured - part.kernel.response(fit.theta(part, x))), 0.0)
+            left += float(np.sum(np.abs(error) ** 2))
+            total += float(np.sum(np.abs(np.where(used, weight * part.measured, 0.0)) ** 2))
+        return 1 - max(left - self.noise_cost, 0.0) / max(total - self.noise_cost, 1e-300)
+
+    @property
+    def is_suspect(self) -> bool:
+        """True if the residuals are so large that responses may have been misread."""
+        if self.noise_is_measured:
+            return self.result.model_error > SUSPECT_MODEL_ERROR
+        return self.explained < SUSPECT_EXPLAINED_SHARE
+
+    @property
+    def is_unexplained(self) -> bool:
+        """True if V exceeds the noise, or responses may have been misread."""
+        return self.result.exceeds_noise or self.is_suspect
+
+    @property
+    def best_share(self) -> float:
+        """The share of the excess of V that the first cause explains."""
+        return next((index.share for index in self.result.indices), 0.0)
+
+    @property
+    def misread_families(self) -> set[str]:
+        """Families of hypotheses that read the responses otherwise."""
+        return {h.family for h in self.hypotheses if h.changes is not None} | {SCALE}

@@ -1,0 +1,237 @@
+"""The judge: one score test of everything that a fit held, and the ranking of all causes that hypotheses propose.
+
+Numbers by one evaluation at the optimum (`score_test`), then what hypotheses search for themselves: forms of lateness,
+readings of channels and postures, springs that the robot's file lacks.  Causes are ranked by the share of the excess of
+V that each explains, times the prior plausibility of its family; the best is followed by what explains more with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from elastid.base.arrays import FloatArray
+from elastid.base.execution import Execution
+from elastid.fit.diagnosis.held_model import HeldModel
+from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of
+from elastid.fit.diagnosis.lateness import as_delay
+from elastid.fit.diagnosis.prediction import thinned
+from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
+from elastid.fit.diagnosis.sensitivities import evaluate_held
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.problem.elastic import Part
+from elastid.parameters import ParameterSet
+from elastid.robot import Robot
+
+# Real residuals of the score test: with more, every so many lines of each configuration are taken.
+MAX_RESIDUALS = 60_000
+# Squared correlation, and ratio of the drops, from which two candidates cannot be distinguished; and ratio of the
+# drops from which the more usual of the two is named first.
+MIN_EQUAL_CORRELATION = 0.95
+MIN_EQUAL_DROP = 0.9
+MIN_SAME_DROP = 0.99
+# Each further number that is freed at once counts like so much less of the excess; each in a sequence explains so much.
+SHARE_OF_NUMBER = 0.03
+MIN_FURTHER_SHARE = 0.05
+MAX_SEQUENCE = 3
+# Candidates in the table, and those of them that are judged by their forms.
+MAX_ALONE = 15
+MAX_RANKED = 25
+
+
+@dataclass(frozen=True, eq=False)
+class _Sums:
+    """J^T J (n, n), J^T r (n,) and r^T r; held: names of the columns of J after those of x (n_x,)."""
+
+    A: FloatArray
+    b: FloatArray
+    V: float
+    held: tuple[str, ...]
+
+
+def score(evidence: Evidence, execution: Execution) -> Scores:
+    """The score test at the optimum; parameters at a bound stay there."""
+    assembly, fit, x = evidence.assembly, evidence.optimum.fit, evidence.optimum.end.x
+    held, thin = HeldModel.of(assembly, fit.parts[0].kernel.model), thinned(fit, MAX_RESIDUALS)
+    columns = tuple(h.columns for h in evidence.hypotheses if h.columns is not None)
+    sums = partial(_sums, held, assembly.parameters, x, columns)
+    parts = [part for part in thin.parts if part.n_residuals]
+    A, b, V, names = _added(execution.ordered(sums, parts), len(x))
+    numbers, scale = _held_numbers(names, evidence, held, x)
+    every = np.concatenate([np.ones(len(x)), scale])
+    A, b = A * np.outer(every, every), b * every
+    A[range(len(x)), range(len(x))] += fit.prior_slopes**2
+    lines = thin.n_residuals / max(fit.n_residuals, 1)
+    noise = evidence.noise_cost * lines
+    return Scores(
+        held,
+        ScoreTest.of(numbers, A, b, ~evidence.result.at_bound),
+        tuple(candidates(numbers, held.linearisation.model.robot, evidence.hypotheses)),
+        V - noise,
+        (noise or V) / max(thin.n_residuals - len(x), 1),
+        lines,
+        evidence.noise_cost,
+    )
+
+
+def _sums(held: HeldModel, fitted: ParameterSet, x: FloatArray, columns: Sequence[Columns], part: Part) -> _Sums:
+    """The sums over one configuration."""
+    evaluated = evaluate_held(held, fitted, x, columns, part)
+    J = -evaluated.whitened(np.concatenate([evaluated.free, np.stack(list(evaluated.held.values()))]))
+    r = evaluated.residual
+    return _Sums(J @ J.T, J @ r, float(r @ r), tuple(evaluated.held))
+
+
+def _added(every: Iterable[_Sums], n_x: int) -> tuple[FloatArray, FloatArray, float, tuple[str, ...]]:
+    """J^T J, J^T r and r^T r over all configurations, and the names of the columns after those of x."""
+    names: dict[str, int] = {}
+    A, b, V = np.zeros((n_x, n_x)), np.zeros(n_x), 0.0
+    for sums in every:
+        for name in sums.held:
+            names.setdefault(name, len(names))
+        more = n_x + len(names) - len(b)
+        A, b = np.pad(A, (0, more)), np.pad(b, (0, more))
+        places = np.concatenate([np.arange(n_x), [n_x + names[name] for name in sums.held]]).astype(int)
+        A[np.ix_(places, places)] += sums.A
+        b[places] += sums.b
+        V += sums.V
+    return A, b, V, tuple(names)
+
+
+def _held_numbers(
+    names: Sequence[str], evidence: Evidence, held: HeldModel, x: FloatArray
+) -> tuple[list[HeldNumber], FloatArray]:
+    """The numbers by name, and dp / d ln p (n_h,) of the logarithmic ones."""
+    assembly, robot = evidence.assembly, held.linearisation.model.robot
+    theta = held.theta(assembly.parameters, x, assembly.responses[0].configuration.name)
+    values = dict(zip(held.parameters, theta.tolist(), strict=True))
+    units = {name: unit for name, (_, unit) in robot.parameters(held.linearisation.model.parameters).items()}
+    numbers, scale = [], []
+    for name in names:
+        is_ratio = name.startswith("ratio_")
+        value, unit = values.get(name, 0.0), units.get(name, "")
+        if name in held.rigid:
+            name, value, unit = held.rigid[name], 0.0, ""
+        elif is_ratio:
+            value, unit = abs(robot.ratio(name.removeprefix("ratio_"))), ""
+        number = hypothesis_of(name, evidence.hypotheses).number(name, value, unit)
+        numbers.append(number)
+        scale.append(number.value if number.log and not is_ratio else 1.0)  # the slope of a ratio is to its logarithm
+    return numbers, np.array(scale)
+
+
+def candidates(numbers: Sequence[HeldNumber], robot: Robot, hypotheses: Sequence[Hypothesis]) -> list[Candidate]:
+    """Each number alone, then common factors of several, then mass, centre and inertia of each body.
+
+    A torque constant that is wrong in every drive is one error and not six: gain_u_* is a factor of all of them.
+    """
+    place = {number.name: i for i, number in enumerate(numbers)}
+    single = [Candidate(number.name, number.family, np.array([i]), np.eye(1)) for i, number in enumerate(numbers)]
+
+    def common(name: str, members: list[int]) -> list[Candidate]:
+        if len(members) < 2 or len({numbers[i].log for i in members}) > 1:
+            return []
+        return [Candidate(name, numbers[members[0]].family, np.array(members), np.ones((len(members), 1)))]
+
+    joint: list[Candidate] = []
+    for prefix in (prefix for h in hypotheses if h.is_common for prefix in h.numbers):
+        joint += common(f"{prefix}_*", [i for name, i in place.items() if name.startswith(f"{prefix}_")])
+    for body in robot.bodies:
+        moments = [f"I_{body.name}_{axis}" for axis in ("xx", "yy", "zz")]
+        joint += common(f"I_{body.name}_*", [place[name] for name in moments if name in place])
+        inertial = [f"m_{body.name}", *(f"c_{body.name}_{axis}" for axis in "xyz")]
+        inertial += [f"I_{body.name}{suffix}" for suffix in body.inertia_entries]
+        members = [place[name] for name in inertial if name in place]
+        if inertial[0] in place and len(members) > 1:
+            joint.append(Candidate(f"payload_{body.name}", "payload", np.array(members), np.eye(len(members))))
+    return [*single, *joint]
+
+
+def modification_indices(evidence: Evidence, scores: Scores) -> tuple[ModificationIndex, ...]:
+    """Causes that lower V by more than chance: the best and what explains more with it, then each alone.
+
+    Largest share first, each further number of a candidate counting against it.  Where V is that of the noise, a share
+    may be of hardly any excess.
+    """
+    indices = _ranked(scores.test, scores)
+    for hypothesis in evidence.hypotheses:
+        if hypothesis.search is not None:
+            indices = hypothesis.search(indices, evidence, scores)
+    if not indices:
+        return ()
+    weights = {hypothesis.family: hypothesis.plausibility for hypothesis in evidence.hypotheses}
+
+    def rank(index: ModificationIndex) -> float:
+        further = (len(index.members) - 1) * (not index.name.endswith("*"))
+        return (index.share - SHARE_OF_NUMBER * further) * weights.get(index.group, 1.0)
+
+    alone = sorted(indices, key=rank, reverse=True)
+    first = _most_usual(alone, scores)
+    alone = [first, *(index for index in alone if index.name != first.name)][:MAX_ALONE]
+    return (replace(first, place=1), *_further(first, scores), *alone)
+
+
+def _most_usual(alone: list[ModificationIndex], scores: Scores) -> ModificationIndex:
+    """The best cause; of those that explain as much in the same way, the one whose step is the most usual."""
+    best, usual = alone[0], {number.name: number.usual for number in scores.test.numbers}
+    equal = [index for index in alone if index.name in best.alike and index.share > MIN_SAME_DROP * best.share]
+    choice = [index for index in (best, *equal) if index.members]
+    if not equal or len(choice) < 2:
+        return best
+    first = min(choice, key=lambda index: abs(index.steps[0]) / usual.get(index.members[0], math.inf))
+    return replace(first, alike=tuple(name for name in (best.name, *best.alike) if name != first.name))
+
+
+def _further(first: ModificationIndex, scores: Scores) -> list[ModificationIndex]:
+    """The best number with the first freed, the best with both freed."""
+    by_name = {candidate.name: candidate for candidate in scores.candidates}
+    before, further, test = first, list[ModificationIndex](), scores.test
+    for place in range(2, MAX_SEQUENCE + 1):
+        linear = as_delay(before.name)
+        if linear not in by_name or before.group == "compliance":  # a further resonance is no linear change
+            break
+        test = test.freed(by_name[linear])
+        best = [index for index in _ranked(test, scores, place, 1)[:1] if index.share >= MIN_FURTHER_SHARE]
+        if not best:
+            break
+        further += best
+        before = best[0]
+    return further
+
+
+def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = MAX_RANKED) -> list[ModificationIndex]:
+    """Candidates with a significant drop, best first: so many, and every delay, which has several forms."""
+    every, significant = scores.candidates, scores.significant
+    steps = [test.step(candidate) for candidate in every]
+    drops = np.array([step.drop for step in steps])
+    charge = SHARE_OF_NUMBER * max(scores.excess, 0.0)
+    counts = np.array([candidate.directions.shape[1] for candidate in every])
+    order = [int(i) for i in np.argsort(-(drops - charge * (counts - 1))) if drops[i] > significant[int(counts[i])]]
+    correlations = test.correlations(every)
+
+    def index(i: int) -> ModificationIndex:
+        candidate, step = every[i], steps[i]
+        members = [test.numbers[k] for k in candidate.places]
+        is_equal = (drops > MIN_EQUAL_DROP * drops[i]) & (correlations[i] > MIN_EQUAL_CORRELATION)
+        equal = [int(j) for j in np.flatnonzero(is_equal) if j != i]
+        return ModificationIndex(
+            name=candidate.name,
+            group=candidate.family,
+            members=tuple(number.name for number in members),
+            values=np.array([number.value for number in members]),
+            units=tuple(number.unit for number in members),
+            log=tuple(number.log for number in members),
+            steps=step.steps,
+            std=test.std(candidate) * math.sqrt(max(scores.level, 0.0)),
+            drop=step.drop / scores.lines,
+            share=step.drop / max(scores.excess, 1e-300),
+            effects=test.effects(candidate, step),
+            alike=tuple(every[j].name for j in sorted(equal, key=lambda j: -drops[j])),
+            place=place,
+        )
+
+    return [index(i) for k, i in enumerate(order) if k < most or every[i].name.startswith("delay")]

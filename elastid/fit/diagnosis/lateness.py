@@ -1,0 +1,216 @@
+r"""Lateness of a channel, or of all: a delay, a low pass, a hold, which differ in gain and curvature.
+
+.. math:: D = e^{-j \omega T}, \qquad L = \frac{1}{1 + j \omega T}, \qquad
+          H = e^{-j \omega T / 2}\, \frac{\sin \omega T / 2}{\omega T / 2}
+
+To first order all are a delay. T follows by a search in one dimension, the parameters of the fit by one Gauss-Newton
+step at each. A hold is that of a torque between its samples; a negative T is a hold that was taken out where none is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.prediction import Prediction, Reading, evaluate, predict, squares, thinned
+from elastid.fit.diagnosis.sensitivities import Evaluated
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.problem.elastic import ElasticFit
+from elastid.robot import gain_name
+
+Factor: TypeAlias = Callable[[FloatArray, float], ComplexArray]
+
+# f T at the upper edge of the longest that is looked for; evaluations of the search in one dimension.
+MAX_EDGE_PHASE = 0.8
+MAX_EVALUATIONS = 14
+# Where the search for a hold begins, of f T at the upper edge: next to a free delay the sinc is flat at zero.
+HOLD_STARTS = (-0.1, 0.1, 0.4)
+# A delay is followed by its forms if it explains so much, alone and as a part of the best delay; so many of them.
+MIN_SHARE = 0.1
+MIN_PART_OF_BEST = 0.5
+MAX_FOLLOWED = 2
+# Forms whose V differs by less, in variances of the noise and as a part of what is left, cannot be distinguished.
+MIN_FORM_DROP = 10.0
+MIN_FORM_SHARE = 0.01
+# Standard deviation of ln p of a parameter that the data constrain.
+MAX_STD = 1.0
+
+
+def delay(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """D (F,) of a signal that is T late."""
+    return np.asarray(np.exp(-2j * np.pi * freq_hz * T))
+
+
+def low_pass(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """L (F,) of a filter of first order with the time constant T, its inverse where T is negative."""
+    L = 1 / (1 + 2j * np.pi * freq_hz * abs(T))
+    return np.asarray(L if T >= 0 else 1 / L)
+
+
+def hold(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """H (F,) of a torque held for T, its inverse where T is negative."""
+    H = np.exp(-1j * np.pi * freq_hz * abs(T)) * np.sinc(freq_hz * abs(T))
+    return np.asarray(H if T >= 0 else 1 / H)
+
+
+def hold_amplitude(freq_hz: FloatArray, T: float) -> ComplexArray:
+    """|H| (F,), its inverse where T is negative."""
+    H = np.sinc(freq_hz * abs(T)).astype(complex)
+    return np.asarray(H if T >= 0 else 1 / H)
+
+
+@dataclass(frozen=True, eq=False)
+class Late:
+    """A form of lateness of all channels, of an output or of an input, with the T in s that fits best."""
+
+    form: str
+    role: str
+    place: str
+    time: float
+    prediction: Prediction
+
+    @property
+    def name(self) -> str:
+        """`delay`, `low_pass_y_motor_2` ..."""
+        return late_name(self.form, self.role, self.place)
+
+    @property
+    def cost(self) -> float:
+        """V with it, after a step."""
+        return self.prediction.cost
+
+
+def late_name(form: str, role: str, place: str) -> str:
+    """The name of a form of lateness of a channel, of all channels without a role."""
+    return gain_name(role, place).replace("gain", form, 1) if role else form
+
+
+def as_delay(name: str) -> str:
+    """The delay that a form of lateness is to first order; any other name as it is."""
+    form = next((form for form in ("low_pass", "hold") if name.startswith(form)), "")
+    return f"delay{name.removeprefix(form)}" if form else name
+
+
+@dataclass(frozen=True, eq=False)
+class LatenessSearch:
+    """Configurations evaluated at one point.  prior (n_x,): 1 / s of the priors.  free (n_x,): what may follow."""
+
+    evaluated: Sequence[Evaluated]
+    prior: FloatArray
+    free: BoolArray
+
+    def best_forms(self, role: str, place: str, start: float) -> Iterator[Late]:
+        """The best T of each form of an output (y), an input (u) or of all (""), near a delay of `start`."""
+        yield self._best("delay", delay, role, place, start)
+        yield self._best("low_pass", low_pass, role, place, start)
+        if role != "y":
+            yield self._best("hold", hold, role, place, 2.0 * start)
+
+    def best_hold(self, delay_is_free: bool = False) -> Late:
+        """The best hold of all torques; next to a free delay, which takes its phase, by its amplitude alone."""
+        factor, edge_hz = hold_amplitude if delay_is_free else hold, self._edge_hz
+        holds = [
+            self._between("hold", factor, "", "", (0.2 * phase / edge_hz, 2 * phase / edge_hz)) for phase in HOLD_STARTS
+        ]
+        return min(holds, key=lambda late: late.cost)
+
+    @property
+    def _edge_hz(self) -> float:
+        return max(float(e.part.kernel.freq_hz.max()) for e in self.evaluated)
+
+    def _best(self, form: str, factor: Factor, role: str, place: str, about: float) -> Late:
+        return self._between(form, factor, role, place, (0.3 * about, 2.0 * about))
+
+    def _between(self, form: str, factor: Factor, role: str, place: str, ends: tuple[float, float]) -> Late:
+        from scipy.optimize import minimize_scalar  # slow to load, for the few fits that are beyond the noise
+
+        def at_time(T: float) -> Prediction:
+            reading = Reading(form, "time", partial(_late, factor, T, role, place))
+            return predict(reading, self.evaluated, self.prior, self.free)
+
+        limit = MAX_EDGE_PHASE / self._edge_hz
+        low, high = (float(np.clip(T, -limit, limit)) for T in sorted(ends))
+        options = {"maxiter": MAX_EVALUATIONS, "xatol": 1e-4 * max(abs(low), abs(high))}
+        T = float(minimize_scalar(lambda T: at_time(T).cost, bounds=(low, high), method="bounded", options=options).x)
+        return Late(form, role, place, T, at_time(T))
+
+
+def _late(factor: Factor, T: float, role: str, place: str, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    model = evaluated.part.kernel.model
+    H = factor(evaluated.part.kernel.freq_hz, T)[:, None, None]
+    if not role:
+        return np.asarray(H * values)
+    named = np.array([name == place for name in (model.outputs if role == "y" else model.inputs)])
+    return np.asarray(np.where(named[:, None] if role == "y" else named, H, 1.0) * values)
+
+
+def find_lateness(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """The indices with the forms of what is late, where a delay would explain a part; a hold in any case."""
+    if not evidence.is_unexplained:
+        return indices
+    optimum, result = evidence.optimum, evidence.result
+    # Far out ln p has no slope that leads back: what the data barely constrain is at its start.
+    weak = ~(np.sqrt(np.diag(result.covariance)) < MAX_STD)
+    log = np.array([p.log for p in optimum.fit.parameters.free])
+    x = np.where(weak & log, optimum.fit.parameters.x, optimum.end.x)
+    fit = thinned(optimum.fit)
+    search = LatenessSearch(evaluate(fit, x), optimum.fit.prior_slopes, ~result.at_bound)
+    if not search.evaluated:
+        return indices
+    cost = sum(squares(evaluate(fit, optimum.end.x)))
+    lines = fit.n_residuals / max(optimum.fit.n_residuals, 1)
+    noise = scores.noise * lines
+    excess = max(cost - noise, 1e-300)
+
+    def index(late: Late, linear: ModificationIndex | None, equal: list[Late]) -> ModificationIndex:
+        """linear: the delay that it is to first order.  equal: all forms that cannot be distinguished."""
+        share = (cost - late.cost) / excess
+        return ModificationIndex(
+            name=late.name,
+            group="time",
+            members=(late.name,),
+            values=linear.values if linear is not None and late.name == linear.name else np.zeros(1),
+            units=("s",),
+            log=(False,),
+            steps=np.array([late.time]),
+            std=math.nan if linear is None else linear.std,
+            drop=share * scores.excess / scores.lines,
+            share=share,
+            effects=x - optimum.end.x + late.prediction.step,
+            alike=tuple(other.name for other in equal if other is not late) + (linear.alike if linear else ()),
+        )
+
+    delays = [linear for linear in indices if linear.name.startswith("delay") and linear.share > MIN_SHARE]
+    delays = [linear for linear in delays if linear.share > MIN_PART_OF_BEST * delays[0].share][:MAX_FOLLOWED]
+    extended = list(indices)
+    for linear in delays:
+        forms = sorted(
+            search.best_forms(*_channel(linear.name, fit), float(linear.steps[0])), key=lambda late: late.cost
+        )
+        tolerance = MIN_FORM_DROP * scores.level + MIN_FORM_SHARE * max(forms[0].cost - noise, 0.0)
+        equal = [late for late in forms if late.cost < forms[0].cost + tolerance]
+        place = extended.index(linear)
+        extended[place : place + 1] = [index(late, linear, equal) for late in equal]
+    if not any(linear.name == "delay" for linear in delays):
+        late = search.best_hold("delay" in result.parameters.free_names)
+        drop, explained = cost - late.cost, max((linear.drop * lines for linear in delays), default=0.0)
+        if drop > max(scores.significant[1], MIN_SHARE * (cost - noise), explained):
+            extended.append(index(late, None, [late]))
+    return extended
+
+
+def _channel(name: str, fit: ElasticFit) -> tuple[str, str]:
+    """Role and place of delay_y_motor_2, none of delay."""
+    for part in fit.parts:
+        for role, places in (("y", part.kernel.model.outputs), ("u", part.kernel.model.inputs)):
+            for place in places:
+                if late_name("delay", role, place) == name:
+                    return role, place
+    return "", ""

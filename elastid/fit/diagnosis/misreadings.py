@@ -1,0 +1,270 @@
+r"""Misreadings: responses that were read wrongly, as changes of the model's, each followed to an optimum.
+
+.. math:: \hat G \approx S G, \quad P G, \quad G^*, \quad j G^*, \quad (j \omega)^k G, \quad
+          |\hat G_{ij}| \approx \frac{|G_{ij}|}{c_i c_j}
+
+A channel of the other sign, channels or postures exchanged, phases counted by exp(-j omega t), real and imaginary parts
+exchanged, a velocity taken for an acceleration, channels in another unit.  A fit of responses that were read wrongly
+may end anywhere: one evaluation at its optimum and one at its start predict V of every reading, and the best of them
+take some steps on a few lines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.note import Note
+from elastid.fit.diagnosis.hypothesis import SCALE, Evidence, Scores
+from elastid.fit.diagnosis.prediction import Reading, evaluate, predict, settle, squares, thinned
+from elastid.fit.diagnosis.sensitivities import Evaluated
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.problem.elastic import ElasticFit
+
+# Configurations that fit worst are tried in each other's place, so many.
+MAX_EXCHANGED = 8
+# So many readings are followed, of those whose V is predicted to be at most so many times that of the fit.
+MAX_FOLLOWED = 3
+MAX_PREDICTED_RATIO = 1.5
+# A reading explains at least this share of the excess; readings cannot be distinguished whose V differ by less than
+# this factor.  False-alarm rate: not measured.
+MIN_SHARE = 0.8
+MAX_COST_RATIO = 1.1
+# A scale nearer to one than this factor may be an inertia that is not quite known; scales and parameters are found in
+# turn, so often.
+MIN_SCALE = 1.7
+SCALE_ROUNDS = 2
+# The spread of the factors (2 pi)^2 by which all stiffnesses are off where the unit of the frequency is wrong, and the
+# largest relative standard deviation of a stiffness that counts there.
+MAX_FACTOR_SPREAD = 2.5
+MAX_STIFFNESS_STD = 0.5
+
+
+def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores: Scores) -> list[ModificationIndex]:
+    """The indices with the best reading, and the names of those that cannot be distinguished from it."""
+    if not evidence.is_unexplained:
+        return indices
+    optimum, result = evidence.optimum, evidence.result
+    fit, x = thinned(optimum.fit), optimum.end.x
+    every = np.ones(len(x), dtype=bool)
+    costs = np.array(squares(evaluate(fit, x)))
+    starts = [(x, ~result.at_bound), (fit.parameters.x, every)]
+    followed: dict[str, tuple[float, FloatArray, Reading]] = {}
+    for cost, reading, start in sorted(_predicted(fit, starts, costs, evidence), key=lambda trial: trial[0]):
+        if len(followed) >= MAX_FOLLOWED or cost > MAX_PREDICTED_RATIO * costs.sum():
+            break
+        if reading.name not in followed:
+            followed[reading.name] = (*settle(reading, fit, start, every), reading)
+    noise = scores.noise * fit.n_residuals / max(optimum.fit.n_residuals, 1)
+    excess = max(float(costs.sum()) - noise, 1e-300)
+
+    def explains(cost: float) -> bool:
+        return bool(costs.sum() - cost > MIN_SHARE * excess)
+
+    if not any(explains(cost) for cost, _, _ in followed.values()):
+        for name, cost, x_end in _scaled(fit, (fit.parameters.x, x)):
+            followed[name] = (cost, x_end, Reading(name, SCALE, lambda _, values: values))
+    good = sorted((trial for trial in followed.values() if explains(trial[0])), key=lambda trial: trial[0])
+    if not good:
+        return indices
+    cost, x_end, best = good[0]
+    equal = tuple(reading.name for V, _, reading in good[1:] if V < MAX_COST_RATIO * cost)
+    share, none = (float(costs.sum()) - cost) / excess, np.zeros(0)
+    drop = share * max(result.cost - scores.noise, 0.0)
+    index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)
+    return [*indices, index]
+
+
+def _predicted(
+    fit: ElasticFit, starts: Sequence[tuple[FloatArray, BoolArray]], costs: FloatArray, evidence: Evidence
+) -> list[tuple[float, Reading, FloatArray]]:
+    """V of every reading after one step from each start."""
+    changes = [hypothesis.changes for hypothesis in evidence.hypotheses if hypothesis.changes is not None]
+    predicted = []
+    for x, free in starts:
+        evaluated = evaluate(fit, x)
+        for readings in changes:
+            for reading in readings(evaluated, costs):
+                predicted.append((predict(reading, evaluated, fit.prior_slopes, free).cost, reading, x))
+    return predicted
+
+
+def _channels(evaluated: Sequence[Evaluated]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Outputs and inputs of all configurations."""
+    models = [e.part.kernel.model for e in evaluated]
+    outputs = tuple(dict.fromkeys(name for model in models for name in model.outputs))
+    return outputs, tuple(dict.fromkeys(name for model in models for name in model.inputs))
+
+
+def signs(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
+    """Channels with the other sign."""
+    outputs, inputs = _channels(evaluated)
+    for place in outputs:
+        yield Reading(f"y at {place} with the other sign", "sign", partial(_turned, {place}, set()))
+    for place in inputs:
+        yield Reading(f"u at {place} with the other sign", "sign", partial(_turned, set(), {place}))
+
+
+def directions(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
+    """Motors that count torque and motion in the other direction."""
+    outputs, inputs = _channels(evaluated)
+    for place in inputs:
+        if place in outputs:
+            name = f"{place} counted in the other direction, torque and motion"
+            yield Reading(name, "direction", partial(_turned, {place}, {place}))
+
+
+def _turned(outputs: set[str], inputs: set[str], evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    model = evaluated.part.kernel.model
+    rows = np.array([-1.0 if name in outputs else 1.0 for name in model.outputs])
+    columns = np.array([-1.0 if name in inputs else 1.0 for name in model.inputs])
+    return np.asarray(values * np.outer(rows, columns))
+
+
+def exchanged_channels(evaluated: Sequence[Evaluated], _: FloatArray) -> Iterator[Reading]:
+    """Pairs of channels that were taken for each other."""
+    (outputs, inputs), family = _channels(evaluated), "exchanged channels"
+    for a, b in combinations(outputs, 2):
+        yield Reading(f"y at {a} and at {b} exchanged", family, partial(_permuted, {a: b, b: a}, {}))
+    for a, b in combinations(inputs, 2):
+        both = {a: b, b: a}
+        yield Reading(f"u at {a} and at {b} exchanged", family, partial(_permuted, {}, both))
+        if a in outputs and b in outputs:
+            yield Reading(f"{a} and {b} exchanged, torques and motions", family, partial(_permuted, both, both))
+
+
+def _permuted(
+    outputs: dict[str, str], inputs: dict[str, str], evaluated: Evaluated, values: ComplexArray
+) -> ComplexArray:
+    def places(names: Sequence[str], swapped: dict[str, str]) -> list[int]:
+        wanted = [swapped.get(name, name) for name in names]
+        return [names.index(name) if name in names else i for i, name in enumerate(wanted)]
+
+    model = evaluated.part.kernel.model
+    rows, columns = places(model.outputs, outputs), places(model.inputs, inputs)
+    return np.asarray(values[..., rows, :][..., columns])
+
+
+def exchanged_postures(evaluated: Sequence[Evaluated], costs: FloatArray) -> Iterator[Reading]:
+    """Pairs among the configurations that fit worst, if they have the same lines and channels."""
+    kernels = [e.part.kernel for e in evaluated]
+    for a, b in combinations(sorted(np.argsort(-costs)[:MAX_EXCHANGED].tolist()), 2):
+        first, second = kernels[a].model, kernels[b].model
+        if (first.outputs, first.inputs) == (second.outputs, second.inputs) and np.array_equal(
+            kernels[a].freq_hz, kernels[b].freq_hz
+        ):
+            order = list(range(len(evaluated)))
+            order[a], order[b] = b, a
+            names = f"{evaluated[a].part.configuration} and {evaluated[b].part.configuration}"
+            name = f"responses of configurations {names} exchanged"
+            yield Reading(name, "exchanged postures", lambda _, values: values, tuple(order))
+
+
+# The sign is -1 where an odd power of j omega made of the responses what is fitted: (j omega)^* = -j omega.
+def negated_phases(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
+    """Phases by exp(-j omega t)."""
+    for sign in (1, -1):
+        yield Reading("all phases negated", "phase", partial(_conjugated, sign))
+
+
+def exchanged_parts(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
+    """Real parts taken for imaginary ones."""
+    for sign in (1, -1):
+        yield Reading("real and imaginary parts exchanged", "parts", partial(_conjugated, 1j * sign))
+
+
+def _conjugated(factor: complex, _: Evaluated, values: ComplexArray) -> ComplexArray:
+    return np.asarray(factor * values.conj())
+
+
+def quantities(_: Sequence[Evaluated], __: FloatArray) -> Iterator[Reading]:
+    """Positions, velocities and accelerations taken for each other."""
+    for power in (1, 2, -1, -2):
+        count, direction = "once" if abs(power) == 1 else "twice", "less" if power > 0 else "more"
+        name = f"responses differentiated {count} {direction} in time"
+        yield Reading(name, "quantity", partial(_differentiated, power))
+
+
+def _differentiated(power: int, evaluated: Evaluated, values: ComplexArray) -> ComplexArray:
+    s = 2j * np.pi * evaluated.part.kernel.freq_hz
+    return np.asarray(values * (s**power)[:, None, None])
+
+
+def _scaled(fit: ElasticFit, starts: Sequence[FloatArray]) -> Iterator[tuple[str, float, FloatArray]]:
+    """From each start the channels that are off by factors, in words, with V and x (n_x,) of the optimum with them."""
+    for x in starts:
+        V, words = math.inf, ""
+        for _ in range(SCALE_ROUNDS):
+            outputs, inputs = _scales(evaluate(fit, x))
+            # The values of a torque are off by 1 / c.
+            factors = [(f"y at {place}", c) for place, c in outputs.items()]
+            factors += [(f"u at {place}", -c) for place, c in inputs.items()]
+            words = ", ".join(f"{name} times {math.exp(c):.3g}" for name, c in factors if abs(c) > math.log(MIN_SCALE))
+            if not words:
+                break
+            reading = Reading("", SCALE, partial(_rescaled, outputs, inputs))
+            V, x = settle(reading, fit, x, np.ones(len(x), dtype=bool))
+        if words:
+            yield words, V, x
+
+
+def _rescaled(
+    outputs: dict[str, float], inputs: dict[str, float], evaluated: Evaluated, values: ComplexArray
+) -> ComplexArray:
+    """The response of the model as channels with these ln c read it."""
+    model = evaluated.part.kernel.model
+    rows, columns = [outputs[place] for place in model.outputs], [inputs[place] for place in model.inputs]
+    return np.asarray(values * np.exp(-np.add.outer(rows, columns)))
+
+
+def _scales(evaluated: Sequence[Evaluated]) -> tuple[dict[str, float], dict[str, float]]:
+    """ln c of outputs and inputs that make the measured elements as large as the model's, by the median of lines."""
+    outputs, inputs = _channels(evaluated)
+    rows, wanted = [], []
+    for e in evaluated:
+        model, used, G = e.part.kernel.model, e.part.gain > 0, np.abs(e.G)
+        for (i, output), (j, given) in ((o, u) for o in enumerate(model.outputs) for u in enumerate(model.inputs)):
+            lines = used[:, i, j] & (G[:, i, j] > 0) & (e.part.measured[:, i, j] != 0)
+            if lines.any():
+                row = np.zeros(len(outputs) + len(inputs))
+                row[outputs.index(output)] = row[len(outputs) + inputs.index(given)] = 1.0
+                rows.append(row)
+                wanted.append(float(np.median(np.log(G[lines, i, j] / np.abs(e.part.measured[lines, i, j])))))
+    c, n_y = np.linalg.lstsq(np.array(rows), np.array(wanted))[0], len(outputs)
+    # Only sums of output and input are known: as few channels as possible are off, outputs rather than inputs.
+    common = np.where(np.arange(len(c)) < n_y, -1.0, 1.0)
+    shifted = [c - shift * common for shift in (*c[n_y:], *-c[:n_y])]
+    fewest = max(shifted, key=lambda scales: int(np.sum(np.abs(scales) < math.log(MIN_SCALE)))).tolist()
+    return dict(zip(outputs, fewest, strict=False)), dict(zip(inputs, fewest[n_y:], strict=True))
+
+
+def find_wrong_frequency_unit(evidence: Evidence) -> tuple[Note, ...]:
+    r"""A note where all stiffnesses suggest frequencies in rad/s instead of Hz, or the other way round.
+
+    An acceleration per torque is the same for K, D at omega and (2 pi)^2 K, 2 pi D at 2 pi omega: no residual shows it.
+    """
+    result = evidence.result
+    known = np.sqrt(np.diag(result.covariance)) < MAX_STIFFNESS_STD
+    stiff = [i for i, p in enumerate(result.parameters.free) if p.log and p.unit in ("N*m/rad", "N/m") and known[i]]
+    if not stiff:
+        return ()
+    change = result.x[stiff] - result.parameters.x[stiff]
+    expected = 2 * math.log(2 * math.pi) * np.sign(np.median(change))
+    if np.any(np.abs(change - expected) > math.log(MAX_FACTOR_SPREAD)):
+        return ()
+    factor = math.exp(abs(float(np.median(change))))
+    names = ", ".join(result.parameters.free[i].name for i in stiff)
+    side, unit, other = ("above", "rad/s", "Hz") if expected > 0 else ("below", "Hz", "rad/s")
+    return (
+        Note(
+            "frequency-unit",
+            f"{factor:.0f} times {side} the start, and (2 pi)^2 is 39: are the frequencies of the responses in "
+            f"{unit}, where {other} was taken? Then all stiffnesses are off by it, and no residual shows it",
+            names,
+        ),
+    )

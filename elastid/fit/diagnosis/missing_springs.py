@@ -1,0 +1,258 @@
+r"""Missing springs: coordinates that the robot's file has as rigid, each tried with a resonance within the band.
+
+.. math:: k_i = m_c\, (2 \pi f_i)^2, \qquad d_i = k_i \operatorname{median} \frac{d}{k}, \qquad f_{i+1} = \sqrt 2 f_i
+
+m_c: the inertia that moves with coordinate c while all others stand still; d / k: of the robot's springs.  The linear
+step of `score_test` knows only springs that are nearly rigid: a resonance within the band is no small change.  A stiff
+spring stands in for each rigid coordinate and is made softer without a further solution:
+
+.. math:: Z_k = Z + \delta\, y y^T, \quad \delta = k (1 + j \omega \eta) - k_s, \quad h = y^T Z^{-1} y, \qquad
+          G_k = G - c\, \frac{\delta}{1 + \delta h}\, (C Z^{-1} y)(y^T Z^{-1} B)
+
+(Sherman and Morrison 1950), and with the derivatives J of the residuals r at the optimum V after a step of the
+parameters is
+
+.. math:: V_k \approx r^T r - r^T \bar J (\bar J^T \bar J + \text{priors})^{-1} \bar J^T r, \qquad
+          \bar J = [J, \partial r / \partial \ln k], \quad r = r(G_k)
+
+J is that without the spring, so V_k shows where it has a minimum rather than how deep that is.  Where it has one, and a
+step of the fit with such a spring leads about as low as V of the fit without it, the solver follows with k free.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.base.errors import FitError
+from elastid.fit.diagnosis.hypothesis import Evidence, Scores
+from elastid.fit.diagnosis.prediction import STEP_STD, evaluate, squares, thinned
+from elastid.fit.diagnosis.sensitivities import Evaluated
+from elastid.fit.modification_index import ModificationIndex
+from elastid.fit.problem.elastic import ElasticFit, kernel_of, linear_model
+from elastid.fit.problem.inertia_barrier import moved_inertias
+from elastid.fit.setup.assembly import Assembly
+from elastid.fit.solve.solvers import ROUGH, solve
+from elastid.linear.linear_model import LinearModel
+from elastid.linear.response.factor import factor
+from elastid.parameters import Parameter, ParameterSet, Tie
+
+# Springs are looked for where nothing else explains so much of the excess.
+MAX_EXPLAINED_SHARE = 0.9
+# Steps of a frequency, and so many of them at most.
+FREQUENCY_STEP = math.sqrt(2.0)
+MAX_STIFFNESSES = 14
+# d / k in s where the robot's springs have no damping.
+DEFAULT_DAMPING_RATIO = 1e-3
+# A minimum of V is so deep, in variances of the noise, and V there at most so many times that of the fit, with the
+# derivatives of the fit and with those at the spring. So many springs are followed, for so many evaluations each.
+MIN_DIP = 10.0
+MAX_SCREENED_RATIO, MAX_PREDICTED_RATIO = 4.0, 1.2
+MAX_FOLLOWED = 2
+MAX_ITERATIONS = 12
+# The prior that makes the normal matrix regular, in units of its diagonal.
+REGULARISATION = 1e-12
+
+
+def find_missing_springs(
+    indices: list[ModificationIndex], evidence: Evidence, scores: Scores
+) -> list[ModificationIndex]:
+    """The indices with springs that the robot lacks, each replacing its linear step, where nothing explains V."""
+    explained = max((index.share for index in indices), default=0.0)
+    if evidence.result.exceeds_noise and explained > MAX_EXPLAINED_SHARE:
+        return indices
+    candidates = sorted(_promising(evidence, scores), key=lambda spring: -spring.predicted)
+    best = {spring.name: spring for spring in candidates}
+    followed = sorted(best.values(), key=lambda spring: spring.predicted)[:MAX_FOLLOWED]
+    springs = (_followed(spring, evidence, scores) for spring in followed)
+    by_name = {index.name: index for index in springs if index is not None and index.drop > scores.significant[1]}
+    return [*(index for index in indices if index.name not in by_name), *by_name.values()]
+
+
+@dataclass(frozen=True, eq=False)
+class _Spring:
+    """A coordinate that becomes elastic: name of its stiffness, the fit with it, x (n_x + 1,), and V after a step."""
+
+    name: str
+    fit: ElasticFit
+    x: FloatArray
+    predicted: float
+
+
+def _promising(evidence: Evidence, scores: Scores) -> Iterator[_Spring]:
+    """The springs at the stiffnesses about which V has a minimum."""
+    assembly, optimum, held = evidence.assembly, evidence.optimum, scores.held
+    fit, x = thinned(optimum.fit), optimum.end.x
+    # The model of each configuration at x, its rigid coordinates with stiff springs.
+    count = len(held.linearisation.model.parameters) + 1
+    thetas = [held.theta(assembly.parameters, x, G.configuration.name)[:count] for G in assembly.responses]
+    linear = (linear_model(held.linearisation, *each) for each in zip(assembly.responses, thetas, strict=True))
+    models = [replace(model, theta_ref=theta) for model, theta in zip(linear, thetas, strict=True)]
+
+    evaluated, ratio = evaluate(fit, x), _damping_ratio(assembly)
+    used = [model for part, model in zip(fit.parts, models, strict=True) if part.n_residuals]
+    V = sum(squares(evaluated))
+    for name in held.rigid:
+        stiffnesses = _stiffnesses(name, used, fit)
+        costs = released_costs(evaluated, used, name, stiffnesses, ratio, fit.prior_slopes)
+        for k in stiffnesses[_minima(costs, MIN_DIP * scores.level) & (costs < MAX_SCREENED_RATIO * V)]:
+            sprung = _with_spring(optimum.fit, name, float(k), ratio, models, assembly)
+            known = dict(zip(assembly.parameters.free_names, x.tolist(), strict=True))
+            start = np.array([known.get(p.name, p.to_x(p.value)) for p in sprung.parameters.free])
+            step, predicted = _damped_step(thinned(sprung), start)
+            if predicted < MAX_PREDICTED_RATIO * V:
+                yield _Spring(name, sprung, np.clip(start + step, *sprung.parameters.x_bounds), predicted)
+
+
+def _minima(costs: FloatArray, depth: float) -> BoolArray:
+    """Where V (n_k,) by growing stiffness is below its neighbours and, by so much, below V of a stiffer spring."""
+    stiffer = np.maximum.accumulate(costs[::-1])[::-1]
+    lower = costs <= np.concatenate([[math.inf], costs[:-1]])
+    return np.asarray(lower & (costs <= np.append(costs[1:], -math.inf)) & (costs < stiffer - depth))
+
+
+def _damping_ratio(assembly: Assembly) -> float:
+    """d / k in s of the robot's springs, in the median."""
+    springs = [joint.spring for joint in assembly.linearisation.model.robot.joints if joint.spring is not None]
+    ratios = [spring.damping / spring.stiffness for spring in springs if spring.damping > 0]
+    return float(np.median(ratios)) if ratios else DEFAULT_DAMPING_RATIO
+
+
+def _stiffnesses(name: str, models: Sequence[LinearModel], fit: ElasticFit) -> FloatArray:
+    """k_i (n_k,), the last a step above the band."""
+    directions = [direction(model, name) for model in models]
+    inertia = np.mean([y @ model.M @ y / (y @ y) ** 2 for model, y in zip(models, directions, strict=True)])
+    freq_hz = np.concatenate([part.kernel.freq_hz for part in fit.parts])
+    low, high = float(freq_hz[freq_hz > 0].min()), float(freq_hz.max())
+    count = min(MAX_STIFFNESSES, 2 + math.ceil(math.log(high / low) / math.log(FREQUENCY_STEP)))
+    f = high * FREQUENCY_STEP ** np.arange(2 - count, 2)
+    return np.asarray(inertia * (2 * np.pi * f) ** 2)
+
+
+def _with_spring(
+    fit: ElasticFit, name: str, k: float, damping_ratio: float, models: Sequence[LinearModel], assembly: Assembly
+) -> ElasticFit:
+    """The fit with a coordinate elastic: its stiffness is a further free parameter, all other new ones are held."""
+    fitted, damping = {p.name: p for p in assembly.parameters}, f"d{name[1:]}"
+    spring = {
+        name: Parameter(name, k, "N*m/rad", log=True),
+        damping: Parameter(damping, 0.0, tie=Tie(name, damping_ratio)),
+    }
+    known = dict(zip(models[0].parameters, models[0].theta_ref.tolist(), strict=True))
+    of_model = [
+        spring.get(each) or fitted.get(each) or Parameter(each, known[each], free=False)
+        for each in models[0].parameters
+    ]
+    parameters = ParameterSet((*of_model, *(p for p in assembly.parameters if not p.is_of_model)))
+    parts = tuple(
+        replace(part, kernel=kernel_of(model, parameters, part.kernel.freq_hz))
+        for part, model in zip(fit.parts, models, strict=True)
+    )
+    return ElasticFit(parameters, parts, moved_inertias(parameters, assembly.linearisation.model.robot))
+
+
+def _damped_step(fit: ElasticFit, x: FloatArray) -> tuple[FloatArray, float]:
+    """A Gauss-Newton step (n_x + 1,) with a prior that keeps it near, and V after it."""
+    now = fit.evaluate(x)
+    if not math.isfinite(now.cost):
+        return np.zeros(len(x)), math.inf
+    near = now.cost / max(fit.n_residuals, 1) / STEP_STD**2
+    step = -np.linalg.solve(now.hessian / 2 + max(near, 1e-300) * np.eye(len(x)), now.gradient / 2)
+    return np.asarray(step), now.cost + float(step @ (now.gradient + now.hessian @ step / 2))
+
+
+def _followed(spring: _Spring, evidence: Evidence, scores: Scores) -> ModificationIndex | None:
+    """V and the parameters of the fit where the solver follows a spring; None where V does not fall."""
+    optimum, result = evidence.optimum, evidence.result
+    try:
+        end = solve(spring.fit.problem, spring.x, ROUGH, MAX_ITERATIONS)
+    except FitError:
+        return None
+    drop = optimum.fit.evaluate(optimum.end.x).cost - end.cost
+    if not drop > 0:
+        return None
+    estimates = dict(zip(spring.fit.parameters.free_names, end.x.tolist(), strict=True))
+    k = math.exp(estimates[spring.name])
+    place = spring.fit.parameters.free_names.index(spring.name)
+    variance = np.linalg.pinv(spring.fit.evaluate(end.x).hessian / 2, hermitian=True)[place, place]
+    name = scores.held.rigid[spring.name]
+    return ModificationIndex(
+        name=name,
+        group="compliance",
+        members=(name,),
+        values=np.zeros(1),
+        units=("rad/(N*m)",),
+        log=(False,),
+        steps=np.array([1 / k]),
+        std=math.sqrt(max(float(variance) * scores.level, 0.0)) / k,
+        drop=drop,
+        share=drop / max(result.cost - scores.noise, 1e-300),
+        effects=np.array([estimates[each] for each in result.parameters.free_names]) - result.x,
+    )
+
+
+def released_costs(
+    evaluated: Sequence[Evaluated],
+    models: Sequence[LinearModel],
+    name: str,
+    stiffnesses: FloatArray,
+    damping_ratio: float,
+    prior: FloatArray,
+) -> FloatArray:
+    """V_k (n_k,) of a stiff spring, `name` its parameter, at some stiffnesses.
+
+    evaluated: all configurations at the optimum; models: the same with the stiff spring.  damping_ratio: d / k in s.
+    prior (n_x,): 1 / s of the priors.
+    """
+    n_x = len(prior)
+    A = np.zeros((len(stiffnesses), n_x + 1, n_x + 1))
+    A[:, range(n_x), range(n_x)] += prior**2
+    b, V = np.zeros((len(stiffnesses), n_x + 1)), np.zeros(len(stiffnesses))
+    for rigid, model in zip(evaluated, models, strict=True):
+        for i, (dG, slope) in enumerate(released(model, rigid.part.kernel.freq_hz, name, stiffnesses, damping_ratio)):
+            soft = replace(rigid, G=rigid.G + dG)
+            fitted = rigid if rigid.part.criterion == "complex" else soft  # slopes of a difference are those of any G
+            r, J, j = soft.residual, fitted.rows, -soft.whitened(slope[None])[0]
+            A[i, :n_x, :n_x] += fitted.information
+            A[i, :n_x, n_x] += J @ j
+            A[i, n_x, n_x] += j @ j
+            b[i] += np.append(J @ r, j @ r)
+            V[i] += float(r @ r)
+    A[:, n_x, :n_x] = A[:, :n_x, n_x]
+    size = np.sqrt(np.maximum(np.einsum("kii->ki", A), 1e-300))
+    scaled = A / (size[:, :, None] * size[:, None, :]) + REGULARISATION * np.eye(n_x + 1)
+    steps = np.linalg.solve(scaled, (b / size)[:, :, None])[:, :, 0]
+    return np.asarray(V - np.sum(steps * b / size, axis=1))
+
+
+def released(
+    model: LinearModel, freq_hz: FloatArray, name: str, stiffnesses: FloatArray, damping_ratio: float
+) -> Iterator[tuple[ComplexArray, ComplexArray]]:
+    """G_k - G and its derivative to ln k (F, n_y, n_u) at each stiffness."""
+    theta, s = model.theta_ref, np.asarray(2j * np.pi * freq_hz, np.complex128)
+    (M, D, K), (C, T) = model.matrices(theta), model.readout(theta)
+    y = direction(model, name)
+    gain = np.multiply.outer(factor(model, theta, s), np.outer(*model.channel_gains(theta)))
+    Z = K + s[:, None, None] * D + s[:, None, None] ** 2 * M
+    reached = np.linalg.solve(Z, np.broadcast_to(y[:, None], (len(s), len(y), 1)))[:, :, 0]  # Z^-1 y (F, n)
+    across = (reached @ C.T + reached @ T.T / s[:, None] ** 2)[:, :, None] * (reached @ model.B)[:, None, :]
+    h, stiff = reached @ y, model.number(theta, name)
+    for k in stiffnesses:
+        softer = k * (1 + s * damping_ratio)
+        delta = softer - stiff
+        taken = 1 / (1 + delta * h)
+        change, slope = ((w[:, None, None] * across) for w in (delta * taken, softer * taken**2))
+        yield -gain * change, -gain * slope
+
+
+def direction(model: LinearModel, name: str) -> FloatArray:
+    """y (n,) of the coordinate that a spring acts on: its dK / dk is y y^T."""
+    K = model.slopes[name].K
+    if K is None:
+        raise ValueError(f"{name} does not enter the model of {model.configuration.name}")
+    i = int(np.argmax(np.diag(K)))
+    return np.asarray(K[:, i] / np.sqrt(K[i, i]))

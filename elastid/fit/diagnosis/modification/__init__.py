@@ -1,1 +1,0 @@
-"""Modification indices: what a fit held or read wrongly, by the score test and by other readings of the responses."""

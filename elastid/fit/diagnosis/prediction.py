@@ -1,0 +1,144 @@
+"""Prediction of V where responses are read otherwise: a reading changes those of the model, data and weights stay.
+
+The model's response and its derivatives follow from one evaluation, and so does V of every reading after one
+Gauss-Newton step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
+from elastid.fit.diagnosis.sensitivities import Evaluated
+from elastid.fit.problem.elastic import ElasticFit, Part
+
+# Of arrays (..., F, n_y, n_u) of one configuration.
+Change: TypeAlias = Callable[[Evaluated, ComplexArray], ComplexArray]
+
+# Real residuals of a thinned fit, and lines that each configuration retains.
+MAX_RESIDUALS = 8_000
+MIN_LINES = 20
+# Standard deviation of the prior of ln p that keeps a step near, for residuals of the size of the misfit.
+STEP_STD = 0.5
+# Of `settle`: steps of each criterion, the factor of that width after a good step, the relative decrease that ends it,
+# and the largest weight of a line.
+MAX_STEPS = 12
+GROWTH = 4.0
+MIN_DECREASE = 1e-2
+MAX_LOG_GAIN = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A way to read the responses: name, in words, family, and the change of the model's response.
+
+    order: the configuration whose model each measured response is of, where postures are exchanged.
+    """
+
+    name: str
+    family: str
+    change: Change
+    order: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """V with a reading before and after one step (n_x,)."""
+
+    before: float
+    cost: float
+    step: FloatArray
+
+
+def as_read() -> Reading:
+    """The responses as they were read."""
+    return Reading("as read", "", lambda _, values: values)
+
+
+def thinned(fit: ElasticFit, residuals: int = MAX_RESIDUALS) -> ElasticFit:
+    """The fit on every so many lines of each configuration, about so many real residuals in total."""
+    every = max(1, math.ceil(fit.n_residuals / residuals))
+
+    def thin(part: Part) -> Part:
+        lines = slice(None, None, min(every, max(1, len(part.measured) // MIN_LINES)))
+        kernel = replace(part.kernel, freq_hz=part.kernel.freq_hz[lines])
+        whitening = part.whitening and part.whitening.lines(lines)
+        return replace(part, kernel=kernel, measured=part.measured[lines], gain=part.gain[lines], whitening=whitening)
+
+    return replace(fit, parts=tuple(thin(part) for part in fit.parts))
+
+
+def evaluate(fit: ElasticFit, x: FloatArray) -> list[Evaluated]:
+    """Every configuration at x (n_x,), with derivatives to the free parameters alone."""
+    evaluated = []
+    for part in fit.parts:
+        if part.n_residuals:
+            G, slopes = part.kernel.evaluate(fit.theta(part, x))
+            chain = fit.parameters.jacobian(x, part.configuration)[part.kernel.places]
+            evaluated.append(Evaluated(part, part.mixing, G, np.tensordot(chain.T, slopes, axes=1)))
+    return evaluated
+
+
+def squares(evaluated: Sequence[Evaluated]) -> list[float]:
+    """V of each configuration."""
+    return [float(e.residual @ e.residual) for e in evaluated]
+
+
+def predict(
+    reading: Reading, evaluated: Sequence[Evaluated], prior: FloatArray, free: BoolArray, std: float = STEP_STD
+) -> Prediction:
+    """V after one Gauss-Newton step of the free parameters (n_x,); prior (n_x,): 1 / s of their priors.
+
+    std: of a prior of ln p that keeps the step near, for residuals of the size of the misfit.
+    """
+    n_x = len(prior)
+    A, b, V, count = np.diag(prior**2), np.zeros(n_x), 0.0, 0
+    for i, measured in enumerate(evaluated):
+        model = evaluated[reading.order[i]] if reading.order else measured
+        changed = replace(measured, G=reading.change(measured, model.G))
+        r, J = changed.residual, -changed.whitened(reading.change(measured, model.free)) * free[:, None]
+        A, b, V, count = A + J @ J.T, b + J @ r, V + float(r @ r), count + measured.part.n_residuals
+    near = V / max(count, 1) / std**2
+    step = np.asarray(-np.linalg.solve(A + max(near, 1e-300) * np.eye(n_x), b), dtype=float)
+    return Prediction(V, V + float(step @ (2 * b + A @ step)), step)
+
+
+def settle(
+    reading: Reading, fit: ElasticFit, x: FloatArray, free: BoolArray, decrease: float = MIN_DECREASE
+) -> tuple[float, FloatArray]:
+    """V and x (n_x,) of an optimum that a few damped steps reach from x, of the logarithms first.
+
+    decrease: the relative decrease of V from one step to the next below which they end.
+    """
+    V = math.inf
+    lower, upper = fit.parameters.x_bounds
+    for problem in (replace(fit, parts=tuple(map(_logarithmic, fit.parts))), fit):
+
+        def predict_at(x: FloatArray, std: float, problem: ElasticFit = problem) -> Prediction:
+            return predict(reading, evaluate(problem, x), fit.prior_slopes, free, std)
+
+        std, now = STEP_STD, predict_at(x, STEP_STD)
+        for _ in range(MAX_STEPS):
+            x_next = np.clip(x + now.step, lower, upper)
+            further = predict_at(x_next, std)
+            if further.before < now.before:
+                done = now.before - further.before < decrease * now.before
+                x, now, std = x_next, further, GROWTH * std
+                if done:
+                    break
+            else:
+                std /= GROWTH
+                now = predict_at(x, std)
+        V = now.before
+    return V, x
+
+
+def _logarithmic(part: Part) -> Part:
+    """The part with the logarithmic criterion, element by element."""
+    gain = np.minimum(part.gain * np.abs(part.measured), MAX_LOG_GAIN)
+    return replace(part, criterion="log", gain=gain, whitening=None)
