@@ -18,7 +18,7 @@ from elastid.base.note import Note
 from elastid.design.expected_response import ExpectedResponse, expected_fit
 from elastid.excitation.grids import line_count_refusal
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.residuals import as_real
+from elastid.fit.problem.least_squares import as_real
 from elastid.fit.uncertainty.covariance import estimate_uncertainty
 from elastid.parameters import ParameterSet
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
 from elastid.design.optimal import DesignCriterion
-from elastid.fit.problem.residuals import as_real
+from elastid.fit.problem.least_squares import as_real
 
 # phi is the log of a mean information: a gap of 0.01 is half a percent of a standard deviation.
 MAX_GAP = 0.01

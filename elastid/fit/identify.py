@@ -9,24 +9,20 @@ again until nothing moves. Where springs are nonlinear the search itself lineari
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
-import numpy as np
-
-from elastid.base.arrays import FloatArray
-from elastid.base.errors import DataError, FitError, check_kind
+from elastid.base.errors import DataError, check_kind
 from elastid.base.execution import Execution
 from elastid.base.note import Note
-from elastid.fit.diagnosis.diagnosis import diagnose, judge
-from elastid.fit.diagnosis.estimate_notes import at_bound
 from elastid.fit.diagnosis.hypotheses import HYPOTHESES
 from elastid.fit.diagnosis.hypothesis import Hypothesis
+from elastid.fit.diagnosis.judge import diagnose, judge
+from elastid.fit.diagnosis.status import at_bound
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.inertia_barrier import feasible_starts
 from elastid.fit.result import FitResult
 from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum, relinearise, widening_bands
-from elastid.fit.setup.gain_scale import check_scale
 from elastid.fit.setup.geometry import check_geometry
+from elastid.fit.setup.identifiability import check_effects, check_scale
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.setup.response_checks import (
     check_responses,
@@ -42,12 +38,8 @@ from elastid.fit.uncertainty.intervals import add_intervals
 from elastid.fit.weights.weights import check_masks
 from elastid.model.formulation import EXACT
 from elastid.model.spec import ModelSpec
-from elastid.parameters import ParameterSet
 from elastid.response import FrequencyResponse
 from elastid.robot import Robot
-
-# The effect of a parameter beside the strongest one's below which it has none; rounding leaves about 1e-16.
-MIN_RELATIVE_EFFECT = 1e-9
 
 
 def identify(
@@ -142,30 +134,6 @@ def _notes(assembly: Assembly, optimum: RelinearisedOptimum) -> tuple[Note, ...]
     twice = find_copies(responses) or find_same_postures(responses, assembly.parameters, assembly.spec.robots)
     unlike = find_contradictions(responses, assembly.spec.robots)
     return (*unlike, *twice, *assembly.notes, *optimum.notes, *assembly.spring_notes(optimum.end.x))
-
-
-def check_effects(fit: ElasticFit, robot: Robot) -> None:
-    """FitError that names the free parameters without effect on the responses that count."""
-    x = fit.parameters.x
-    information = np.diag(replace(fit, inertias=()).evaluate(x).hessian) / 2 - fit.prior_slopes**2
-    effect = np.sqrt(np.maximum(information, 0.0)) * _span(fit.parameters)
-    without = effect <= MIN_RELATIVE_EFFECT * effect.max()
-    if without.any():
-        names = ", ".join(name for name, none in zip(fit.parameters.free_names, without, strict=True) if none)
-        places = any(name.partition("@")[0] in robot.geometry for name in names.split(", "))
-        hint = "; a coordinate along the axis of a joint does nothing, one across it may from another start"
-        raise FitError(
-            f"{names}: without effect on any of the {len(fit.parts)} frequency responses, so that no fit can find it; "
-            f"fix it (fit.parameters: {{{names.split(', ')[0]}: {{fixed: true}}}}), or measure what it moves"
-            + (hint if places else "")
-        )
-
-
-def _span(parameters: ParameterSet) -> FloatArray:
-    """A plausible change of x (n_x,): a factor e, or the range of the bounds of a linear parameter."""
-    return np.array(
-        [1.0 if p.log or not np.isfinite(p.upper - p.lower) else p.upper - p.lower for p in parameters.free]
-    )
 
 
 def _result(

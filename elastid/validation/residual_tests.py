@@ -8,8 +8,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray
-from elastid.fit.weights.smoothed_noise import SmoothedNoise, smooth_noise
-from elastid.fit.weights.smoothed_variance import MIN_DOF, smooth_variance
+from elastid.fit.weights.smoothed_noise import MIN_DOF, SmoothedNoise, smooth_noise, smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 from elastid.validation.noise_tests import LAGS
 

@@ -49,8 +49,7 @@ from timing import cpu_seconds, in_turn
 
 from elastid.base.arrays import FloatArray
 from elastid.fit.problem.elastic import ElasticFit
-from elastid.fit.problem.least_squares import LeastSquares
-from elastid.fit.problem.residuals import as_real
+from elastid.fit.problem.least_squares import LeastSquares, as_real
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve

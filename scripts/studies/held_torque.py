@@ -28,7 +28,7 @@ from dataclasses import replace
 import numpy as np
 from study_plants import Rig, three_mass
 
-from elastid.fit.diagnosis.modification.lateness import hold
+from elastid.fit.diagnosis.lateness import hold
 from elastid.fit.identify import identify
 from elastid.fit.modification_index import ModificationIndex
 

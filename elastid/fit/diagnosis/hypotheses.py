@@ -10,7 +10,7 @@ To add one, write a function and an entry.  An entry may be put into this list, 
                       advice="check the wiring of the current sensors")
     identify(responses, robot, spec, hypotheses=(MINE, *HYPOTHESES))
 
-`hypothesis` describes the fields.  All plausibilities are 1: causes are ranked by their share of the excess of V alone.
+`hypothesis` describes the fields.  Every plausibility is 1: causes are ranked by their share of the excess of V alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 
 from elastid.fit.diagnosis.configurations import find_disagreement
-from elastid.fit.diagnosis.hypothesis import SCALE, Hypothesis, Size
+from elastid.fit.diagnosis.hypothesis import CHECK_OR_PRIOR, SCALE, Hypothesis, Size, relative
 from elastid.fit.diagnosis.lateness import find_lateness
 from elastid.fit.diagnosis.misreadings import (
     directions,
@@ -33,7 +33,6 @@ from elastid.fit.diagnosis.misreadings import (
 )
 from elastid.fit.diagnosis.missing_springs import find_missing_springs
 from elastid.fit.diagnosis.sensitivities import channel_delays, gear_ratios, posture_angles, rate_column
-from elastid.fit.diagnosis.sentences import CHECK_OR_PRIOR, relative
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult
 

@@ -16,14 +16,31 @@ import numpy as np
 
 from elastid.base.arrays import FloatArray
 from elastid.base.execution import Execution
+from elastid.base.note import Note
+from elastid.fit.diagnosis.configurations import LIMITS
 from elastid.fit.diagnosis.held_model import HeldModel
-from elastid.fit.diagnosis.hypothesis import Columns, Evidence, Hypothesis, Scores, hypothesis_of
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypothesis import (
+    Columns,
+    Evidence,
+    Hypothesis,
+    Scores,
+    explanations,
+    hypothesis_of,
+    hypothesis_of_index,
+)
 from elastid.fit.diagnosis.lateness import as_delay
 from elastid.fit.diagnosis.prediction import thinned
 from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.diagnosis.sensitivities import evaluate_held
+from elastid.fit.diagnosis.status import decisive_index, estimate_notes, with_status
+from elastid.fit.diagnosis.undetectable_errors import find_undetectable_errors
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.problem.elastic import Part
+from elastid.fit.problem.inertia_barrier import find_border_inertias
+from elastid.fit.result import FitResult
+from elastid.fit.setup.assembly import Assembly, RelinearisedOptimum
+from elastid.fit.uncertainty.covariance import Uncertainty
 from elastid.parameters import ParameterSet
 from elastid.robot import Robot
 
@@ -163,11 +180,12 @@ def modification_indices(evidence: Evidence, scores: Scores) -> tuple[Modificati
             indices = hypothesis.search(indices, evidence, scores)
     if not indices:
         return ()
-    weights = {hypothesis.family: hypothesis.plausibility for hypothesis in evidence.hypotheses}
 
     def rank(index: ModificationIndex) -> float:
         further = (len(index.members) - 1) * (not index.name.endswith("*"))
-        return (index.share - SHARE_OF_NUMBER * further) * weights.get(index.group, 1.0)
+        hypothesis = hypothesis_of_index(index, evidence.hypotheses)
+        weight = 1.0 if hypothesis is None else hypothesis.plausibility(index)
+        return (index.share - SHARE_OF_NUMBER * further) * weight
 
     alone = sorted(indices, key=rank, reverse=True)
     first = _most_usual(alone, scores)
@@ -235,3 +253,40 @@ def _ranked(test: ScoreTest, scores: Scores, place: int = 0, most: int = MAX_RAN
         )
 
     return [index(i) for k, i in enumerate(order) if k < most or every[i].name.startswith("delay")]
+
+
+def judge(
+    result: FitResult,
+    assembly: Assembly,
+    optimum: RelinearisedOptimum,
+    uncertainty: Uncertainty,
+    execution: Execution,
+    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES,
+) -> Evidence:
+    """The evidence with a result that has its status, and modification indices where they bear on it."""
+    evidence = Evidence(assembly, optimum, uncertainty, result, hypotheses)
+    # Where no noise is known, only suspect responses are judged.
+    if evidence.noise_cost > 0 or evidence.is_unexplained:
+        scores = score(evidence, execution)
+        indices = modification_indices(evidence, scores)
+        # Where V is that of the noise, only a cause counts that shows the model to be wrong.
+        if not evidence.is_unexplained and decisive_index(result, uncertainty, indices) is None:
+            indices = ()
+        evidence = replace(evidence, result=replace(result, indices=indices), scores=scores)
+    return replace(evidence, result=with_status(evidence))
+
+
+def diagnose(evidence: Evidence, notes: tuple[Note, ...]) -> FitResult:
+    """A judged result with notes on causes, on the estimate, and on errors that nothing would show.
+
+    notes: of the data and the search.
+    """
+    result, optimum = evidence.result, evidence.optimum
+    by_family = {h.family: h.notes(evidence) for h in evidence.hypotheses if h.notes is not None}
+    apart = by_family.pop("configurations", ())
+    causes = explanations(evidence) if evidence.best_share > LIMITS.explained_share or not apart else ()
+    inertias = find_border_inertias(optimum.fit.inertias, optimum.fit.parameters, optimum.end.x)
+    estimate = estimate_notes(result, evidence.uncertainty.unreached)
+    undetectable = find_undetectable_errors(result, evidence.scores)
+    others = (note for family_notes in by_family.values() for note in family_notes)
+    return replace(result, notes=(*others, *causes, *apart, *notes, *inertias, *estimate, *undetectable))

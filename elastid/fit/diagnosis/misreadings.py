@@ -73,7 +73,7 @@ def find_misreading(indices: list[ModificationIndex], evidence: Evidence, scores
     if not good:
         return indices
     cost, x_end, best = good[0]
-    equal = tuple(reading.name for V, _, reading in good[1:] if V < MAX_COST_RATIO * cost)
+    equal = tuple(reading.name for V, _, reading in good[1:] if MAX_COST_RATIO * cost > V)
     share, none = (float(costs.sum()) - cost) / excess, np.zeros(0)
     drop = share * max(result.cost - scores.noise, 0.0)
     index = ModificationIndex(best.name, best.family, (), none, (), (), none, math.nan, drop, share, x_end - x, equal)

@@ -24,7 +24,7 @@ import numpy as np
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.diagnosis.held_model import RATE, HeldModel
 from elastid.fit.problem.elastic import Part
-from elastid.fit.problem.residuals import RESIDUALS, as_real
+from elastid.fit.problem.least_squares import RESIDUALS, as_real
 from elastid.linear.linear_model import DELAY, LinearModel
 from elastid.linear.response.kernel import Kernel
 from elastid.parameters import ParameterSet

@@ -16,8 +16,8 @@ from functools import cached_property
 import numpy as np
 
 from elastid.base.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from elastid.fit.problem.least_squares import RESIDUALS, ResidualKind
 from elastid.fit.problem.line_loops import is_compiled
-from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
 from elastid.fit.problem.triangle import Full, LineResiduals, Packed
 from elastid.fit.weights.full_covariance import Whitening
 

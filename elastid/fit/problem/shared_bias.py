@@ -21,7 +21,7 @@ import numpy as np
 
 from elastid.base.arrays import ComplexArray, FloatArray
 from elastid.fit.problem.elastic import ElasticFit, Part, mixed
-from elastid.fit.problem.residuals import as_real, error_gain
+from elastid.fit.problem.least_squares import as_real, error_gain
 from elastid.response import FrequencyResponse
 
 # Input, index and configuration of a factor; without one, of all configurations.

@@ -1,9 +1,18 @@
-"""Assembly: responses, weights and model of a fit, to be linearised anew; frequency bands, robust weights."""
+r"""Assembly: responses, weights and model of a fit, to be linearised at any x; frequency bands, robust weights.
+
+Where a linearisation holds near its point only, the search linearises at every x:
+
+.. math:: x \to \theta \to q_0(\theta) \to M, D, K\,(q_0, \theta) \to G, \qquad dG / dx \text{ along the whole chain}
+
+The tangent stiffness of a nonlinear spring changes by factors between a start and the truth; a model that is affine
+about the nominal parameters would lead all starts into one valley. The same holds for masses identified together with
+their places: M contains m c^2.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -12,14 +21,11 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError, StudyError
 from elastid.base.note import Note
-from elastid.fit.problem.elastic import ElasticFit, elastic_fit, linear_model
+from elastid.fit.problem.elastic import ElasticFit, Part, elastic_fit, linear_model
 from elastid.fit.problem.inertia_barrier import moved_inertias
-from elastid.fit.problem.least_squares import LeastSquares
-from elastid.fit.problem.relinearised import RelinearisedFit
-from elastid.fit.problem.residuals import RESIDUALS, ResidualKind
+from elastid.fit.problem.least_squares import RESIDUALS, Evaluation, LeastSquares, ResidualKind
 from elastid.fit.problem.shared_bias import bias_of, find_factors, next_factors, with_modelled_bias
-from elastid.fit.solve.ending import distance, is_far_from_noise
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.solve.local_optimum import LocalOptimum, distance, is_far_from_noise
 from elastid.fit.solve.solvers import FINE, solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.weight_spec import WeightSpec
@@ -213,3 +219,34 @@ def robust_factors(
     if spec.loss == "huber":
         return tuple(np.minimum(1.0, reach / np.maximum(z, 1e-300)) for z in distances)
     return tuple(1 / np.sqrt(1 + (z / reach) ** 2) for z in distances)
+
+
+@dataclass(frozen=True, eq=False)
+class RelinearisedFit:
+    """linearise(x): the fit with every configuration linearised at x.  first: at the first start, for its gains."""
+
+    linearise: Callable[[FloatArray], ElasticFit]
+    first: ElasticFit
+
+    @property
+    def problem(self) -> LeastSquares:
+        """The problem of a solver; it pickles."""
+        border = self.first.problem.border
+        return LeastSquares(self.first.parameters, self.first.n_residuals, self.evaluate, border)
+
+    def evaluate(self, x: FloatArray) -> Evaluation:
+        """V, its gradient and 2 J^T J at x; V is infinite, and no error, where the robot cannot stand."""
+        try:
+            return self.at(x).evaluate(x)
+        except StudyError:
+            return Evaluation(math.inf, np.zeros(len(x)), np.eye(len(x)))
+
+    def at(self, x: FloatArray) -> ElasticFit:
+        """The fit at x; which elements count and how much stays as it is at the first start."""
+        moved = self.linearise(x)
+        return replace(moved, parts=tuple(map(_weighed_as, moved.parts, self.first.parts)))
+
+
+def _weighed_as(part: Part, first: Part) -> Part:
+    """The part on the lines of another, with its weights and what has been worked out of them."""
+    return part.below(first.kernel.freq_hz.max(initial=0.0)).with_residuals_of(first)

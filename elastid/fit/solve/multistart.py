@@ -16,8 +16,7 @@ from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import LeastSquares
-from elastid.fit.solve.ending import is_far_from_noise
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.solve.local_optimum import LocalOptimum, is_far_from_noise
 from elastid.fit.solve.solvers import FINE, NEAR, ROUGH, SolverName, solve
 from elastid.parameters import Parameter, ParameterSet
 

@@ -13,9 +13,8 @@ import numpy as np
 from elastid.base.arrays import FloatArray
 from elastid.base.errors import FitError
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
-from elastid.fit.solve.ending import Ending, distance_to_optimum, held_by_bounds
 from elastid.fit.solve.ipopt import ipopt
-from elastid.fit.solve.local_optimum import LocalOptimum
+from elastid.fit.solve.local_optimum import Ending, LocalOptimum, distance_to_optimum, held_by_bounds
 from elastid.fit.solve.trust_region import CREEPING, trust_region
 
 SolverName: TypeAlias = Literal["trust_region", "ipopt"]

@@ -38,9 +38,8 @@ from elastid.base.execution import Execution
 from elastid.fit.problem.elastic import ElasticFit
 from elastid.fit.problem.shared_bias import find_factors
 from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.blocks import block_variance, disagreement
 from elastid.fit.uncertainty.information_shares import InformationShares, information_shares
-from elastid.fit.uncertainty.jackknife import jackknife_variance
+from elastid.fit.uncertainty.jackknife import block_variance, disagreement, jackknife_variance
 from elastid.fit.uncertainty.line_sums import LineSums, correlation_length, sum_lines
 from elastid.fit.weights.weights import Weights
 from elastid.response import FrequencyResponse

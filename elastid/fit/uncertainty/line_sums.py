@@ -1,17 +1,22 @@
-"""Sums over the lines of one configuration, in whitened residuals, from which the uncertainty is estimated."""
+"""Sums over the lines of one configuration, in whitened residuals, from which the uncertainty is estimated.
+
+Their blocks are as many bands of equal numbers of lines as are twice as long as the correlation length tau of the
+configuration's residuals (`correlation_length`), at least 4 and at most 24: errors of a model are equal on neighbouring
+lines, so that single lines do not count as independent; blocks do, where they are longer than residuals are correlated.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
-from elastid.base.arrays import ComplexArray, FloatArray
+from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.fit.problem.elastic import ElasticFit, Part
-from elastid.fit.problem.residuals import as_real, error_gain
+from elastid.fit.problem.least_squares import as_real, error_gain
 from elastid.fit.problem.shared_bias import Factor, bias_slopes
-from elastid.fit.uncertainty.blocks import Blocks, sum_blocks
 from elastid.fit.weights.smoothed_noise import SmoothedNoise
 from elastid.fit.weights.weights import Weights, vec
 from elastid.response import FrequencyResponse
@@ -141,3 +146,42 @@ def _coherent(response: FrequencyResponse, pulls: ComplexArray) -> dict[tuple[st
         for i, output in enumerate(response.outputs)
         for j, given in enumerate(response.inputs)
     }
+
+
+MIN_BANDS, MAX_BANDS = 4, 24
+# Correlation lengths of the residuals in a band.
+LENGTHS_PER_BAND = 2.0
+
+
+@frozen_value
+class Blocks:
+    """Of one configuration, B bands: pull (B, n_x), and its covariance noise (B, n_x, n_x), None where unknown."""
+
+    pull: FloatArray
+    noise: FloatArray | None
+
+
+def bands(n_lines: int, length: float) -> tuple[slice, ...]:
+    """Bands of equal numbers of lines by the correlation length of the residuals, in lines.
+
+    >>> bands(60, 7.0)
+    (slice(0, 15, None), slice(15, 30, None), slice(30, 45, None), slice(45, 60, None))
+    """
+    wanted = int(np.clip(n_lines / (LENGTHS_PER_BAND * length), MIN_BANDS, MAX_BANDS))
+    edges = np.unique(np.linspace(0, n_lines, wanted + 1).round().astype(int))
+    return tuple(slice(int(low), int(high)) for low, high in pairwise(edges))
+
+
+def sum_blocks(pull: FloatArray, J: ComplexArray, S: ComplexArray | None, length: float) -> Blocks:
+    """The blocks of one configuration.
+
+    pull (n_x, F): J_k^T r_k of each line.  J (F, m, n_x), S (F, m, m): derivatives and covariance of its whitened
+    residuals.  length: their correlation length, in lines.
+    """
+    pulls, noise = [], []
+    for band in bands(len(J), length):
+        pulls.append(pull[:, band].sum(axis=1))
+        if S is not None:
+            columns = J[band]
+            noise.append(0.5 * np.sum(columns.conj().transpose(0, 2, 1) @ S[band] @ columns, axis=0).real)
+    return Blocks(np.array(pulls), np.array(noise) if S is not None else None)

@@ -24,7 +24,7 @@ from elastid.base.arrays import BoolArray, FloatArray
 from elastid.base.execution import Execution, in_order
 from elastid.fit.problem.least_squares import Evaluation, LeastSquares
 from elastid.fit.result import QUANTILE
-from elastid.fit.solve.ending import Ending, held_by_bounds
+from elastid.fit.solve.local_optimum import Ending, held_by_bounds
 from elastid.fit.solve.solvers import ROUGH
 from elastid.fit.solve.trust_region import trust_region
 

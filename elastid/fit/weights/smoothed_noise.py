@@ -1,16 +1,26 @@
-"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in."""
+r"""The noise of a measured response as it weighs: its sample covariance smoothed over lines, in the form it came in.
+
+A full covariance is smoothed around a model of the noise.  With the model C = L L^H (`noise_components`) the whitened
+covariances X_k = L_k^{-1} S_k L_k^{-H} would be 1. What the model misses is taken from the neighbouring lines:
+
+.. math:: \tilde C_k = c\, l_k\, L_k [\rho + (1 - \rho) \bar X_k] L_k^H
+
+l is the geometric mean of tr(X) / n over w lines, Xbar the mean of X / (tr(X) / n) over them. The shrinkage rho is the
+one of `SHRINKAGES` under which lines are most likely given their neighbours: the sum over lines of
+-ln det C~ - tr(C~^-1 S), each without its own S in C~, is largest. c makes the weights unbiased, E[tr(C~^-1 C)] = n,
+where the noise is as smooth as supposed. A line that is noisier than chance allows keeps its own level.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from scipy.special import fdtr, gammainc
+from scipy.special import fdtr, gammainc, gammaincinv
 
 from elastid.base.arrays import ComplexArray, FloatArray, frozen_value
 from elastid.fit.weights.noise_components import NoiseShapes, noise_model
-from elastid.fit.weights.smoothed_covariance import smooth_covariance
-from elastid.fit.weights.smoothed_variance import smooth_variance
 from elastid.response import Covariance, FrequencyResponse
 
 # The total variance counts as below the noise, which is part of it, where chance puts it there once in so many times.
@@ -109,3 +119,173 @@ def _larger(response: FrequencyResponse) -> Covariance | None:
     ratio = math.exp(float(np.mean(np.log(total.variance[both] / noise.variance[both]))))
     far = gammainc(total.dof, total.dof * ratio) if math.isinf(noise.dof) else fdtr(2 * total.dof, 2 * noise.dof, ratio)
     return noise if far < BELOW_NOISE_PROBABILITY else total
+
+
+# Degrees of freedom behind a weight, for each correlated element and for its level.
+MIN_DOF_PER_ELEMENT = 10
+MIN_DOF_OF_LEVEL = 24
+# A line of so many for each element needs no neighbours: its weights cost 2 % of standard deviation.
+ENOUGH_DOF_PER_ELEMENT = 30
+SHRINKAGES = (1.0, 0.7, 0.4, 0.2, 0.1, 0.03, 0.01, 0.003)
+
+
+@frozen_value
+class SmoothedCovariance:
+    """covariance: C~ (F, n, n).  own, own_variance (F,): kappa, how much of C~, or of its diagonal, is the line's own.
+
+    tr(C~^-1 S) is 1 - kappa / nu of what a line's S independent of C~ would leave, to first order.
+    """
+
+    covariance: ComplexArray
+    own: FloatArray
+    own_variance: FloatArray
+
+
+def smooth_covariance(S: ComplexArray, model: ComplexArray, dof: float, width: int = 0) -> SmoothedCovariance:
+    """C~ of sample covariances S (F, n, n) of `dof` degrees of freedom each.
+
+    model (F, n, n): of the noise.  width: lines; 0 takes as many as the degrees of freedom ask for.
+    """
+    F, n = S.shape[:2]
+    width = min((width or _width(n, dof)) // 2 * 2 + 1, F)
+    L = np.asarray(np.linalg.cholesky(model), np.complex128)
+    whiten = np.asarray(np.linalg.inv(L), np.complex128)
+    X = whiten @ S @ _H(whiten)
+    level = np.einsum("faa->f", X).real / n
+    known = level > 0
+    level = np.interp(np.arange(F), np.flatnonzero(known), level[known]) if known.any() else np.ones(F)
+    geometric = np.exp(moving_mean(np.log(level), width))
+    mean = geometric / math.exp(log_moment(1, n * dof, width))
+    for_weights = geometric * math.exp(log_moment(-1, n * dof, width))
+    loud = level > mean * largest_by_chance(n * dof) if width > 1 else np.zeros(F, dtype=np.bool_)
+    quiet = np.exp(moving_mean(np.log(np.where(loud, mean, level)), width)) / geometric
+    for_weights = np.where(loud, level, for_weights * quiet)
+    X = X / level[:, None, None]
+    rho = _shrinkage(X, width)
+    inner = rho * np.eye(n) + (1 - rho) * moving_mean(X, width)
+    bias = 1 - (1 - rho) * (n**2 - 1) / (n * width * dof)
+    smooth = np.asarray((for_weights / bias)[:, None, None] * (L @ inner @ _H(L)))
+    return SmoothedCovariance(smooth, *_own(S, smooth, rho, width, dof))
+
+
+def _width(n: int, dof: float) -> int:
+    if dof >= ENOUGH_DOF_PER_ELEMENT * n:
+        return 1
+    return max(math.ceil(max(MIN_DOF_PER_ELEMENT * n, MIN_DOF_OF_LEVEL / n) / dof), 3)
+
+
+def _shrinkage(X: ComplexArray, width: int) -> float:
+    """rho; X (F, n, n): whitened, of mean diagonal 1."""
+    n = X.shape[1]
+    if width == 1 or n == 1:
+        return 0.0
+    others = (width * moving_mean(X, width) - X) / (width - 1)
+    likelihood = []
+    for rho in SHRINKAGES:
+        values, vectors = np.linalg.eigh(rho * np.eye(n) + (1 - rho) * others)
+        values = np.maximum(values, 1e-12)
+        power = np.einsum("fab,fac,fcb->fb", vectors.conj(), X, vectors, optimize=True).real
+        likelihood.append(float(np.sum(-np.log(values) - power / values)))
+    return SHRINKAGES[int(np.argmax(likelihood))]
+
+
+def _own(S: ComplexArray, smooth: ComplexArray, rho: float, width: int, dof: float) -> tuple[FloatArray, FloatArray]:
+    """kappa (F,) of the whole and of the diagonal; both in proportion to how much of C~ the errors fill on average."""
+    F, n = S.shape[:2]
+    shares = (1 + (1 - rho) * (n**2 - 1)) / (n * width), (1 + (1 - rho) * (n - 1)) / (n * width)
+    together = np.einsum("faa->f", np.linalg.solve(smooth, S)).real / n
+    alone = np.mean(np.einsum("faa->fa", S).real / np.einsum("faa->fa", smooth).real, axis=1)
+    filled = (float(np.mean(together)), float(np.mean(alone)))
+    own = [k * z / max(1 - k * z / dof, 0.1) for k, z in zip(shares, filled, strict=True)]
+    return np.full(F, own[0]), np.full(F, own[1])
+
+
+def _H(A: ComplexArray) -> ComplexArray:
+    return np.asarray(np.swapaxes(A, -1, -2).conj())
+
+
+# Degrees of freedom behind each weight. Inverse-variance weights from nu of them make the estimate's standard deviation
+# sqrt((nu - 1) / (nu - 2)) too large: 2 % for 24.
+MIN_DOF = 24
+# A line whose variance exceeds the smooth one by more than chance allows (once in a thousand lines) keeps its own.
+OUTLIER_PROBABILITY = 1e-3
+
+
+def smooth_variance(
+    variance: FloatArray, G: ComplexArray, dof: float, width: int = 0, weakness: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray, int]:
+    r"""Sample variances (F,) of one element, each from few degrees of freedom, smoothed over `width` lines.
+
+    .. math:: \ln \tilde v_k = s_k + \text{mean}_{|l - k| \le w/2} (\ln v_l - s_l) + \ln c, \qquad
+              s_k = a \ln |G_k|^2 + b \ln w_k
+
+    The exponents a and b in [0, 1] are found by regression: a is 0 where noise ignores the resonances, 1 where it
+    follows them; b is 1 where noise sets the level, 0 where distortion does, which grows with the excitation. weakness
+    (F,): w, the inverse of the power of the input, where it is known; its spectrum may jump from line to line. The
+    mean of logarithms follows a variance that changes by decades. c makes the weight 1 / v~ unbiased, E[1/v~] = 1/v,
+    for v_l distributed as v chi^2_{2 dof} / (2 dof). width 0: as many lines as give MIN_DOF degrees of freedom.
+    A line that is noisier than chance allows keeps its own variance; one of zero variance takes its neighbours'.
+
+    Returns v~, the same with c such that E[v~] = v (F,), and over how many lines; zeros where no line has a variance.
+    """
+    known = variance > 0
+    n = int(known.sum())
+    if n == 0:
+        return np.zeros_like(variance), np.zeros_like(variance), 1
+    width = min((width or math.ceil(MIN_DOF / dof)) // 2 * 2 + 1, n)
+    log_v = np.log(variance[known])
+    followed = [_log(np.abs(G[known]) ** 2)] + ([] if weakness is None else [_log(weakness[known])])
+    shape = _shape(log_v, np.array(followed), width)
+    geometric = np.exp(shape + moving_mean(log_v - shape, width))
+    unbiased = geometric / math.exp(log_moment(1, dof, width))
+    for_weights = geometric * math.exp(log_moment(-1, dof, width))
+    if width > 1:
+        loud = variance[known] > unbiased * largest_by_chance(dof)
+        for_weights, unbiased = (np.where(loud, variance[known], v) for v in (for_weights, unbiased))
+    lines = np.arange(len(variance))
+    return np.interp(lines, lines[known], for_weights), np.interp(lines, lines[known], unbiased), width
+
+
+def _log(power: FloatArray) -> FloatArray:
+    return np.asarray(np.log(np.maximum(power, max(1e-30 * float(power.max()), 1e-300))))
+
+
+def _shape(log_v: FloatArray, followed: FloatArray, width: int) -> FloatArray:
+    """s (F,): what of log_v (F,) follows the rows of `followed` (1 or 2, F), exponents in [0, 1]."""
+    rough_v = log_v - moving_mean(log_v, width)
+    rough = np.array([row - moving_mean(row, width) for row in followed])
+    exponents = np.linalg.lstsq(rough.T, rough_v, rcond=1e-9)[0] if np.abs(rough).max() > 1e-9 else np.zeros(len(rough))
+    if len(rough) == 2 and not np.all((exponents >= 0) & (exponents <= 1)):
+        # The best on the border of the square: one exponent at an end, the other free between its own.
+        sides = [_on_a_side(rough_v, rough, one, end) for one in (0, 1) for end in (0.0, 1.0)]
+        exponents = min(sides, key=lambda side: float(np.sum((rough_v - side @ rough) ** 2)))
+    return np.asarray(np.clip(exponents, 0.0, 1.0) @ followed)
+
+
+def _on_a_side(rough_v: FloatArray, rough: FloatArray, one: int, end: float) -> FloatArray:
+    """Exponents (2,) with one of them at an end."""
+    other = rough[1 - one]
+    best = (rough_v - end * rough[one]) @ other / max(float(other @ other), 1e-12)
+    exponents = np.full(2, end)
+    exponents[1 - one] = np.clip(best, 0.0, 1.0)
+    return exponents
+
+
+def moving_mean(values: Any, width: int) -> Any:
+    """Mean over the `width` nearest lines, axis 0; at the ends the window stays inside."""
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    first = np.clip(np.arange(len(values)) - width // 2, 0, len(values) - width)
+    return np.asarray((total[first + width] - total[first]) / width)
+
+
+def log_moment(power: int, dof: float, width: int) -> float:
+    """ln E[g^power], g the geometric mean of `width` variables chi^2_{2 dof} / (2 dof); 0 where it does not exist."""
+    step = power / width
+    if math.isinf(dof) or dof + step <= 0:
+        return 0.0
+    return width * (math.lgamma(dof + step) - math.lgamma(dof) - step * math.log(dof))
+
+
+def largest_by_chance(dof: float) -> float:
+    """The factor over its mean that a sample variance exceeds with probability OUTLIER_PROBABILITY."""
+    return 1.0 if math.isinf(dof) else float(gammaincinv(dof, 1 - OUTLIER_PROBABILITY) / dof)

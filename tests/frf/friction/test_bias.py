@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from elastid.excitation.multisine import synthesise
-from elastid.fit.problem.residuals import as_real
+from elastid.fit.problem.least_squares import as_real
 from elastid.frf.estimate import estimate
 from elastid.frf.friction.bias import OWN_SHARE, TURNED_SHARE
 from elastid.frf.spec import EstimatorSpec

@@ -23,7 +23,7 @@ from plants.three_mass import (
 
 from elastid.base.errors import StudyError
 from elastid.fit.problem.elastic import elastic_fit
-from elastid.fit.problem.residuals import logarithmic
+from elastid.fit.problem.least_squares import logarithmic
 from elastid.fit.solve.solvers import solve
 from elastid.fit.spec import FitSpec
 from elastid.fit.uncertainty.covariance import estimate_uncertainty

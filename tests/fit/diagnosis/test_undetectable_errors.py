@@ -9,8 +9,8 @@ import pytest
 from plants.faults import SPEC, Case, drawn, true_case
 
 from elastid.base.note import Note
-from elastid.fit.diagnosis import diagnosis
-from elastid.fit.diagnosis.unseen_errors import UnseenError, unseen_errors
+from elastid.fit.diagnosis import judge
+from elastid.fit.diagnosis.undetectable_errors import UndetectableError, undetectable_errors
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.weight_spec import WeightSpec
@@ -26,15 +26,15 @@ def exactness(result: FitResult) -> list[Note]:
 
 def test_a_held_number_moves_a_parameter_as_predicted_and_nothing_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three of its errors per deviation move the parameter by three, and the fit is as fine as the true one."""
-    found: list[UnseenError] = []
+    found: list[UndetectableError] = []
 
     def kept(result, scores):
-        found.extend(unseen_errors(result, scores))
+        found.extend(undetectable_errors(result, scores))
         return ()
 
     case = true_case()
     with monkeypatch.context() as patched:
-        patched.setattr(diagnosis, "find_unseen_errors", kept)
+        patched.setattr(judge, "find_undetectable_errors", kept)
         right = fitted(case)
     by_name = {one.name: one for one in found}
     for name in ("Jm_1", "m_fore"):

@@ -9,7 +9,7 @@ from plants.notes import said
 from elastid.base.errors import DataError, StudyError
 from elastid.fit.spec import FitSpec
 from elastid.fit.weight_spec import MaskSpec, WeightSpec
-from elastid.fit.weights.smoothed_variance import smooth_variance
+from elastid.fit.weights.smoothed_noise import smooth_variance
 from elastid.fit.weights.weights import check_masks, weigh
 from elastid.record import Configuration
 from elastid.response import Covariance, FrequencyResponse

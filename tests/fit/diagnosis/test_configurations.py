@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from plants.faults import FAULTS, SPEC, drawn, true_case
 
-from elastid.fit.diagnosis import unlike_configurations
-from elastid.fit.diagnosis.two_robots import costs_alone, find_two_groups
-from elastid.fit.diagnosis.unlike_configurations import find_foreign_configurations
+from elastid.fit.diagnosis import configurations
+from elastid.fit.diagnosis.configurations import costs_alone, find_foreign_configurations, find_two_groups
 from elastid.fit.setup.assembly import Assembly
 from elastid.fit.setup.parameter_choice import choose
 from elastid.fit.solve.solvers import solve
@@ -23,11 +22,11 @@ def test_logs_that_own_parameters_describe_no_better_are_not_parted(monkeypatch:
     end = solve(fit.problem, parameters.x, 0.1)
     alone, tried = costs_alone(fit, end.x), list[int]()
 
-    def settled(*_: object) -> tuple[float, np.ndarray]:
+    def settle(*_: object) -> tuple[float, np.ndarray]:
         tried.append(1)
         return np.inf, end.x
 
-    monkeypatch.setattr(unlike_configurations, "settled", settled)
+    monkeypatch.setattr(configurations, "settle", settle)
     assert alone is not None
     assert find_two_groups(fit, end.x, alone, end.cost, 0.0, {}) == ()
     assert find_foreign_configurations(fit, end.x, alone) == ()

@@ -13,8 +13,8 @@ from plants.three_mass import FREQ, NO_FLOOR, fit_of, noise_of, parameters
 from plants.three_mass import measured as three_mass_measured
 from plants.three_mass import plant as three_mass
 
-from elastid.fit.diagnosis.modification.lateness import Factor, Late, best_hold, delay, hold, latest
-from elastid.fit.diagnosis.modification.reading import evaluated_at
+from elastid.fit.diagnosis.lateness import Factor, Late, LatenessSearch, delay, hold
+from elastid.fit.diagnosis.prediction import evaluate
 from elastid.fit.identify import identify
 from elastid.fit.result import FitResult
 from elastid.fit.solve.solvers import solve
@@ -82,9 +82,9 @@ def costs(factor: np.ndarray, seed: int, std: float = 0.2, **free: Parameter) ->
     exact = three_mass_measured(model, std * noise_of("relative", model), np.random.default_rng(seed))
     fit = fit_of(replace(exact, G=exact.G * factor[:, None, None]), model, NO_FLOOR, parameters(1.1, **free))
     x = solve(fit.problem, fit.parameters.x).x
-    there, everything = evaluated_at(fit, x), np.ones(len(x), dtype=bool)
-    found = {late.form: late for late in latest(there, "", "", 1e-3, fit.prior_slopes, everything)}
-    return found | {"any hold": best_hold(there, fit.prior_slopes, everything, "delay" in free)}, fit.problem.dof
+    search = LatenessSearch(evaluate(fit, x), fit.prior_slopes, np.ones(len(x), dtype=bool))
+    forms = {late.form: late for late in search.best_forms("", "", 1e-3)}
+    return forms | {"any hold": search.best_hold("delay" in free)}, fit.problem.dof
 
 
 @pytest.mark.parametrize(("form", "factor", "T"), [("hold", hold, 2e-3), ("delay", delay, 1e-3)])
@@ -92,9 +92,9 @@ def test_a_hold_and_a_delay_are_told_apart_by_the_sinc(form: str, factor: Factor
     """At f T = 0.08 with 1 % of noise the right form leaves 1 % of the excess, T to 2 %; the others leave more."""
     found, dof = costs(factor(FREQ, T), 0)
     assert found[form].time == pytest.approx(T, rel=0.02)
-    assert found[form].read.cost - dof < 0.01 * (found[form].read.before - dof)
-    others = [late.read.cost for name, late in found.items() if name not in (form, "any hold")]
-    assert min(others) > found[form].read.cost + 10
+    assert found[form].cost - dof < 0.01 * (found[form].prediction.before - dof)
+    others = [late.cost for name, late in found.items() if name not in (form, "any hold")]
+    assert min(others) > found[form].cost + 10
 
 
 def test_a_hold_shows_beside_a_free_delay() -> None:

@@ -5,7 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from elastid.fit.uncertainty.blocks import MAX_BANDS, MIN_BANDS, Blocks, bands, block_variance, disagreement
+from elastid.fit.uncertainty.jackknife import block_variance, disagreement
+from elastid.fit.uncertainty.line_sums import MAX_BANDS, MIN_BANDS, Blocks, bands
 
 F, N_X, SETS = 240, 3, 400
 

@@ -11,8 +11,8 @@ import pytest
 from plants.faults import FAULTS, SPEC, drawn, true_case
 from plants.notes import said
 
-from elastid.fit.diagnosis.modification.score_test import Candidate, HeldNumber, ScoreTest
-from elastid.fit.diagnosis.modification.sentences import phrase
+from elastid.fit.diagnosis.hypothesis import number_phrase
+from elastid.fit.diagnosis.score_test import Candidate, HeldNumber, ScoreTest
 from elastid.fit.identify import identify
 from elastid.fit.modification_index import ModificationIndex
 from elastid.fit.result import FitResult
@@ -111,7 +111,7 @@ def test_a_number_without_a_unit_is_said_without_one(unit: str, words: str) -> N
     """A gear ratio is 5.94, not `5.94 1`."""
     step = np.array([math.log(0.99)])
     one = ModificationIndex("x", "ratio", ("x",), np.array([6.0]), (unit,), (True,), step, 0.1, 9.0, 0.9, np.zeros(1))
-    assert phrase(one) == f"x -1 % {words}"
+    assert number_phrase(one) == f"x -1 % {words}"
 
 
 def test_rounding_that_leaves_no_cholesky_factor_does_not_end_a_fit():

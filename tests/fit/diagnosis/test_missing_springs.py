@@ -9,7 +9,7 @@ import pytest
 from plants.elastic_arm import CONFIGURATIONS, FREQ, arm
 from plants.faults import FAULTS, SPEC, Case, drawn, true_case
 
-from elastid.fit.diagnosis.modification.spring_release import released
+from elastid.fit.diagnosis.missing_springs import released
 from elastid.fit.identify import fit_parameters
 from elastid.fit.result import FitResult
 from elastid.fit.weight_spec import WeightSpec

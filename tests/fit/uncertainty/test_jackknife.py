@@ -5,9 +5,8 @@ import pytest
 from scipy.stats import t as student
 
 from elastid.fit.result import is_in_error
-from elastid.fit.uncertainty.blocks import Blocks
 from elastid.fit.uncertainty.jackknife import jackknife_variance
-from elastid.fit.uncertainty.line_sums import LineSums
+from elastid.fit.uncertainty.line_sums import Blocks, LineSums
 
 
 def evidence_of(J, r) -> LineSums:

@@ -10,7 +10,7 @@ from plants.faults import SPEC, drawn, true_case
 from plants.three_mass import FREQ, NO_FLOOR, TRUTH, measured, noise_of, parameters, plant
 
 from elastid.fit.problem.elastic import ElasticFit, elastic_fit
-from elastid.fit.problem.residuals import as_real
+from elastid.fit.problem.least_squares import as_real
 from elastid.fit.problem.shared_bias import bias_slopes, find_factors, next_factors, with_modelled_bias
 from elastid.fit.setup.assembly import Assembly, relinearise
 from elastid.fit.setup.parameter_choice import choose

@@ -1,0 +1,97 @@
+"""A hypothesis of a user's own: one function and an entry in the list, and it is judged with all others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from plants.faults import FAULTS, SPEC, Case, drawn, true_case
+
+from elastid.base.arrays import ComplexArray
+from elastid.fit.diagnosis.hypotheses import HYPOTHESES
+from elastid.fit.diagnosis.hypothesis import Hypothesis, Size, hypothesis_of
+from elastid.fit.diagnosis.sensitivities import HeldResponse
+from elastid.fit.identify import identify
+from elastid.fit.result import FitResult
+
+SHARE = 0.04
+FIRST_ON_SECOND = np.array([[0.0, 0.0], [1.0, 0.0]])
+
+
+def crosstalk(response: HeldResponse) -> dict[str, ComplexArray]:
+    """The torque that is logged at motor 2 has a share of motor 1's: G E^-1 with E = 1 + share e_2 e_1^T."""
+    return {"crosstalk_2": -response.G @ FIRST_ON_SECOND}
+
+
+CROSSTALK = Hypothesis(
+    "crosstalk",
+    ("crosstalk",),
+    Size(0.05, 0.5, unit="1"),
+    phrase=lambda index: f"{100 * index.steps[0]:.1f} % of motor 1's torque logged at motor {index.name[-1]}",
+    advice="check the wiring of {where}",
+    columns=crosstalk,
+)
+
+
+def fitted(case: Case, hypotheses: tuple[Hypothesis, ...] = (CROSSTALK, *HYPOTHESES)) -> FitResult:
+    return identify(drawn(case, np.random.default_rng(0)), case.robot, SPEC, hypotheses=hypotheses)
+
+
+def with_crosstalk(case: Case) -> Case:
+    mixed = np.linalg.inv(np.eye(2) + SHARE * FIRST_ON_SECOND)
+    return replace(case, responses=tuple(replace(response, G=response.G @ mixed) for response in case.responses))
+
+
+def test_an_invented_hypothesis_is_found_first_where_it_is_true() -> None:
+    """With its size to 5 %, nearly all of the excess, and its own words."""
+    result = fitted(with_crosstalk(true_case()))
+    first = result.indices[0]
+    assert (first.name, first.group, first.place) == ("crosstalk_2", "crosstalk", 1)
+    assert first.share > 0.95
+    assert first.steps[0] == pytest.approx(SHARE, rel=0.05)
+    sentence = next(note.text for note in result.notes if note.code == "modification-index")
+    assert sentence.startswith("4.0 % of motor 1's torque logged at motor 2 would explain 9")
+    assert sentence.endswith("check the wiring of 2")
+
+
+def test_without_it_in_the_list_nothing_explains_as_much() -> None:
+    """The best of the house's own hypotheses leaves at least a twentieth of the excess."""
+    result = fitted(with_crosstalk(true_case()), HYPOTHESES)
+    assert all(index.group != "crosstalk" for index in result.indices)
+    assert result.indices[0].share < 0.95
+
+
+@pytest.mark.parametrize("fault", ["delay left out", "link length", "mirrored motor", "missing torsion"])
+def test_an_invented_hypothesis_is_not_named_where_another_one_is_true(fault: str) -> None:
+    """The first cause, its share and its sentence are those without it."""
+    case = FAULTS[fault](true_case())
+    with_it, without = fitted(case), fitted(case, HYPOTHESES)
+    assert with_it.indices[0].name == without.indices[0].name != "crosstalk_2"
+    assert with_it.status == without.status
+    sentences = [
+        [note.text for note in result.notes if note.code == "modification-index"][:1] for result in (with_it, without)
+    ]
+    assert sentences[0] == sentences[1]
+
+
+def test_a_true_robot_has_no_crosstalk() -> None:
+    """Converged, without any modification index."""
+    result = fitted(true_case())
+    assert (result.status, result.indices) == ("converged", ())
+
+
+def test_an_implausible_family_does_not_come_first() -> None:
+    """The same data with crosstalk held for a hundred times less plausible: another cause leads."""
+    doubted = replace(CROSSTALK, plausibility=lambda index: 0.01)
+    result = fitted(with_crosstalk(true_case()), (doubted, *HYPOTHESES))
+    assert result.indices[0].group != "crosstalk"
+    assert any(index.group == "crosstalk" for index in result.indices)
+
+
+def test_every_number_has_one_hypothesis() -> None:
+    """By the longest beginning of its name; those that no entry knows are numbers of their own."""
+    families = {name: hypothesis_of(name, HYPOTHESES).family for name in ("gain_u_motor_1", "m_fore", "xyz_1")}
+    assert families == {"gain_u_motor_1": "gain", "m_fore": "mass", "xyz_1": "number"}
+    beginnings = [number for hypothesis in HYPOTHESES for number in hypothesis.numbers]
+    assert len(beginnings) == len(set(beginnings))
